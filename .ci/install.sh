@@ -1,0 +1,37 @@
+#!/usr/bin/env bash
+# Installs the Debian packages (bookworm) that the build, the tests and the examples need; does
+# nothing where all are there. Run as root or with sudo.
+set -euo pipefail
+
+packages=(
+    # build
+    cmake ninja-build g++ ccache glslc
+    libvulkan-dev libembree-dev libtbb-dev libglm-dev libcli11-dev nlohmann-json3-dev
+    libtinygltf-dev libopenvdb-dev libboost-dev
+    libopenimageio-dev
+    # run: a Vulkan driver for any CPU
+    mesa-vulkan-drivers
+    # test
+    libgtest-dev libbenchmark-dev vulkan-validationlayers
+    libopenvdb-tools openimageio-tools python3 python3-openvdb python3-numpy
+)
+
+missing=()
+for package in "${packages[@]}"; do
+    status=$(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null || true)
+    [[ $status == installed ]] || missing+=("$package")
+done
+[[ ${#missing[@]} -gt 0 ]] || exit 0
+
+as_root=()
+if [[ $(id -u) -ne 0 ]]; then
+    command -v sudo >/dev/null || {
+        echo "missing packages, and neither root nor sudo to install them: ${missing[*]}" >&2
+        exit 1
+    }
+    as_root=(sudo)
+fi
+echo "installing ${missing[*]}" >&2
+"${as_root[@]}" apt-get update -qq >&2
+"${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
+    apt-get install -qq -y --no-install-recommends "${missing[@]}" >&2

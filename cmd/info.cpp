@@ -1,0 +1,353 @@
+// lpvbake info: what a scene or a volume holds.
+
+#include "commands.h"
+#include "error.h"
+#include "io/io.h"
+#include "io/slice.h"
+#include "scene/gltf/load.h"
+#include "terminal.h"
+
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+
+#include <algorithm>
+#include <charconv>
+#include <cstdio>
+#include <filesystem>
+#include <iostream>
+#include <limits>
+#include <memory>
+#include <optional>
+
+namespace lpvbake {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+const char summary[] = "Tells what a scene or a volume file holds.";
+
+const char manual[] =
+    R"(A scene is .gltf or .glb; a volume .vdb, or .exr or .json of a flipbook.
+Of a scene: triangles, bounds, materials, textures, lights, cameras. Of a volume: the lattice, the
+ranges of its grids, its energy and its metadata; with --slice also a picture of one layer.
+
+Examples:
+  lpvbake info room.glb
+  lpvbake info room.vdb
+  lpvbake info room.exr --format json
+  lpvbake info room.vdb --slice z=16 -o slice.png
+
+JSON of a scene: {"command": "info", "file", "kind": "scene", "triangles", "meshes", "instances",
+"bounds": {"lo", "hi"} or null, "materials": {"count", "emissive", "mask", "blend",
+"double_sided"}, "textures", "images": [{"name", "width", "height"}], "emitters", "lights":
+[{"type", "name", "color", "intensity", "unit", "position", "direction", "range", "inner_cone",
+"outer_cone"}], "cameras": [{"name", "yfov", "aspect", "position"}], "warnings"}.
+JSON of a volume: {"command": "info", "file", "kind": "volume", "grid": {"dims", "cell",
+"origin", "cells"}, "sh_order", "grids": [{"name", "channels", "min", "max", "mean", "nonzero"}],
+"energy", "metadata", "slice"}. Metres, radians, lux, candela, nits.)";
+
+struct InfoOptions {
+    std::string file;
+    std::string slice;
+    std::string output;
+    float white = 0; ///< nits; 0: the slice's own
+    std::string format = "text";
+};
+
+Json to_json(glm::dvec3 v) {
+    return {v.x, v.y, v.z};
+}
+
+void print_json(const Json& document) {
+    std::cout << document.dump(2, ' ', false, Json::error_handler_t::replace) << '\n';
+}
+
+// ---------------------------------------------------------------- scenes
+
+const char* type_name(LightType type) {
+    return type == LightType::directional ? "directional"
+           : type == LightType::point     ? "point"
+                                          : "spot";
+}
+
+void print_scene(const InfoOptions& o, const Scene& scene) {
+    const auto materials = [&](auto&& holds) {
+        return std::count_if(scene.materials.begin(), scene.materials.end(), holds);
+    };
+    const auto emissive =
+        materials([](const Material& m) { return m.emission != glm::vec3(0.0f); });
+    const auto mask = materials([](const Material& m) { return m.alpha_mode == AlphaMode::mask; });
+    const auto blend =
+        materials([](const Material& m) { return m.alpha_mode == AlphaMode::blend; });
+    const auto two_sided = materials([](const Material& m) { return m.double_sided; });
+    const Bounds bounds = bounds_of(scene);
+    const uint64_t triangles = triangle_count(scene);
+    const bool emitters = has_emitters(scene);
+
+    if (o.format == "json") {
+        Json document{{"command", "info"},
+                      {"file", o.file},
+                      {"kind", "scene"},
+                      {"triangles", triangles},
+                      {"meshes", scene.meshes.size()},
+                      {"instances", scene.instances.size()},
+                      {"bounds", nullptr},
+                      {"materials",
+                       {{"count", scene.materials.size()},
+                        {"emissive", emissive},
+                        {"mask", mask},
+                        {"blend", blend},
+                        {"double_sided", two_sided}}},
+                      {"textures", scene.textures.size()},
+                      {"images", Json::array()},
+                      {"emitters", emitters},
+                      {"lights", Json::array()},
+                      {"cameras", Json::array()},
+                      {"warnings", scene.warnings}};
+        if (!bounds.empty())
+            document["bounds"] = {{"lo", to_json(bounds.lo)}, {"hi", to_json(bounds.hi)}};
+        for (const Image& image : scene.images)
+            document["images"].push_back(
+                {{"name", image.name}, {"width", image.width}, {"height", image.height}});
+        for (const Light& light : scene.lights) {
+            Json entry{{"type", type_name(light.type)},
+                       {"name", light.name},
+                       {"color", to_json(light.color)},
+                       {"intensity", light.intensity},
+                       {"unit", light.type == LightType::directional ? "lux" : "candela"}};
+            if (light.type != LightType::directional) {
+                entry["position"] = to_json(light.position);
+                entry["range"] = light.range > 0 ? Json(light.range) : Json(nullptr);
+            }
+            if (light.type != LightType::point)
+                entry["direction"] = to_json(light.direction);
+            if (light.type == LightType::spot) {
+                entry["inner_cone"] = light.inner_cone;
+                entry["outer_cone"] = light.outer_cone;
+            }
+            document["lights"].push_back(entry);
+        }
+        for (const Camera& camera : scene.cameras)
+            document["cameras"].push_back({{"name", camera.name},
+                                           {"yfov", camera.yfov},
+                                           {"aspect", camera.aspect},
+                                           {"position", to_json(glm::dvec3(camera.to_world[3]))}});
+        print_json(document);
+        return;
+    }
+
+    std::printf("scene      %s\n", o.file.c_str());
+    std::printf("triangles  %llu in %zu placed meshes (%zu different)\n",
+                static_cast<unsigned long long>(triangles), scene.instances.size(),
+                scene.meshes.size());
+    if (bounds.empty()) {
+        std::printf("bounds     none\n");
+    } else {
+        const glm::dvec3 size = bounds.hi - bounds.lo;
+        std::printf("bounds     (%.6g, %.6g, %.6g) to (%.6g, %.6g, %.6g), %.4g x %.4g x %.4g m\n",
+                    bounds.lo.x, bounds.lo.y, bounds.lo.z, bounds.hi.x, bounds.hi.y, bounds.hi.z,
+                    size.x, size.y, size.z);
+    }
+    std::printf("materials  %zu: %td emissive, %td mask, %td blend, %td double-sided\n",
+                scene.materials.size(), emissive, mask, blend, two_sided);
+    std::printf("emitters   %s\n", emitters ? "yes" : "none");
+    std::printf("textures   %zu of %zu images\n", scene.textures.size(), scene.images.size());
+    for (const Image& image : scene.images)
+        std::printf("  %d x %d  %s\n", image.width, image.height, image.name.c_str());
+    std::printf("lights     %zu\n", scene.lights.size());
+    for (const Light& light : scene.lights) {
+        std::printf("  %-11s  %.6g %s", type_name(light.type), light.intensity,
+                    light.type == LightType::directional ? "lx" : "cd");
+        std::printf("  colour %.3g:%.3g:%.3g", light.color.x, light.color.y, light.color.z);
+        if (light.type != LightType::directional)
+            std::printf("  at (%.4g, %.4g, %.4g)", light.position.x, light.position.y,
+                        light.position.z);
+        if (light.type != LightType::point)
+            std::printf("  towards (%.4g, %.4g, %.4g)", light.direction.x, light.direction.y,
+                        light.direction.z);
+        if (light.type == LightType::spot)
+            std::printf("  cone %.3g to %.3g rad", light.inner_cone, light.outer_cone);
+        if (light.range > 0)
+            std::printf("  range %.4g m", light.range);
+        std::printf("  %s\n", light.name.c_str());
+    }
+    std::printf("cameras    %zu\n", scene.cameras.size());
+    for (const Camera& camera : scene.cameras)
+        std::printf("  yfov %.3g rad  at (%.4g, %.4g, %.4g)  %s\n", camera.yfov,
+                    camera.to_world[3].x, camera.to_world[3].y, camera.to_world[3].z,
+                    camera.name.c_str());
+}
+
+// ---------------------------------------------------------------- volumes
+
+/// Range of one grid, a channel at a time.
+struct Range {
+    std::string name;
+    std::vector<double> min, max, mean;
+    std::size_t nonzero = 0; ///< cells with a channel other than 0
+};
+
+/// `values` holds `channels` numbers a cell.
+Range range_of(std::string name, const float* values, std::size_t cells, std::size_t channels) {
+    constexpr double infinity = std::numeric_limits<double>::infinity();
+    Range range{std::move(name), std::vector(channels, infinity), std::vector(channels, -infinity),
+                std::vector(channels, 0.0)};
+    for (std::size_t cell = 0; cell < cells; ++cell) {
+        bool any = false;
+        for (std::size_t c = 0; c < channels; ++c) {
+            const double value = values[cell * channels + c];
+            range.min[c] = std::min(range.min[c], value);
+            range.max[c] = std::max(range.max[c], value);
+            range.mean[c] += value / double(cells);
+            any = any || value != 0;
+        }
+        range.nonzero += any;
+    }
+    return range;
+}
+
+std::vector<Range> ranges_of(const Volume& volume) {
+    static const char* const sh_names[] = {"sh_l0",    "sh_l1_y",  "sh_l1_z",
+                                           "sh_l1_x",  "sh_l2_xy", "sh_l2_yz",
+                                           "sh_l2_z2", "sh_l2_xz", "sh_l2_x2y2"};
+    static const char* const occlusion_names[] = {"occlusion_l0", "occlusion_l1_y",
+                                                  "occlusion_l1_z", "occlusion_l1_x"};
+    std::vector<Range> ranges;
+    for (std::size_t k = 0; k < volume.sh.size() && k < std::size(sh_names); ++k)
+        ranges.push_back(range_of(sh_names[k], &volume.sh[k].data()->x, volume.sh[k].size(), 3));
+    for (std::size_t k = 0; k < volume.occlusion.size() && k < std::size(occlusion_names); ++k)
+        ranges.push_back(range_of(occlusion_names[k], volume.occlusion[k].data(),
+                                  volume.occlusion[k].size(), 1));
+    if (!volume.validity.empty())
+        ranges.push_back(range_of("validity", volume.validity.data(), volume.validity.size(), 1));
+    return ranges;
+}
+
+std::string channels_text(const std::vector<double>& values) {
+    std::string text;
+    for (double value : values) {
+        char number[32];
+        std::snprintf(number, sizeof number, "%11.4g", value);
+        text += number;
+    }
+    return text;
+}
+
+void print_volume(const InfoOptions& o, const Volume& volume) {
+    const Grid& grid = volume.grid;
+    const std::vector<Range> ranges = ranges_of(volume);
+    const double energy = total_energy(volume);
+    if (o.format == "json") {
+        Json document{{"command", "info"},
+                      {"file", o.file},
+                      {"kind", "volume"},
+                      {"grid",
+                       {{"dims", {grid.dims.x, grid.dims.y, grid.dims.z}},
+                        {"cell", grid.cell},
+                        {"origin", to_json(grid.origin)},
+                        {"cells", grid.size()}}},
+                      {"sh_order", volume.sh_order},
+                      {"grids", Json::array()},
+                      {"energy", energy},
+                      {"metadata", volume.metadata},
+                      {"slice", o.output.empty() ? Json(nullptr) : Json(o.output)}};
+        for (const Range& range : ranges)
+            document["grids"].push_back({{"name", range.name},
+                                         {"channels", range.min.size()},
+                                         {"min", range.min},
+                                         {"max", range.max},
+                                         {"mean", range.mean},
+                                         {"nonzero", range.nonzero}});
+        print_json(document);
+        return;
+    }
+    std::printf("volume     %s\n", o.file.c_str());
+    std::printf("grid       %d x %d x %d cells of %.6g m\n", grid.dims.x, grid.dims.y, grid.dims.z,
+                grid.cell);
+    std::printf("transform  index (i, j, k) at (%.6g, %.6g, %.6g) + %.6g (i, j, k) m\n",
+                grid.center({0, 0, 0}).x, grid.center({0, 0, 0}).y, grid.center({0, 0, 0}).z,
+                grid.cell);
+    std::printf("energy     %.6g nit sr over all cells (luminance)\n", energy);
+    for (const Range& range : ranges) {
+        std::printf("%-14s  %5.1f %% of cells not zero\n", range.name.c_str(),
+                    100.0 * double(range.nonzero) / double(grid.size()));
+        std::printf("  min  %s\n", channels_text(range.min).c_str());
+        std::printf("  max  %s\n", channels_text(range.max).c_str());
+        std::printf("  mean %s\n", channels_text(range.mean).c_str());
+    }
+    for (const auto& [key, value] : volume.metadata)
+        std::printf("lpv:%s = %s\n", key.c_str(), value.c_str());
+    if (!o.output.empty())
+        std::printf("wrote      %s\n", o.output.c_str());
+}
+
+// ---------------------------------------------------------------- running
+
+void draw_slice(const InfoOptions& o, const Volume& volume) {
+    const std::size_t axis = std::string("xyz").find(o.slice[0]);
+    int index = 0;
+    const char* end = o.slice.data() + o.slice.size();
+    const char* digits = o.slice.data() + 2;
+    if (o.slice.size() < 3 || axis == std::string::npos || o.slice[1] != '='
+        || std::from_chars(digits, end, index).ptr != end)
+        throw Error(ExitCode::usage, "--slice: '" + o.slice + "' is not AXIS=INDEX, such as z=16");
+    const int last = volume.grid.dims[int(axis)] - 1;
+    if (index < 0 || index > last)
+        throw Error(ExitCode::usage, "--slice: '" + o.slice
+                                         + "' is outside the grid, whose last is " + o.slice[0]
+                                         + "=" + std::to_string(last));
+    write_png(o.output, slice_picture(volume, int(axis), index,
+                                      o.white > 0 ? std::optional(o.white) : std::nullopt));
+}
+
+void run(const InfoOptions& o) {
+    if (o.slice.empty() != o.output.empty())
+        throw Error(ExitCode::usage, "--slice and -o belong together: --slice z=16 -o slice.png");
+    std::string extension = std::filesystem::path(o.file).extension().string();
+    for (char& c : extension)
+        c = char(std::tolower(static_cast<unsigned char>(c)));
+    if (extension == ".gltf" || extension == ".glb") {
+        if (!o.slice.empty())
+            throw Error(ExitCode::usage, "--slice: " + o.file + " is a scene, not a volume");
+        const Scene scene = load_gltf(o.file, {});
+        for (const std::string& warning : scene.warnings)
+            std::fprintf(stderr, "lpvbake: warning: %s\n", warning.c_str());
+        print_scene(o, scene);
+    } else if (extension == ".vdb" || extension == ".exr" || extension == ".json") {
+        const Volume volume = extension == ".json" ? read_exr(o.file) : read_volume(o.file);
+        if (!o.slice.empty())
+            draw_slice(o, volume);
+        print_volume(o, volume);
+    } else {
+        throw Error(ExitCode::usage, o.file
+                                         + ": neither a scene (.gltf, .glb) nor a volume (.vdb, "
+                                           ".exr, .json)");
+    }
+}
+
+} // namespace
+
+void add_info(CLI::App& root, Action& action) {
+    auto options = std::make_shared<InfoOptions>();
+    CLI::App* app = root.add_subcommand("info", summary);
+    app->footer(manual);
+    app->add_option("file", options->file, "Scene or volume")->type_name("FILE")->required();
+    app->add_option("--slice", options->slice,
+                    "Layer of cells to draw, AXIS=INDEX such as z=16; needs -o");
+    app->add_option("--white", options->white,
+                    "Mean luminance drawn white, nits; default: the slice's 99th percentile")
+        ->type_name("X")
+        ->check(CLI::PositiveNumber);
+    app->add_option("-o,--output", options->output, "PNG to write")->type_name("FILE");
+    app->add_option("--format", options->format, "Form of the result")
+        ->type_name("text|json")
+        ->check(CLI::Validator(
+            [](std::string& text) {
+                return text == "text" || text == "json" ? ""
+                                                        : "'" + text + "' is none of text|json";
+            },
+            ""));
+    app->callback([&action, options] { action = [options] { run(*options); }; });
+}
+
+} // namespace lpvbake

@@ -1,0 +1,14 @@
+// One number for everything in a scene that light can see.
+#pragma once
+
+#include "scene/scene.h"
+
+#include <string>
+
+namespace lpvbake {
+
+/// 64-bit FNV-1a over meshes, materials, images, instances, lights and rules (names, paths and
+/// cameras left out), as 16 hex digits. Tells stale bakes apart; no protection against forgery.
+std::string scene_hash(const Scene& scene);
+
+} // namespace lpvbake

@@ -1,0 +1,61 @@
+// The driver: from a scene to a volume, stage by stage.
+#pragma once
+
+#include "gpu/gpu.h"
+#include "progress.h"
+#include "rsm/rsm.h"
+#include "scene/scene.h"
+#include "solver/lpv/lpv.h"
+#include "volume/volume.h"
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace lpvbake {
+
+struct BakeSettings {
+    GridSettings grid;
+    std::optional<Bounds> bounds; ///< what the grid is fitted to; none: the scene's bounds
+    int rsm_size = 0;             ///< texels a side; 0: 8 a cell of the longest axis, at least 256
+    int rsm_kernel = 4;           ///< texels a side of a clustered block
+    bool emitters = true;         ///< emissive surfaces give light
+    LpvSettings lpv;
+};
+
+/// What a stage did and cost.
+struct StageReport {
+    std::string name;
+    double seconds = 0;
+    std::string detail; ///< one phrase: counts and residuals
+};
+
+/// What a bake will do, known before it does it.
+struct BakePlan {
+    Grid grid;
+    int rsm_size = 0;
+    int rsm_maps = 0;
+    uint64_t triangles = 0;
+    uint64_t device_bytes = 0; ///< peak of the solver's device memory
+    uint64_t host_bytes = 0;   ///< estimate
+    double seconds = 0;        ///< estimate for this kind of device, shader compilation included
+    std::vector<StageReport> stages; ///< what will run, and why (detail)
+    std::vector<std::string> warnings;
+};
+
+/// Fits the grid and sizes everything. Throws Error: invalid (nothing to bake, no light: names the
+/// options that add one).
+BakePlan plan_bake(const Scene& scene, const BakeSettings& settings, const gpu::DeviceInfo& device);
+
+struct Baked {
+    Volume volume;
+    std::vector<StageReport> stages;
+    std::vector<std::string> warnings;
+};
+
+/// Runs the plan. Throws Error: memory (names the largest resolution that fits), device, and
+/// whatever `progress` throws.
+Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& device,
+           Progress& progress);
+
+} // namespace lpvbake

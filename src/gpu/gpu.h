@@ -1,0 +1,141 @@
+// Vulkan compute and buffers: a device, memory, programs, and batches of dispatches.
+//
+// Nothing here or in a stage's header names a Vulkan type. Failures are Error: device (missing or
+// lost), memory (out of device or host memory), failure (anything else, validation messages too).
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace lpvbake::gpu {
+
+struct DeviceInfo {
+    int index = 0;
+    std::string name;
+    std::string type;               ///< cpu, integrated, discrete, virtual, other
+    std::string uuid;               ///< hex digits as vulkaninfo prints them
+    std::string driver;             ///< name and version
+    std::string api;                ///< Vulkan version
+    uint64_t memory = 0;            ///< bytes of the largest device-local heap
+    uint64_t max_allocation = 0;    ///< bytes of one buffer
+    uint64_t max_storage_range = 0; ///< bytes of one storage-buffer binding
+    uint64_t max_texels = 0;        ///< elements of one texel-buffer binding
+    uint64_t window_alignment = 0;  ///< bytes that a binding's offset is a multiple of
+};
+
+/// All devices with Vulkan 1.2 and a queue for graphics and compute, in the driver's order.
+/// Throws Error (device) where there is no Vulkan at all.
+std::vector<DeviceInfo> list_devices();
+
+struct DeviceOptions {
+    std::string selector;    ///< index, UUID or part of the name; empty: the first device
+    bool validation = false; ///< load the validation layer; its messages become errors
+};
+
+/// A logical device with one queue. Not copied; passed by reference to every stage.
+class Device {
+public:
+    explicit Device(const DeviceOptions& options);
+    ~Device();
+    Device(const Device&) = delete;
+    Device& operator=(const Device&) = delete;
+
+    const DeviceInfo& info() const;
+    bool is_cpu() const { return info().type == "cpu"; }
+    /// Throws Error (failure) with the first validation message seen since the last call, if any.
+    void check_validation();
+
+    struct Impl; ///< Vulkan handles, for the .cpp of stages that raster: gpu/vulkan.h
+    Impl& impl() const { return *impl_; }
+
+private:
+    std::unique_ptr<Impl> impl_;
+};
+
+/// Device memory bound as storage buffer, vertex or index buffer, source or target of copies. Freed
+/// with the object. `bytes` may exceed max_storage_range: programs then see windows of it.
+class Buffer {
+public:
+    Buffer();
+    Buffer(const Device& device, uint64_t bytes);
+    ~Buffer();
+    Buffer(Buffer&&) noexcept;
+    Buffer& operator=(Buffer&&) noexcept;
+
+    uint64_t bytes() const { return bytes_; }
+    struct Impl;
+    Impl& impl() const { return *impl_; }
+
+private:
+    uint64_t bytes_ = 0;
+    std::unique_ptr<Impl> impl_;
+};
+
+/// Copies to and from a buffer; waits until done. Goes through staging where memory is not mapped.
+void upload(const Device& device, const Buffer& target, uint64_t offset,
+            std::span<const std::byte> data);
+void download(const Device& device, const Buffer& source, uint64_t offset,
+              std::span<std::byte> data);
+/// Sets every byte to zero; waits until done.
+void clear(const Device& device, const Buffer& target);
+
+/// How a program sees a window of a buffer.
+enum class Binding {
+    storage,       ///< storage buffer, read and written
+    texels_rgba32, ///< uniform texel buffer of four floats an element, read only
+    texels_r32,    ///< uniform texel buffer of one float an element, read only
+};
+
+/// A compute pipeline: set 0 holds one window at each of the bindings 0, 1, ...
+class Program {
+public:
+    Program();
+    /// `constants` are the 32-bit specialization constants 0, 1, ... in order.
+    Program(const Device& device, std::span<const uint32_t> spirv,
+            std::span<const Binding> bindings, uint32_t push_bytes,
+            std::span<const uint32_t> constants);
+    ~Program();
+    Program(Program&&) noexcept;
+    Program& operator=(Program&&) noexcept;
+
+    struct Impl;
+    Impl& impl() const { return *impl_; }
+
+private:
+    std::unique_ptr<Impl> impl_;
+};
+
+/// A part of a buffer as a program sees it. The offset obeys window_alignment; the range must not
+/// exceed max_storage_range, nor max_texels elements where it is bound as texels (checked).
+struct Window {
+    const Buffer* buffer = nullptr;
+    uint64_t offset = 0;
+    uint64_t bytes = 0;
+};
+
+struct Groups {
+    uint32_t x = 1, y = 1, z = 1;
+};
+
+/// Records dispatches, then runs them in order; each sees what the ones before it wrote.
+class Batch {
+public:
+    explicit Batch(const Device& device);
+    ~Batch();
+    void dispatch(const Program& program, std::span<const Window> windows,
+                  std::span<const std::byte> push, Groups groups);
+    /// Copies bytes between buffers, ordered like a dispatch.
+    void copy(const Window& source, const Window& target);
+    /// Submits and waits; then the batch is empty again.
+    void run();
+
+private:
+    struct Impl;
+    std::unique_ptr<Impl> impl_;
+};
+
+} // namespace lpvbake::gpu

@@ -1,0 +1,57 @@
+// The program's side of the image module: finds it along the executable's RUNPATH, once.
+#include "image/image.h"
+
+#include "error.h"
+#include "image/oiio/module.h"
+
+#include <dlfcn.h>
+
+namespace lpvbake {
+namespace {
+
+const ImageModule* load() {
+    // Never closed: OpenImageIO's libraries do not survive being unloaded.
+    void* library = dlopen(image_module_file, RTLD_NOW | RTLD_LOCAL);
+    void* entry = library ? dlsym(library, image_module_symbol) : nullptr;
+    if (!entry)
+        throw Error(ExitCode::failure, std::string("cannot load the image module: ") + dlerror()
+                                           + "; reinstall lpvbake, the module belongs to it");
+    return reinterpret_cast<decltype(&lpvbake_image_module)>(entry)();
+}
+
+/// Loads at most once, whoever comes first; the others wait.
+const ImageModule& module() {
+    static const ImageModule* const loaded = load();
+    return *loaded;
+}
+
+} // namespace
+
+Rgba8 decode_image(std::span<const std::byte> data, const std::string& name, uint64_t max_texels) {
+    return module().decode(data, name, max_texels);
+}
+
+std::vector<unsigned char> encode_exr(const Pixels& pixels, bool half,
+                                      const std::map<std::string, std::string>& attributes,
+                                      const std::string& name) {
+    return module().encode_exr(pixels, half, attributes, name);
+}
+
+Pixels decode_exr(std::span<const std::byte> data, const std::string& name, uint64_t max_texels) {
+    return module().decode_exr(data, name, max_texels);
+}
+
+std::vector<unsigned char> encode_png(const Pixels& pixels, const std::string& name) {
+    return module().encode_png(pixels, name);
+}
+
+ImageModulePreload preload_image_module() {
+    return ImageModulePreload(std::async(std::launch::async, [] {
+                                  try {
+                                      module();
+                                  } catch (const Error&) { // told to whoever needs the module
+                                  }
+                              }).share());
+}
+
+} // namespace lpvbake

@@ -1,0 +1,254 @@
+// The image module: everything that sees OpenImageIO. Images pass through memory, so that files,
+// their errors and their atomicity are the business of those who own them.
+#include "error.h"
+#include "image/oiio/module.h"
+
+#include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/imageio.h>
+
+#include <algorithm>
+#include <memory>
+#include <utility>
+
+namespace lpvbake {
+namespace {
+
+using OIIO::ImageInput;
+using OIIO::ImageOutput;
+using OIIO::ImageSpec;
+using OIIO::TypeDesc;
+
+[[noreturn]] void reject(const std::string& name, const std::string& why) {
+    throw Error(ExitCode::invalid, name + ": " + why);
+}
+
+/// OpenImageIO's messages may span lines and end in a full stop; ours are one line.
+std::string one_line(std::string text) {
+    std::replace(text.begin(), text.end(), '\n', ' ');
+    while (!text.empty() && (text.back() == ' ' || text.back() == '.'))
+        text.pop_back();
+    return text.empty() ? "no reason given" : text;
+}
+
+int byte_at(std::span<const std::byte> data, size_t i) {
+    return i < data.size() ? std::to_integer<int>(data[i]) : 0;
+}
+
+uint64_t big_endian(std::span<const std::byte> data, size_t at, int bytes) {
+    uint64_t value = 0;
+    for (int i = 0; i < bytes; ++i)
+        value = value << 8 | unsigned(byte_at(data, at + size_t(i)));
+    return value;
+}
+
+bool starts_with(std::span<const std::byte> data, size_t at, std::string_view magic) {
+    for (size_t i = 0; i < magic.size(); ++i)
+        if (at + i >= data.size() || char(byte_at(data, at + i)) != magic[i])
+            return false;
+    return true;
+}
+
+/// Texels that a JPEG's frame header (marker SOFn, ITU T.81 B.2.2) announces; 0 if there is none.
+uint64_t jpeg_texels(std::span<const std::byte> data) {
+    size_t at = 2;
+    while (at + 9 < data.size()) {
+        if (byte_at(data, at) != 0xff)
+            return 0;
+        const int marker = byte_at(data, at + 1);
+        if (marker == 0xff) { // fill byte
+            ++at;
+            continue;
+        }
+        const bool frame =
+            marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc;
+        if (frame)
+            return big_endian(data, at + 5, 2) * big_endian(data, at + 7, 2);
+        if (marker == 0xda || marker == 0xd9) // image data or the end, and no frame before it
+            return 0;
+        const bool alone = marker == 0x01 || (marker >= 0xd0 && marker <= 0xd8);
+        at += 2 + (alone ? 0 : big_endian(data, at + 2, 2));
+    }
+    return 0;
+}
+
+/// A PNG reduced to the chunks that make its picture. Without the others libpng has nothing to warn
+/// about on stderr and no compressed text or profile to unpack.
+std::vector<std::byte> picture_chunks(std::span<const std::byte> png, const std::string& name) {
+    std::vector<std::byte> kept(png.begin(), png.begin() + 8);
+    for (size_t at = 8;;) {
+        const uint64_t length = big_endian(png, at, 4) + 12; // with length, type and CRC
+        if (length > png.size() - at)
+            reject(name, "the image cannot be decoded: the PNG data end early");
+        bool keep = false;
+        for (const char* type : {"IHDR", "PLTE", "tRNS", "IDAT", "IEND"})
+            keep |= starts_with(png, at + 4, type);
+        if (keep)
+            kept.insert(kept.end(), png.begin() + long(at), png.begin() + long(at + length));
+        if (starts_with(png, at + 4, "IEND"))
+            return kept;
+        at += length;
+    }
+}
+
+struct Format {
+    const char* name = nullptr; ///< OpenImageIO's
+    uint64_t texels = 0;        ///< as the header announces
+};
+
+/// Codecs may take memory for the whole image as soon as they are opened, so the size is read here.
+Format recognise(std::span<const std::byte> data) {
+    if (starts_with(data, 0, "\x89PNG\r\n\x1a\n"))
+        return {"png", big_endian(data, 16, 4) * big_endian(data, 20, 4)};
+    if (starts_with(data, 0, "\xff\xd8\xff"))
+        return {"jpeg", jpeg_texels(data)};
+    if (starts_with(data, 0, "RIFF") && starts_with(data, 8, "WEBP"))
+        return {"webp", 1}; // at most 16383 a side; checked once it is open
+    return {};
+}
+
+void check_size(uint64_t texels, uint64_t max_texels, const std::string& name) {
+    if (texels == 0)
+        reject(name, "the image has no valid size in its header");
+    if (texels > max_texels)
+        reject(name, "the image has " + std::to_string(texels) + " texels, more than the limit of "
+                         + std::to_string(max_texels) + "; scale it down");
+}
+
+/// Opens `data` with the codec `format`. The reader must outlive the input.
+std::unique_ptr<ImageInput> open_input(const char* format, OIIO::Filesystem::IOMemReader& reader,
+                                       const std::string& name, uint64_t max_texels) {
+    auto input = ImageInput::create(format);
+    if (!input)
+        throw Error(ExitCode::unsupported, name + ": this build of OpenImageIO cannot read "
+                                               + format + " images: " + one_line(OIIO::geterror()));
+    if (!input->set_ioproxy(&reader))
+        throw Error(ExitCode::unsupported, name + ": this build of OpenImageIO cannot read "
+                                               + format + " images from memory");
+    ImageSpec config;
+    config["oiio:UnassociatedAlpha"] = 1;
+    ImageSpec spec;
+    if (!input->open(name, spec, config))
+        reject(name, "the image cannot be decoded: " + one_line(input->geterror()));
+    if (spec.width <= 0 || spec.height <= 0 || spec.depth != 1)
+        reject(name, "the image has no valid size in its header");
+    check_size(uint64_t(spec.width) * uint64_t(spec.height), max_texels, name);
+    return input;
+}
+
+Rgba8 decode(std::span<const std::byte> data, const std::string& name, uint64_t max_texels) {
+    const Format format = recognise(data);
+    if (!format.name)
+        reject(name, "the image is neither PNG nor JPEG nor WebP; convert it to one of them");
+    check_size(format.texels, max_texels, name);
+    std::vector<std::byte> chunks;
+    if (format.name == std::string_view("png"))
+        data = chunks = picture_chunks(data, name);
+    OIIO::Filesystem::IOMemReader reader(const_cast<std::byte*>(data.data()), data.size());
+    const auto input = open_input(format.name, reader, name, max_texels);
+    const ImageSpec& spec = input->spec();
+    const size_t texels = size_t(spec.width) * size_t(spec.height);
+    const size_t channels = size_t(spec.nchannels);
+    if (channels < 1 || channels > 4)
+        reject(name, "the image has " + std::to_string(channels) + " channels");
+    std::vector<uint8_t> samples(texels * channels);
+    if (!input->read_image(0, 0, 0, -1, TypeDesc::UINT8, samples.data()))
+        reject(name, "the image cannot be decoded: " + one_line(input->geterror()));
+
+    Rgba8 image{spec.width, spec.height, {}};
+    image.texels.resize(texels * 4);
+    const bool grey = channels < 3;
+    const bool alpha = channels % 2 == 0;
+    for (size_t i = 0; i < texels; ++i) {
+        const uint8_t* in = &samples[i * channels];
+        uint8_t* out = &image.texels[i * 4];
+        for (size_t c = 0; c < 3; ++c)
+            out[c] = in[grey ? 0 : c];
+        out[3] = alpha ? in[channels - 1] : 255;
+    }
+    return image;
+}
+
+std::vector<std::string> channel_names(int channels) {
+    if (channels == 1)
+        return {"Y"};
+    std::vector<std::string> names{"R", "G", "B", "A"};
+    names.resize(size_t(channels));
+    return names;
+}
+
+std::vector<unsigned char> encode(const char* format, ImageSpec spec, const Pixels& pixels,
+                                  const std::string& name) {
+    const auto fail = [&](const std::string& why) {
+        throw Error(ExitCode::failure, name + ": the image cannot be encoded: " + one_line(why));
+    };
+    const int channels = pixels.channels;
+    if (pixels.width < 1 || pixels.height < 1 || (channels != 1 && channels != 3 && channels != 4)
+        || pixels.samples.size() != size_t(pixels.width) * size_t(pixels.height) * size_t(channels))
+        fail("its size and channels do not fit its samples");
+    spec.channelnames = channel_names(channels);
+    spec.alpha_channel = channels == 4 ? 3 : -1;
+    std::vector<unsigned char> bytes;
+    OIIO::Filesystem::IOVecOutput writer(bytes);
+    const auto output = ImageOutput::create(format);
+    if (!output || !output->supports("ioproxy"))
+        fail(std::string("OpenImageIO lacks ") + format);
+    output->set_ioproxy(&writer);
+    if (!output->open(name, spec) || !output->write_image(TypeDesc::FLOAT, pixels.samples.data())
+        || !output->close())
+        fail(output->geterror());
+    return bytes;
+}
+
+std::vector<unsigned char> encode_exr_bytes(const Pixels& pixels, bool half,
+                                            const std::map<std::string, std::string>& attributes,
+                                            const std::string& name) {
+    ImageSpec spec(pixels.width, pixels.height, pixels.channels,
+                   half ? TypeDesc::HALF : TypeDesc::FLOAT);
+    for (const auto& [key, value] : attributes)
+        spec[key] = value;
+    spec["compression"] = "zip";
+    spec["DateTime"] = ""; // where it is missing, OpenImageIO puts the current time
+    spec["oiio:ColorSpace"] = "Linear";
+    return encode("openexr", std::move(spec), pixels, name);
+}
+
+std::vector<unsigned char> encode_png_bytes(const Pixels& pixels, const std::string& name) {
+    Pixels clamped = pixels;
+    for (float& sample : clamped.samples)
+        sample = std::clamp(sample, 0.0f, 1.0f);
+    ImageSpec spec(pixels.width, pixels.height, pixels.channels, TypeDesc::UINT8);
+    spec["oiio:ColorSpace"] = "sRGB";
+    spec["oiio:UnassociatedAlpha"] = 1;
+    return encode("png", std::move(spec), clamped, name);
+}
+
+Pixels decode_exr_bytes(std::span<const std::byte> data, const std::string& name,
+                        uint64_t max_texels) {
+    if (!starts_with(data, 0, "\x76\x2f\x31\x01"))
+        reject(name, "this is not an OpenEXR file");
+    OIIO::Filesystem::IOMemReader reader(const_cast<std::byte*>(data.data()), data.size());
+    const auto input = open_input("openexr", reader, name, max_texels);
+    const ImageSpec& spec = input->spec();
+    if (spec.deep || spec.nchannels < 1 || spec.nchannels > 64)
+        reject(name, "the image is deep or has more than 64 channels");
+    Pixels pixels{spec.width, spec.height, spec.nchannels, {}};
+    pixels.samples.resize(size_t(spec.width) * size_t(spec.height) * size_t(spec.nchannels));
+    if (!input->read_image(0, 0, 0, -1, TypeDesc::FLOAT, pixels.samples.data()))
+        reject(name, "the image cannot be decoded: " + one_line(input->geterror()));
+    return pixels;
+}
+
+} // namespace
+} // namespace lpvbake
+
+const lpvbake::ImageModule* lpvbake_image_module() {
+    static const lpvbake::ImageModule table = [] {
+        // One thread each: images are small, bytes must not depend on threads, and OpenEXR's own
+        // pool (-1: none) would outnumber what the user asked for.
+        OIIO::attribute("threads", 1);
+        OIIO::attribute("exr_threads", -1);
+        return lpvbake::ImageModule{lpvbake::decode, lpvbake::encode_exr_bytes,
+                                    lpvbake::decode_exr_bytes, lpvbake::encode_png_bytes};
+    }();
+    return &table;
+}

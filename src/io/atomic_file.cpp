@@ -1,0 +1,184 @@
+#include "io/atomic_file.h"
+
+#include "error.h"
+
+#include <fcntl.h>
+#include <signal.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cerrno>
+#include <charconv>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <utility>
+
+namespace lpvbake {
+namespace fs = std::filesystem;
+namespace {
+
+[[noreturn]] void fail(const std::string& path, const char* verb, int error) {
+    throw Error(ExitCode::file, path + ": cannot be " + verb + ": "
+                                    + (error ? std::strerror(error) : "input/output error"));
+}
+
+/// Closed at the end of its scope.
+struct Descriptor {
+    explicit Descriptor(int file) : fd(file) {}
+    Descriptor(const Descriptor&) = delete;
+    Descriptor& operator=(const Descriptor&) = delete;
+    ~Descriptor() {
+        if (fd >= 0)
+            close(fd);
+    }
+    int fd;
+};
+
+fs::path folder_of(const fs::path& file) {
+    return file.has_parent_path() ? file.parent_path() : fs::path(".");
+}
+
+/// `.NAME.HOST.`, followed by the process, a count and `.tmp`: what temporaries of a target share.
+std::string prefix_of(const fs::path& target) {
+    char host[65] = {};
+    gethostname(host, sizeof host - 1);
+    // Names end at 255 bytes; two targets that share the first 150 do no harm.
+    return std::string(".")
+        .append(target.filename().string(), 0, 150)
+        .append(".")
+        .append(host)
+        .append(".");
+}
+
+constexpr std::string_view suffix = ".tmp";
+
+void remove_stale(const fs::path& target) {
+    const std::string prefix = prefix_of(target);
+    std::error_code ignored; // a folder that cannot be listed fails with a better text later
+    for (const auto& entry : fs::directory_iterator(folder_of(target), ignored)) {
+        const std::string name = entry.path().filename();
+        if (!name.starts_with(prefix) || !name.ends_with(suffix))
+            continue;
+        pid_t pid = 0;
+        std::from_chars(name.data() + prefix.size(), name.data() + name.size(), pid);
+        if (pid > 0 && kill(pid, 0) != 0 && errno == ESRCH)
+            fs::remove(entry.path(), ignored);
+    }
+}
+
+} // namespace
+
+AtomicFile::AtomicFile(const std::string& target) : target_(target) {
+    static std::atomic<unsigned> count = 0;
+    std::error_code error;
+    if (fs::is_symlink(target, error))
+        if (const fs::path real = fs::weakly_canonical(target, error); !error)
+            target_ = real;
+    const fs::path path(target_);
+    if (!path.has_filename() || fs::is_directory(path, error))
+        fail(target, "written", EISDIR);
+    remove_stale(path);
+    temporary_ = folder_of(path)
+                 / (prefix_of(path) + std::to_string(getpid()) + "." + std::to_string(count++)
+                    + std::string(suffix));
+}
+
+AtomicFile::AtomicFile(AtomicFile&& other) noexcept
+    : target_(std::move(other.target_)),
+      temporary_(std::move(other.temporary_)),
+      exists_(std::exchange(other.exists_, false)) {}
+
+AtomicFile::~AtomicFile() {
+    if (exists_)
+        unlink(temporary_.c_str());
+}
+
+void AtomicFile::write(const std::function<void(std::ostream&)>& fill) {
+    errno = 0;
+    std::ofstream stream(temporary_, std::ios::binary | std::ios::trunc);
+    if (!stream)
+        fail(target_, "written", errno);
+    exists_ = true;
+    int error = 0;
+    try {
+        stream.exceptions(std::ios::badbit | std::ios::failbit);
+        errno = 0;
+        fill(stream);
+        stream.close();
+        return;
+    } catch (const std::ios_base::failure&) {
+        error = errno;
+    } catch (...) { // a library may wrap the stream's failure
+        error = errno;
+        if (stream.good())
+            throw;
+    }
+    fail(target_, "written", error);
+}
+
+void AtomicFile::write(std::string_view bytes) {
+    write([&](std::ostream& out) { out.write(bytes.data(), std::streamsize(bytes.size())); });
+}
+
+void AtomicFile::patch(uint64_t offset, std::string_view bytes) {
+    const Descriptor file(open(temporary_.c_str(), O_WRONLY | O_CLOEXEC));
+    while (!bytes.empty()) {
+        const ssize_t written = pwrite(file.fd, bytes.data(), bytes.size(), off_t(offset));
+        if (written < 0 && errno == EINTR)
+            continue;
+        if (written <= 0)
+            fail(target_, "written", errno);
+        offset += uint64_t(written);
+        bytes.remove_prefix(size_t(written));
+    }
+}
+
+uint64_t AtomicFile::seal() {
+    const Descriptor file(open(temporary_.c_str(), O_WRONLY | O_CLOEXEC));
+    struct stat status {};
+    if (file.fd < 0 || fsync(file.fd) != 0 || fstat(file.fd, &status) != 0)
+        fail(target_, "written", errno);
+    return uint64_t(status.st_size);
+}
+
+void AtomicFile::publish() {
+    if (rename(temporary_.c_str(), target_.c_str()) != 0)
+        fail(target_, "written", errno);
+    exists_ = false;
+    const fs::path folder = folder_of(target_);
+    const Descriptor directory(open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+    // Some file systems cannot sync folders (EINVAL), and some folders may be written, not read.
+    if (directory.fd >= 0 && fsync(directory.fd) != 0 && errno != EINVAL)
+        fail(target_, "written", errno);
+}
+
+std::string read_file(const std::string& path, uint64_t max_bytes) {
+    const Descriptor file(open(path.c_str(), O_RDONLY | O_CLOEXEC));
+    struct stat status {};
+    if (file.fd < 0 || fstat(file.fd, &status) != 0)
+        fail(path, "read", errno);
+    if (!S_ISREG(status.st_mode))
+        fail(path, "read", S_ISDIR(status.st_mode) ? EISDIR : EINVAL);
+    if (uint64_t(status.st_size) > max_bytes)
+        throw Error(ExitCode::invalid, path + ": has " + std::to_string(status.st_size)
+                                           + " bytes, more than the limit of "
+                                           + std::to_string(max_bytes));
+    std::string bytes(size_t(status.st_size), '\0');
+    size_t have = 0;
+    while (have < bytes.size()) {
+        const ssize_t got = ::read(file.fd, bytes.data() + have, bytes.size() - have);
+        if (got < 0 && errno == EINTR)
+            continue;
+        if (got < 0)
+            fail(path, "read", errno);
+        if (got == 0)
+            break;
+        have += size_t(got);
+    }
+    bytes.resize(have);
+    return bytes;
+}
+
+} // namespace lpvbake

@@ -1,0 +1,51 @@
+// Files that appear whole or not at all.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <iosfwd>
+#include <string>
+#include <string_view>
+
+namespace lpvbake {
+
+/// A file that is written under a temporary, hidden name beside its target and takes the target's
+/// name when it is complete: after an error, a full disk or a kill there is the old file or the new
+/// one. What is not published is removed on destruction; what a killed process left behind for the
+/// same target is removed by the next one on the same host. A target that is a symbolic link keeps
+/// being one. All members throw Error (file) that names the target and the system's reason.
+class AtomicFile {
+public:
+    /// Removes stale temporaries of `target`. Nothing is created yet.
+    explicit AtomicFile(const std::string& target);
+    AtomicFile(AtomicFile&& other) noexcept;
+    AtomicFile& operator=(AtomicFile&&) = delete;
+    ~AtomicFile();
+
+    /// Creates the temporary file with what `fill` puts into the stream (which is seekable).
+    void write(const std::function<void(std::ostream&)>& fill);
+    void write(std::string_view bytes);
+
+    /// Overwrites part of what was written.
+    void patch(uint64_t offset, std::string_view bytes);
+
+    /// Brings the data to the disk, under the temporary name still. Returns the size in bytes.
+    uint64_t seal();
+
+    /// Renames the sealed file to its target.
+    void publish();
+
+    /// Where the data are until they are published.
+    const std::string& temporary() const { return temporary_; }
+
+private:
+    std::string target_; ///< with symbolic links resolved
+    std::string temporary_;
+    bool exists_ = false;
+};
+
+/// Reads a whole file of at most `max_bytes`. Throws Error (file), or Error (invalid) if it is
+/// larger.
+std::string read_file(const std::string& path, uint64_t max_bytes);
+
+} // namespace lpvbake

@@ -1,0 +1,25 @@
+// Volume files of any kind, told apart by their extension.
+#pragma once
+
+#include "io/exr.h"
+#include "io/vdb.h"
+
+#include <optional>
+
+namespace lpvbake {
+
+enum class VolumeFormat { vdb, exr };
+
+/// The format that a path's extension (.vdb, .exr, in any case) stands for; none: it is neither.
+std::optional<VolumeFormat> volume_format(const std::string& path);
+
+/// Writes .vdb or .exr (`packing` is for the latter). Throws Error: usage (unknown extension: names
+/// those that are known), and what write_vdb and write_exr throw.
+WriteReport write_volume(const std::string& path, const Volume& volume, Precision precision,
+                         Packing packing = Packing::band);
+
+/// Reads .vdb or .exr. Throws Error: usage (unknown extension), and what read_vdb and read_exr
+/// throw.
+Volume read_volume(const std::string& path);
+
+} // namespace lpvbake

@@ -1,0 +1,37 @@
+// What both kinds of file share: names of grids, facts about the field, and what may be stored.
+#pragma once
+
+#include "error.h"
+#include "volume/volume.h"
+
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace lpvbake {
+
+/// Band and polynomial of coefficient k (0 to 8): l0, l1_y, l1_z, l1_x, l2_xy, l2_yz, l2_z2, l2_xz,
+/// l2_x2y2. Grids are called `sh_` or `occlusion_` and this.
+const char* coefficient_name(int k);
+
+/// What is true of every volume, as text, keys without the `lpv:` prefix: convention, direction,
+/// axes, probe_position.
+const std::vector<std::pair<std::string, std::string>>& field_facts();
+
+/// What a grid holds and in which unit: {quantity, units}.
+std::pair<std::string, std::string> grid_quantity(const std::string& grid_name);
+
+/// Throws Error with `code`, naming `path`, the grid and the cell, unless all grids fit the
+/// lattice, the number of coefficients fits the order (0 to 2) and every value is finite.
+void check_volume(const Volume& volume, const std::string& path, ExitCode code);
+
+/// Throws Error (invalid, memory) unless a volume of these dims and so many floats a cell is one
+/// that this machine could hold. For dims that come from a file.
+void check_dims(glm::ivec3 dims, int floats, const std::string& path);
+
+/// Why the volume should not be stored as half: values beyond 65504, or an L0 whose largest value
+/// lies below 2^-14, where half has fewer digits. None: it fits.
+std::optional<std::string> half_misfit(const Volume& volume);
+
+} // namespace lpvbake

@@ -1,0 +1,82 @@
+#include "io/slice.h"
+
+#include "error.h"
+#include "io/atomic_file.h"
+#include "volume/sh.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace lpvbake {
+namespace {
+
+/// IEC 61966-2-1.
+float srgb_encode(float x) {
+    x = std::clamp(x, 0.0f, 1.0f);
+    return x <= 0.0031308f ? 12.92f * x : 1.055f * std::pow(x, 1 / 2.4f) - 0.055f;
+}
+
+/// 99 % of the luminances above zero are at most this; 1 if there are none.
+float white_point(const std::vector<glm::vec3>& colours) {
+    std::vector<float> lit;
+    for (const glm::vec3& colour : colours)
+        if (const double y = glm::dot(glm::dvec3(colour), rec709_luminance); y > 0)
+            lit.push_back(float(y));
+    if (lit.empty())
+        return 1;
+    const auto rank = lit.begin() + std::ptrdiff_t((lit.size() - 1) * 99 / 100);
+    std::nth_element(lit.begin(), rank, lit.end());
+    return *rank;
+}
+
+} // namespace
+
+Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<float> white) {
+    const glm::ivec3 dims = volume.grid.dims;
+    if (axis < 0 || axis > 2 || index < 0 || index >= dims[axis])
+        throw Error(ExitCode::usage, std::string("there is no slice ") + "xyz?"[axis & 3] + "="
+                                         + std::to_string(index) + "; the grid has "
+                                         + std::to_string(dims.x) + " x " + std::to_string(dims.y)
+                                         + " x " + std::to_string(dims.z) + " cells");
+    const int right = axis == 0 ? 2 : 0;
+    const int vertical = axis == 1 ? 2 : 1;
+    const int width = dims[right], height = dims[vertical];
+    std::vector<glm::vec3> colours;
+    std::vector<bool> inside;
+    for (int row = 0; row < height; ++row)
+        for (int column = 0; column < width; ++column) {
+            glm::ivec3 cell;
+            cell[axis] = index;
+            cell[right] = column;
+            cell[vertical] = axis == 1 ? row : height - 1 - row;
+            const size_t i = volume.grid.index(cell);
+            colours.push_back(sh_y0 * volume.sh[0][i]);
+            inside.push_back(!volume.validity.empty() && volume.validity[i] == 0);
+        }
+    const float exposure = 1 / white.value_or(white_point(colours));
+
+    const int block = std::max(1, (255 + std::max(width, height)) / std::max(width, height));
+    const int stripe = std::max(1, block / 4);
+    Pixels picture{width * block, height * block, 3, {}};
+    picture.samples.reserve(size_t(picture.width) * size_t(picture.height) * 3);
+    for (int y = 0; y < picture.height; ++y)
+        for (int x = 0; x < picture.width; ++x) {
+            const size_t cell = size_t(y / block) * size_t(width) + size_t(x / block);
+            const bool hatched = inside[cell] && (x + y) / stripe % 2 == 0;
+            const glm::vec3 colour = exposure * colours[cell];
+            for (int c = 0; c < 3; ++c)
+                picture.samples.push_back(hatched ? (c == 1 ? 0.0f : 0.3f)
+                                                  : srgb_encode(colour[c]));
+        }
+    return picture;
+}
+
+void write_png(const std::string& path, const Pixels& pixels) {
+    AtomicFile file(path);
+    const auto bytes = encode_png(pixels, path);
+    file.write({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+    file.seal();
+    file.publish();
+}
+
+} // namespace lpvbake

@@ -1,0 +1,26 @@
+// A look at one slice of a volume.
+#pragma once
+
+#include "image/image.h"
+#include "volume/volume.h"
+
+#include <optional>
+#include <string>
+
+namespace lpvbake {
+
+/// Draws the cells with index `index` along `axis` (0 x, 1 y, 2 z): the mean luminance over all
+/// directions (c_0 / (2 sqrt(pi)), nits), colour by colour, divided by `white`, clipped and
+/// sRGB-encoded. Without `white` it is the 99th percentile of the slice's luminances above zero.
+/// Every cell is a square of equal pixels, as large as it takes for a longer side of 256 pixels.
+/// Cells inside geometry are hatched in dark magenta.
+///
+/// z slices show x to the right and y up; y slices x to the right and z down, as seen from above;
+/// x slices z to the right and y up. RGB. Throws Error (usage) for a slice that does not exist.
+Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<float> white = {});
+
+/// Writes an 8-bit PNG; samples are display-referred values, clamped to [0, 1]. Atomic. Throws
+/// Error (file).
+void write_png(const std::string& path, const Pixels& pixels);
+
+} // namespace lpvbake

@@ -1,0 +1,365 @@
+// Everything that sees OpenVDB.
+#include "io/vdb.h"
+
+#include "io/atomic_file.h"
+#include "io/layout.h"
+#include "volume/sh.h"
+
+#include <openvdb/io/File.h>
+#include <openvdb/openvdb.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+#include <functional>
+#include <mutex>
+
+namespace lpvbake {
+namespace {
+
+using openvdb::Coord;
+using openvdb::FloatGrid;
+using openvdb::MetaMap;
+using openvdb::Vec3SGrid;
+
+void initialise() {
+    static std::once_flag once;
+    std::call_once(once, [] { openvdb::initialize(); });
+}
+
+// ---- the identity of a file ----
+
+/// OpenVDB's header: magic (8 bytes), file version, library version major and minor (4 each), one
+/// byte that tells of grid offsets, then the UUID as text.
+constexpr uint64_t uuid_offset = 21, uuid_length = 36;
+
+/// Two hashes of 64 bits, of words that are mixed in by multiplication (the primes of FNV-1a and of
+/// Murmur 2): told apart are any two files that differ in one word, others all but surely.
+class ContentHash {
+public:
+    void add(const char* data, size_t size) { // only the last piece may have size % 8 != 0
+        size_ += size;
+        for (size_t i = 0; i < size; i += 8) {
+            uint64_t word = 0;
+            std::memcpy(&word, data + i, std::min<size_t>(8, size - i));
+            a_ = mix((a_ ^ word) * 0x100000001b3u);
+            b_ = mix((b_ ^ word) * 0xc6a4a7935bd1e995u);
+        }
+    }
+    /// As a UUID of version 8 (RFC 9562, custom content).
+    std::string uuid() const {
+        const uint64_t high = (mix((a_ ^ size_) * 0x9e3779b97f4a7c15u) & ~0xf000ull) | 0x8000;
+        const uint64_t low = mix((b_ ^ size_) * 0x9e3779b97f4a7c15u) << 2 >> 2 | 1ull << 63;
+        std::string hex;
+        for (uint64_t half : {high, low})
+            for (int shift = 60; shift >= 0; shift -= 4)
+                hex.push_back("0123456789abcdef"[half >> shift & 15]);
+        for (size_t dash : {8u, 13u, 18u, 23u})
+            hex.insert(dash, "-");
+        return hex;
+    }
+
+private:
+    static uint64_t mix(uint64_t x) { return x ^ x >> 31; }
+    uint64_t size_ = 0;
+    uint64_t a_ = 0xcbf29ce484222325u;
+    uint64_t b_ = 0x9ae16a3b2f90404fu;
+};
+
+struct Identity {
+    std::string stored;   ///< what stands in the header; empty if this is not an OpenVDB file
+    std::string computed; ///< what write_vdb would have put there
+};
+
+/// Hashes a file but for its UUID. `name` is for errors.
+Identity identify(const std::string& path, const std::string& name) {
+    const auto fail = [&] {
+        const int error = errno;
+        throw Error(ExitCode::file, name + ": cannot be read: "
+                                        + (error ? std::strerror(error) : "input/output error"));
+    };
+    errno = 0;
+    std::ifstream in(path, std::ios::binary);
+    if (!in)
+        fail();
+    Identity identity;
+    ContentHash hash;
+    std::vector<char> chunk(1 << 20);
+    for (bool first = true; in; first = false) {
+        errno = 0;
+        in.read(chunk.data(), std::streamsize(chunk.size()));
+        const size_t got = size_t(in.gcount());
+        if (in.bad() || (got == 0 && errno != 0)) // e.g. a folder opens, but does not read
+            fail();
+        if (first) {
+            int64_t magic = 0;
+            std::memcpy(&magic, chunk.data(), sizeof magic);
+            if (got < uuid_offset + uuid_length || magic != openvdb::OPENVDB_MAGIC)
+                return {};
+            identity.stored.assign(&chunk[uuid_offset], uuid_length);
+            std::memset(&chunk[uuid_offset], 0, uuid_length);
+        }
+        hash.add(chunk.data(), got);
+    }
+    identity.computed = hash.uuid();
+    return identity;
+}
+
+// ---- writing ----
+
+/// Writes to any stream with the table of offsets that lets readers open single grids. (io::File
+/// does so too, but to a file of its own, and it does not see a full disk.)
+class SeekableArchive : public openvdb::io::Archive {
+public:
+    void write(std::ostream& out, const openvdb::GridCPtrVec& grids,
+               const MetaMap& metadata) const {
+        Archive::write(out, grids, /*seekable=*/true, metadata);
+    }
+};
+
+openvdb::math::Transform::Ptr transform_of(const Grid& grid) {
+    auto transform = openvdb::math::Transform::createLinearTransform(grid.cell);
+    const glm::dvec3 first = grid.center({0, 0, 0});
+    transform->postTranslate({first.x, first.y, first.z});
+    return transform;
+}
+
+void insert_text(MetaMap& metadata, const std::string& key, const std::string& value) {
+    metadata.insertMeta("lpv:" + key, openvdb::StringMetadata(value));
+}
+
+/// What a reader must know to make sense of any of the grids.
+void insert_lattice(MetaMap& metadata, const Volume& volume) {
+    const Grid& grid = volume.grid;
+    for (const auto& [key, value] : field_facts())
+        insert_text(metadata, key, value);
+    metadata.insertMeta("lpv:grid_dims",
+                        openvdb::Vec3IMetadata({grid.dims.x, grid.dims.y, grid.dims.z}));
+    metadata.insertMeta("lpv:grid_origin",
+                        openvdb::Vec3DMetadata({grid.origin.x, grid.origin.y, grid.origin.z}));
+    metadata.insertMeta("lpv:cell_size", openvdb::DoubleMetadata(grid.cell));
+    metadata.insertMeta("lpv:sh_order", openvdb::Int32Metadata(volume.sh_order));
+}
+
+/// 1 where a cell carries meaning.
+std::vector<uint8_t> active_cells(const Volume& volume) {
+    std::vector<uint8_t> active(volume.grid.size());
+    for (const auto& cells : volume.sh)
+        for (size_t i = 0; i < active.size(); ++i)
+            active[i] |= cells[i] != glm::vec3(0);
+    for (const auto& cells : volume.occlusion)
+        for (size_t i = 0; i < active.size(); ++i)
+            active[i] |= cells[i] != 0;
+    for (size_t i = 0; i < volume.validity.size(); ++i)
+        active[i] |= volume.validity[i] != 0;
+    return active;
+}
+
+/// Fills a grid with value(cell) where active. Uniform blocks become tiles, which cost nothing.
+template <typename GridType, typename Value>
+typename GridType::Ptr make_grid(const Grid& lattice, const std::vector<uint8_t>& active,
+                                 const Value& value) {
+    auto grid = GridType::create();
+    auto accessor = grid->getAccessor();
+    size_t i = 0;
+    for (int z = 0; z < lattice.dims.z; ++z)
+        for (int y = 0; y < lattice.dims.y; ++y)
+            for (int x = 0; x < lattice.dims.x; ++x, ++i)
+                if (active[i])
+                    accessor.setValueOn(Coord(x, y, z), value(i));
+    grid->tree().prune();
+    return grid;
+}
+
+/// A grid to come: its name and how it is made. They are made in parallel.
+struct Recipe {
+    std::string name;
+    std::function<openvdb::GridBase::Ptr()> make;
+};
+
+std::vector<Recipe> recipes(const Volume& volume, const std::vector<uint8_t>& active) {
+    const Grid& lattice = volume.grid;
+    const auto scalar = [&](const std::vector<float>& cells) {
+        return [&] {
+            return make_grid<FloatGrid>(lattice, active, [&](size_t i) { return cells[i]; });
+        };
+    };
+    std::vector<Recipe> all;
+    for (size_t k = 0; k < volume.sh.size(); ++k)
+        all.push_back({std::string("sh_") + coefficient_name(int(k)), [&, k] {
+                           return make_grid<Vec3SGrid>(lattice, active, [&](size_t i) {
+                               const glm::vec3 c = volume.sh[k][i];
+                               return openvdb::Vec3s(c.r, c.g, c.b);
+                           });
+                       }});
+    for (size_t k = 0; k < volume.occlusion.size(); ++k)
+        all.push_back(
+            {std::string("occlusion_") + coefficient_name(int(k)), scalar(volume.occlusion[k])});
+    if (!volume.validity.empty())
+        all.push_back({"validity", scalar(volume.validity)});
+    all.push_back({"density", [&] {
+                       return make_grid<FloatGrid>(lattice, active, [&](size_t i) {
+                           return sh_y0
+                                  * float(glm::dot(glm::dvec3(volume.sh[0][i]), rec709_luminance));
+                       });
+                   }});
+    return all;
+}
+
+// ---- reading ----
+
+[[noreturn]] void reject(const std::string& path, const std::string& why) {
+    throw Error(ExitCode::invalid, path + ": " + why);
+}
+
+/// OpenVDB's messages may span lines.
+std::string one_line(std::string text) {
+    std::replace(text.begin(), text.end(), '\n', ' ');
+    return text;
+}
+
+template <typename Value>
+Value required(const MetaMap& metadata, const char* key, const std::string& path) {
+    const auto found = metadata.getMetadata<openvdb::TypedMetadata<Value>>(key);
+    if (!found)
+        reject(path, std::string("has no metadata ") + key + ": not a volume of lpvbake");
+    return found->value();
+}
+
+/// Copies a grid's active values into cells; those without stay zero.
+template <typename GridType, typename Cells, typename Convert>
+void copy_cells(const openvdb::GridBase::Ptr& base, const Grid& lattice, const std::string& path,
+                Cells& cells, const Convert& convert) {
+    const auto grid = openvdb::gridPtrCast<GridType>(base);
+    if (!grid)
+        reject(path, "grid " + base->getName() + " has the wrong type, " + base->type());
+    const glm::ivec3 dims = lattice.dims;
+    const openvdb::CoordBBox whole(Coord(0), Coord(dims.x - 1, dims.y - 1, dims.z - 1));
+    const openvdb::CoordBBox active = grid->evalActiveVoxelBoundingBox();
+    if (!active.empty() && !whole.isInside(active))
+        reject(path, "grid " + base->getName() + " has values outside lpv:grid_dims");
+    cells.resize(lattice.size());
+    tbb::parallel_for(0, dims.z, [&](int z) {
+        const auto accessor = grid->getConstAccessor();
+        size_t i = lattice.index({0, 0, z});
+        for (int y = 0; y < dims.y; ++y)
+            for (int x = 0; x < dims.x; ++x, ++i)
+                cells[i] = convert(accessor.getValue(Coord(x, y, z)));
+    });
+}
+
+Volume read_grids(openvdb::io::File& file, const std::string& path) {
+    Volume volume;
+    const MetaMap::Ptr metadata = file.getMetadata();
+    const auto dims = required<openvdb::Vec3i>(*metadata, "lpv:grid_dims", path);
+    const auto origin = required<openvdb::Vec3d>(*metadata, "lpv:grid_origin", path);
+    volume.grid = {{origin.x(), origin.y(), origin.z()},
+                   required<double>(*metadata, "lpv:cell_size", path),
+                   {dims.x(), dims.y(), dims.z()}};
+    volume.sh_order = required<int32_t>(*metadata, "lpv:sh_order", path);
+    if (volume.sh_order < 0 || volume.sh_order > 2)
+        reject(path, "lpv:sh_order is " + std::to_string(volume.sh_order) + ", not 0, 1 or 2");
+    const int coefficients = sh_count(volume.sh_order);
+    check_dims(volume.grid.dims, 3 * coefficients + 5, path);
+    for (const auto& [key, value] : field_facts())
+        if (const auto found = required<std::string>(*metadata, ("lpv:" + key).c_str(), path);
+            found != value)
+            reject(path, "lpv:" + key + " is '" + found + "', expected '" + value + "'");
+
+    const auto grid = [&](const std::string& name) {
+        if (!file.hasGrid(name))
+            reject(path, "has no grid " + name);
+        return file.readGrid(name);
+    };
+    volume.sh.resize(size_t(coefficients));
+    for (int k = 0; k < coefficients; ++k)
+        copy_cells<Vec3SGrid>(
+            grid(std::string("sh_") + coefficient_name(k)), volume.grid, path, volume.sh[size_t(k)],
+            [](const openvdb::Vec3s& v) { return glm::vec3(v.x(), v.y(), v.z()); });
+    const auto same = [](float v) { return v; };
+    if (file.hasGrid("occlusion_l0")) {
+        volume.occlusion.resize(4);
+        for (int k = 0; k < 4; ++k)
+            copy_cells<FloatGrid>(grid(std::string("occlusion_") + coefficient_name(k)),
+                                  volume.grid, path, volume.occlusion[size_t(k)], same);
+    }
+    if (file.hasGrid("validity"))
+        copy_cells<FloatGrid>(grid("validity"), volume.grid, path, volume.validity, same);
+
+    MetaMap ours;
+    insert_lattice(ours, volume);
+    insert_text(ours, "precision", "");
+    for (auto entry = metadata->beginMeta(); entry != metadata->endMeta(); ++entry)
+        if (entry->first.starts_with("lpv:") && !ours[entry->first])
+            volume.metadata[entry->first.substr(4)] = entry->second->str();
+    return volume;
+}
+
+} // namespace
+
+WriteReport write_vdb(const std::string& path, const Volume& volume, Precision precision) {
+    initialise();
+    check_volume(volume, path, ExitCode::failure);
+    WriteReport report;
+    if (precision == Precision::half)
+        if (const auto why = half_misfit(volume)) {
+            precision = Precision::full;
+            report.warnings.push_back(path + ": " + *why);
+        }
+
+    const std::vector<uint8_t> active = active_cells(volume);
+    const std::vector<Recipe> wanted = recipes(volume, active);
+    openvdb::GridCPtrVec grids(wanted.size());
+    const auto transform = transform_of(volume.grid);
+    tbb::parallel_for(size_t(0), wanted.size(), [&](size_t g) {
+        const auto& [name, make] = wanted[g];
+        const openvdb::GridBase::Ptr grid = make();
+        grid->setName(name);
+        grid->setTransform(transform->copy());
+        grid->setSaveFloatAsHalf(precision == Precision::half);
+        grid->setVectorType(openvdb::VEC_INVARIANT); // colours do not turn with the transform
+        grid->setGridClass(name == "density" ? openvdb::GRID_FOG_VOLUME : openvdb::GRID_UNKNOWN);
+        insert_lattice(*grid, volume);
+        insert_text(*grid, "quantity", grid_quantity(name).first);
+        insert_text(*grid, "units", grid_quantity(name).second);
+        grids[g] = grid;
+    });
+    MetaMap metadata;
+    insert_text(metadata, "tool", "lpvbake " LPVBAKE_VERSION);
+    for (const auto& [key, value] : volume.metadata)
+        insert_text(metadata, key, value);
+    insert_text(metadata, "precision", precision == Precision::half ? "half" : "float");
+    insert_lattice(metadata, volume);
+
+    AtomicFile file(path);
+    file.write([&](std::ostream& out) { SeekableArchive().write(out, grids, metadata); });
+    file.patch(uuid_offset, identify(file.temporary(), path).computed);
+    report.bytes = file.seal();
+    file.publish();
+    return report;
+}
+
+Volume read_vdb(const std::string& path) {
+    initialise();
+    // OpenVDB trusts what it reads, so damage has to be found before.
+    const Identity identity = identify(path, path);
+    if (identity.stored.empty())
+        reject(path, "is not an OpenVDB file, or is cut off");
+    if (identity.stored != identity.computed)
+        reject(path,
+               "is damaged, or was not written by lpvbake: its UUID does not fit its content");
+    Volume volume;
+    try {
+        openvdb::io::File file(path);
+        file.open(/*delayLoad=*/false);
+        volume = read_grids(file, path);
+    } catch (const openvdb::Exception& error) {
+        reject(path, one_line(error.what()));
+    }
+    check_volume(volume, path, ExitCode::invalid);
+    return volume;
+}
+
+} // namespace lpvbake

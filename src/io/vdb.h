@@ -1,0 +1,41 @@
+// OpenVDB files. The only header that the rest sees; OpenVDB itself stays in vdb.cpp.
+#pragma once
+
+#include "volume/volume.h"
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace lpvbake {
+
+enum class Precision { full, half };
+
+/// What became of a request that could not be met to the letter.
+struct WriteReport {
+    std::vector<std::string>
+        warnings; ///< e.g. half asked for, but values exceed 65504: wrote float
+    uint64_t bytes = 0;
+};
+
+/// Writes sh_l0, sh_l1_y, ... (Vec3S, canonical coefficients, cd/m^2), occlusion_l0, ..., validity
+/// and density (float; luminance of the mean over all directions, cd/m^2, for viewers), all with
+/// one transform (index i at the centre of cell i, metres).
+///
+/// Metadata, of the file and of each grid: lpv:convention, lpv:direction, lpv:axes,
+/// lpv:probe_position (text), lpv:grid_dims (vec3i), lpv:grid_origin (vec3d, metres), lpv:cell_size
+/// (double, metres), lpv:sh_order (int32); of each grid lpv:quantity and lpv:units; of the file
+/// lpv:precision and volume.metadata, with lpv:tool added where it is missing.
+///
+/// Cells that are valid or have any value that is not zero are active in every grid, the others
+/// inactive everywhere. The bytes depend on the content alone: OpenVDB's random UUID is replaced by
+/// a hash of everything else in the file. Atomic. Throws Error: failure (a value is not finite),
+/// file.
+WriteReport write_vdb(const std::string& path, const Volume& volume, Precision precision);
+
+/// Reads a file that write_vdb made (in full or half); a file that was changed since, by accident
+/// or by another program, is told by its hash. Throws Error (file, invalid, memory) that names the
+/// file and the grid.
+Volume read_vdb(const std::string& path);
+
+} // namespace lpvbake

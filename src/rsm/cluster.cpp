@@ -1,0 +1,80 @@
+#include "rsm/rsm.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+
+namespace lpvbake {
+
+namespace {
+
+constexpr float same_facing = 0.7f; ///< least cosine between normals that join: 45 degrees
+
+/// Rec. 709
+float luminance(glm::vec3 rgb) {
+    return glm::dot(rgb, glm::vec3(0.2126f, 0.7152f, 0.0722f));
+}
+
+struct Candidate {
+    std::size_t texel;
+    float brightness;
+    glm::vec3 cell;
+};
+
+/// Takes the brightest candidate and all that join it out of `left`; those that remain keep their
+/// order.
+Vpl take_cluster(const Rsm& rsm, std::vector<Candidate>& left) {
+    const Candidate seed = *std::ranges::max_element(left, {}, &Candidate::brightness);
+    std::vector<std::size_t> members;
+    glm::dvec3 power(0), mean(0), normal(0);
+    double weight = 0;
+    std::erase_if(left, [&](const Candidate& candidate) {
+        const glm::vec3 apart = candidate.cell - seed.cell;
+        if (candidate.texel != seed.texel
+            && (glm::dot(apart, apart) >= 3
+                || glm::dot(rsm.normal[candidate.texel], rsm.normal[seed.texel]) < same_facing))
+            return false;
+        const double share = candidate.brightness;
+        members.push_back(candidate.texel);
+        power += glm::dvec3(rsm.power[candidate.texel]);
+        mean += share * glm::dvec3(rsm.position[candidate.texel]);
+        normal += share * glm::dvec3(rsm.normal[candidate.texel]);
+        weight += share;
+        return true;
+    });
+    mean /= weight;
+    // On a curved surface the mean lies inside the solid; a texel does not.
+    const std::size_t nearest = *std::ranges::min_element(members, {}, [&](std::size_t texel) {
+        return glm::distance(glm::dvec3(rsm.position[texel]), mean);
+    });
+    return {rsm.position[nearest], glm::vec3(glm::normalize(normal)), glm::vec3(power)};
+}
+
+} // namespace
+
+void cluster_vpls(const Rsm& rsm, int kernel, std::vector<Vpl>& vpls) {
+    kernel = std::max(kernel, 1);
+    const int block_rows = (rsm.height + kernel - 1) / kernel;
+    std::vector<std::vector<Vpl>> found(block_rows);
+    tbb::parallel_for(0, block_rows, [&](int block_row) {
+        const int top = block_row * kernel, bottom = std::min(top + kernel, rsm.height);
+        std::vector<Candidate> block;
+        for (int left = 0; left < rsm.width; left += kernel) {
+            const int right = std::min(left + kernel, rsm.width);
+            block.clear();
+            for (int y = top; y < bottom; ++y)
+                for (int x = left; x < right; ++x) {
+                    const std::size_t texel = std::size_t(y) * rsm.width + x;
+                    const float brightness = luminance(rsm.power[texel]);
+                    if (brightness > 0)
+                        block.push_back({texel, brightness, glm::floor(rsm.position[texel])});
+                }
+            while (!block.empty())
+                found[block_row].push_back(take_cluster(rsm, block));
+        }
+    });
+    for (const std::vector<Vpl>& row : found)
+        vpls.insert(vpls.end(), row.begin(), row.end());
+}
+
+} // namespace lpvbake

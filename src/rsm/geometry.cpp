@@ -1,0 +1,80 @@
+#include "rsm/geometry.h"
+
+#include "error.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+#include <tuple>
+#include <utility>
+
+namespace lpvbake {
+
+namespace {
+
+/// Unit normal and offset of a triangle's plane; false if it has no area.
+bool plane_of(const std::array<glm::vec3, 3>& corner, glm::vec4& plane) {
+    const glm::dvec3 a = corner[0];
+    const glm::dvec3 area = glm::cross(glm::dvec3(corner[1]) - a, glm::dvec3(corner[2]) - a);
+    const double length = glm::length(area);
+    if (!(length > 0) || !std::isfinite(length))
+        return false;
+    const glm::dvec3 normal = area / length;
+    plane = glm::vec4(glm::vec3(normal), float(glm::dot(normal, a)));
+    return true;
+}
+
+} // namespace
+
+RsmGeometry flatten(const Scene& scene, const Frame& frame) {
+    // Materials that share a pipeline, then a texture, stand together.
+    std::vector<int> order(scene.instances.size());
+    std::iota(order.begin(), order.end(), 0);
+    const auto key = [&](int i) {
+        const int index = scene.meshes[scene.instances[i].mesh].material;
+        const Material& material = scene.materials[index];
+        return std::tuple(material.alpha_mode != AlphaMode::opaque, material.base_color_texture,
+                          index);
+    };
+    std::ranges::stable_sort(order, {}, key);
+
+    uint64_t triangles = 0;
+    for (const Instance& instance : scene.instances)
+        triangles += scene.meshes[instance.mesh].triangles.size();
+    if (triangles > 0x7fffffffu)
+        throw Error(ExitCode::memory, "the scene has more than 2^31 - 1 placed triangles");
+
+    RsmGeometry geometry;
+    geometry.vertices.reserve(3 * triangles);
+    for (const int i : order) {
+        const Instance& instance = scene.instances[i];
+        const Mesh& mesh = scene.meshes[instance.mesh];
+        const Material& material = scene.materials[mesh.material];
+        const std::vector<glm::vec3> positions = positions_in_frame(scene, instance, frame);
+        const bool mirrored = is_mirrored(instance);
+        if (geometry.runs.empty() || geometry.runs.back().material != mesh.material)
+            geometry.runs.push_back({mesh.material, geometry.vertices.size(), 0});
+        for (glm::uvec3 triangle : mesh.triangles) {
+            if (mirrored)
+                std::swap(triangle.y, triangle.z);
+            glm::vec4 plane;
+            if (!plane_of({positions[triangle.x], positions[triangle.y], positions[triangle.z]},
+                          plane))
+                continue;
+            for (int corner = 0; corner < 3; ++corner) {
+                const uint32_t v = triangle[corner];
+                geometry.lo = glm::min(geometry.lo, glm::dvec3(positions[v]));
+                geometry.hi = glm::max(geometry.hi, glm::dvec3(positions[v]));
+                geometry.vertices.push_back(
+                    {positions[v], plane, mesh.uv.empty() ? glm::vec2(0) : mesh.uv[v],
+                     material.base_color * (mesh.colors.empty() ? glm::vec4(1) : mesh.colors[v])});
+            }
+        }
+        geometry.runs.back().count = geometry.vertices.size() - geometry.runs.back().first;
+    }
+    std::erase_if(geometry.runs, [](const MaterialRun& run) { return run.count == 0; });
+    return geometry;
+}
+
+} // namespace lpvbake

@@ -1,0 +1,58 @@
+// Reflective shadow maps (Dachsbacher and Stamminger 2005): what a light sees, as virtual point
+// lights.
+#pragma once
+
+#include "gpu/gpu.h"
+#include "scene/frame.h"
+
+#include <functional>
+#include <memory>
+#include <vector>
+
+namespace lpvbake {
+
+/// One map, or a tile of one: row-major texels. A texel that sees nothing, or a black back, has
+/// power 0.
+struct Rsm {
+    int width = 0;
+    int height = 0;
+    std::vector<glm::vec3> position; ///< frame units
+    std::vector<glm::vec3> normal;   ///< unit, of the triangle, on the lit side
+    std::vector<glm::vec3> power;    ///< reflected power of the texel, lm a channel
+};
+
+/// A virtual point light: emits power / pi * max(0, n.w) candela.
+struct Vpl {
+    glm::vec3 position; ///< frame units
+    glm::vec3 normal;   ///< unit
+    glm::vec3 power;    ///< lm
+};
+
+struct RsmSettings {
+    int size = 256; ///< texels along each side of a map
+    int kernel = 4; ///< texels along each side of a block that is clustered; 1: every texel a VPL
+};
+
+/// GPU resources for rendering one scene's maps: geometry, textures, pipeline, targets.
+class RsmPass {
+public:
+    RsmPass(const gpu::Device& device, const Scene& scene, const Frame& frame);
+    ~RsmPass();
+    /// Renders every map of a light (one, six for a point light or a wide spot) in tiles of at most
+    /// 1024 texels a side and hands each tile to `consume` in a fixed order. Positions and normals
+    /// are exact to single precision: a texel's ray meets its triangle's plane in double.
+    void render(const Light& light, int size, const std::function<void(const Rsm&)>& consume);
+
+private:
+    struct Impl;
+    std::unique_ptr<Impl> impl_;
+};
+
+/// Clusters blocks of kernel x kernel texels: texels less than sqrt(3) cells from the brightest
+/// whose normals are within 45 degrees of its own join it; what is left over forms clusters of its
+/// own. Power is summed, never averaged. The normal is the mean weighted by brightness, the
+/// position that of the texel nearest to such a mean, which lies on the surface. The scheme is that
+/// of the downsampling in Kaplanyan and Dachsbacher 2010, made to conserve power.
+void cluster_vpls(const Rsm& rsm, int kernel, std::vector<Vpl>& vpls);
+
+} // namespace lpvbake

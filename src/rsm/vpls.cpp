@@ -1,0 +1,18 @@
+#include "rsm/vpls.h"
+
+namespace lpvbake {
+
+std::vector<Vpl> render_vpls(const gpu::Device& device, const Scene& scene, const Frame& frame,
+                             const RsmSettings& settings, Progress& progress) {
+    std::vector<Vpl> vpls;
+    RsmPass pass(device, scene, frame);
+    uint64_t done = 0;
+    for (const Light& light : scene.lights) {
+        pass.render(light, settings.size,
+                    [&](const Rsm& rsm) { cluster_vpls(rsm, settings.kernel, vpls); });
+        progress.advance(++done);
+    }
+    return vpls;
+}
+
+} // namespace lpvbake

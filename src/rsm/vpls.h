@@ -1,0 +1,14 @@
+// The lights of a scene as virtual point lights.
+#pragma once
+
+#include "progress.h"
+#include "rsm/rsm.h"
+
+namespace lpvbake {
+
+/// Renders every light's maps and clusters them, in the order of the lights. Advances `progress` by
+/// one a light.
+std::vector<Vpl> render_vpls(const gpu::Device& device, const Scene& scene, const Frame& frame,
+                             const RsmSettings& settings, Progress& progress);
+
+} // namespace lpvbake

@@ -1,0 +1,24 @@
+// Lights that do not come with the scene: from the command line or a JSON file.
+#pragma once
+
+#include "scene/scene.h"
+
+#include <string>
+
+namespace lpvbake {
+
+/// "AZIMUTH,ELEVATION,LUX[,COLOUR]": where the sun stands. Azimuth in degrees from +Z towards +X,
+/// elevation in degrees above the horizon. COLOUR is #rrggbb (sRGB) or R:G:B (linear).
+/// Throws Error (usage) that shows the form.
+Light parse_sun(const std::string& text);
+
+/// "X,Y,Z,CD[,COLOUR]": a point light at X,Y,Z metres of CD candela.
+/// Throws Error (usage) that shows the form.
+Light parse_point(const std::string& text);
+
+/// Throws Error (invalid), beginning with `place`, unless the light is one that KHR_lights_punctual
+/// allows: finite, color and intensity not negative, range not negative, cones with
+/// 0 <= inner < outer <= pi/2, a direction of unit length.
+void check_light(const Light& light, const std::string& place);
+
+} // namespace lpvbake

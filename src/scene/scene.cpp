@@ -1,0 +1,71 @@
+#include "scene/scene.h"
+
+#include <algorithm>
+
+namespace lpvbake {
+namespace {
+
+/// Vertices that some triangle uses, each once.
+std::vector<uint32_t> used_vertices(const Mesh& mesh) {
+    std::vector<bool> used(mesh.positions.size());
+    for (const glm::uvec3& triangle : mesh.triangles)
+        for (int corner = 0; corner < 3; ++corner)
+            used[triangle[corner]] = true;
+    std::vector<uint32_t> indices;
+    for (uint32_t i = 0; i < used.size(); ++i)
+        if (used[i])
+            indices.push_back(i);
+    return indices;
+}
+
+bool emits(const Scene& scene, const Material& material) {
+    if (material.emission_texture < 0)
+        return glm::any(glm::greaterThan(material.emission, glm::vec3(0.0f)));
+    const Image& image = scene.images[scene.textures[material.emission_texture].image];
+    for (size_t texel = 0; texel < image.rgba.size(); texel += 4)
+        for (int channel = 0; channel < 3; ++channel)
+            if (material.emission[channel] > 0.0f && image.rgba[texel + channel] > 0)
+                return true;
+    return false;
+}
+
+} // namespace
+
+Bounds bounds_of(const Scene& scene) {
+    std::vector<std::vector<uint32_t>> used(scene.meshes.size());
+    Bounds bounds;
+    for (const Instance& instance : scene.instances) {
+        const Mesh& mesh = scene.meshes[instance.mesh];
+        if (mesh.triangles.empty())
+            continue;
+        std::vector<uint32_t>& vertices = used[instance.mesh];
+        if (vertices.empty())
+            vertices = used_vertices(mesh);
+        for (const uint32_t vertex : vertices) {
+            const glm::dvec3 p(instance.to_world * glm::dvec4(mesh.positions[vertex], 1.0));
+            bounds.lo = glm::min(bounds.lo, p);
+            bounds.hi = glm::max(bounds.hi, p);
+        }
+    }
+    return bounds;
+}
+
+uint64_t triangle_count(const Scene& scene) {
+    uint64_t count = 0;
+    for (const Instance& instance : scene.instances)
+        count += scene.meshes[instance.mesh].triangles.size();
+    return count;
+}
+
+bool has_emitters(const Scene& scene) {
+    std::vector<bool> placed(scene.materials.size());
+    for (const Instance& instance : scene.instances)
+        if (const Mesh& mesh = scene.meshes[instance.mesh]; !mesh.triangles.empty())
+            placed[mesh.material] = true;
+    for (size_t i = 0; i < placed.size(); ++i)
+        if (placed[i] && emits(scene, scene.materials[i]))
+            return true;
+    return false;
+}
+
+} // namespace lpvbake

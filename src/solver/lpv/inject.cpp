@@ -1,0 +1,93 @@
+#include "solver/lpv/inject.h"
+
+#include <glm/gtc/constants.hpp>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+
+namespace lpvbake {
+namespace {
+
+constexpr size_t nowhere = ~size_t(0);
+/// How far a ray starts before the surface it leaves, and how far a centre has to lie before it.
+constexpr float lift = 1e-3f;
+
+size_t front_cell(const Vpl& vpl, const Visibility& visibility, const Grid& grid) {
+    const glm::vec3 target = vpl.position + 0.5f * vpl.normal;
+    // floor, never truncation: cell -1 is not cell 0.
+    const glm::ivec3 base{glm::floor(target)};
+    struct Candidate {
+        float distance;
+        glm::ivec3 cell;
+    };
+    std::array<Candidate, 27> candidates;
+    size_t count = 0;
+    for (int z = -1; z <= 1; ++z)
+        for (int y = -1; y <= 1; ++y)
+            for (int x = -1; x <= 1; ++x) {
+                const glm::ivec3 cell = base + glm::ivec3(x, y, z);
+                const glm::vec3 center = glm::vec3(cell) + 0.5f;
+                if (grid.contains(cell) && glm::dot(center - vpl.position, vpl.normal) > lift)
+                    candidates[count++] = {glm::distance(center, target), cell};
+            }
+    // Stable: of equally near cells the first in the order of the loops is taken.
+    std::stable_sort(
+        candidates.begin(), candidates.begin() + count,
+        [](const Candidate& a, const Candidate& b) { return a.distance < b.distance; });
+    for (size_t i = 0; i < count; ++i) {
+        const glm::vec3 center = glm::vec3(candidates[i].cell) + 0.5f;
+        const glm::vec3 from = vpl.position + lift * vpl.normal;
+        if (visibility.transmittance({from, center - from, 0.0f, 1.0f}) > 0.0f)
+            return grid.index(candidates[i].cell);
+    }
+    return nowhere;
+}
+
+} // namespace
+
+Injection inject(std::span<const Vpl> vpls, const Visibility& visibility, const Grid& grid) {
+    std::vector<size_t> cells(vpls.size());
+    tbb::parallel_for(size_t(0), vpls.size(),
+                      [&](size_t i) { cells[i] = front_cell(vpls[i], visibility, grid); });
+
+    std::vector<size_t> order(vpls.size());
+    std::iota(order.begin(), order.end(), size_t(0));
+    std::stable_sort(order.begin(), order.end(),
+                     [&](size_t a, size_t b) { return cells[a] < cells[b]; });
+
+    Injection injection;
+    injection.coefficients.assign(12 * grid.size(), 0.0f);
+    // K(n), the clamped cosine in SH: sqrt(pi)/2 for the constant, sqrt(pi/3) for the linear band.
+    const double k0 = std::sqrt(glm::pi<double>()) / 2.0;
+    const double k1 = std::sqrt(glm::pi<double>() / 3.0);
+    for (size_t first = 0; first < order.size();) {
+        const size_t cell = cells[order[first]];
+        std::array<double, 12> sum{};
+        double power = 0.0;
+        size_t i = first;
+        for (; i < order.size() && cells[order[i]] == cell; ++i) {
+            const Vpl& vpl = vpls[order[i]];
+            const glm::dvec3 n{vpl.normal};
+            const double lobe[4] = {k0, k1 * n.y, k1 * n.z, k1 * n.x};
+            for (size_t channel = 0; channel < 3; ++channel) {
+                const double phi = double(vpl.power[int(channel)]);
+                power += phi;
+                for (size_t k = 0; k < 4; ++k)
+                    sum[4 * channel + k] += phi / glm::pi<double>() * lobe[k];
+            }
+        }
+        first = i;
+        if (cell == nowhere) {
+            injection.lost = power;
+            continue;
+        }
+        injection.power += power;
+        std::copy(sum.begin(), sum.end(), &injection.coefficients[12 * cell]);
+    }
+    return injection;
+}
+
+} // namespace lpvbake

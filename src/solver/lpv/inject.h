@@ -1,0 +1,27 @@
+// Virtual point lights into cells.
+#pragma once
+
+#include "rsm/rsm.h"
+#include "visibility/visibility.h"
+#include "volume/grid.h"
+
+#include <span>
+#include <vector>
+
+namespace lpvbake {
+
+/// The light that starts in each cell: SH L1 of intensity (cd) in travel direction.
+struct Injection {
+    /// [12 * cell + 4 * colour + k], k in the order 1, y, z, x.
+    std::vector<float> coefficients;
+    double power = 0; ///< lm injected, the three channels together
+    double lost = 0;  ///< lm that found no cell in front of its surface, inside the grid
+};
+
+/// Adds (Phi / pi) K(n) for each VPL to a cell on the front of its surface: the one nearest to
+/// p + n / 2 (grid units) whose centre is before the surface and seen from it, among the 27
+/// around that point. So no light starts behind a wall, however the wall lies in the grid.
+/// Sums run in the order of the VPLs, in double.
+Injection inject(std::span<const Vpl> vpls, const Visibility& visibility, const Grid& grid);
+
+} // namespace lpvbake

@@ -1,0 +1,78 @@
+// The one service that answers rays: against all placed triangles, in frame units.
+//
+// Opaque surfaces block with both faces, masked ones where they are covered, blended ones
+// by their alpha; with MaterialRules::cull_backfaces the back of a single-sided surface is not
+// there.
+#pragma once
+
+#include "scene/frame.h"
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+namespace lpvbake {
+
+/// A segment origin + t * direction, t in [t_min, t_max]; direction of any length.
+struct Ray {
+    glm::vec3 origin;
+    glm::vec3 direction;
+    float t_min = 0.0f;
+    float t_max = 1.0f;
+};
+
+inline constexpr uint32_t no_hit = ~0u;
+
+/// Which side of a surface a ray meets. A double-sided surface has two fronts.
+enum class Facing : int8_t { front, back, both };
+
+/// A point on a surface.
+struct Hit {
+    float t = 0.0f;
+    uint32_t instance = no_hit; ///< no_hit: nothing was hit
+    uint32_t triangle = 0;      ///< of the instance's mesh
+    glm::vec2 barycentric{0};   ///< weights of the triangle's second and third vertex
+    glm::vec3 normal{0};        ///< unit, out of the triangle's front
+    Facing facing = Facing::front;
+};
+
+/// One surface on the way of a ray.
+struct Crossing {
+    float t = 0.0f;
+    Facing facing = Facing::front;
+    float transmittance = 0.0f; ///< 0: opaque
+    uint32_t instance = 0;
+};
+
+class Visibility {
+public:
+    /// Builds the acceleration structure over all placed triangles (zero-area ones are left out).
+    Visibility(const Scene& scene, const Frame& frame);
+    ~Visibility();
+    Visibility(Visibility&&) noexcept;
+
+    /// Nearest surface. A blended one counts with probability alpha, drawn from the place of the
+    /// hit, so that the same ray always gives the same answer.
+    Hit closest(const Ray& ray) const;
+    /// Product of what all surfaces on the segment let through, 0 to 1.
+    float transmittance(const Ray& ray) const;
+    /// All surfaces on the segment by rising t. A ray through an edge that two triangles of an
+    /// instance share meets them as one.
+    void crossings(const Ray& ray, std::vector<Crossing>& out) const;
+
+    /// The box of all triangles, frame units.
+    glm::vec3 lo() const;
+    glm::vec3 hi() const;
+
+    /// The same for many rays on all threads; results at the rays' places.
+    void closest(std::span<const Ray> rays, std::span<Hit> hits) const;
+    void transmittance(std::span<const Ray> rays, std::span<float> result) const;
+
+    struct Impl;
+
+private:
+    std::unique_ptr<Impl> impl_;
+};
+
+} // namespace lpvbake

@@ -1,0 +1,40 @@
+// Real orthonormal spherical harmonics without Condon-Shortley signs.
+//
+// Order of coefficients: 1; y, z, x; xy, yz, 3z^2-1, xz, x^2-y^2. The canonical field is the
+// luminance arriving at x from direction w (w points away from x).
+#pragma once
+
+#include <glm/glm.hpp>
+
+#include <array>
+#include <span>
+
+namespace lpvbake {
+
+inline constexpr float sh_y0 = 0.282094792f;  ///< 1 / (2 sqrt(pi))
+inline constexpr float sh_y1 = 0.488602512f;  ///< sqrt(3 / pi) / 2
+inline constexpr float sh_y2a = 1.092548431f; ///< sqrt(15 / pi) / 2
+inline constexpr float sh_y2b = 0.315391565f; ///< sqrt(5 / pi) / 4
+inline constexpr float sh_y2c = 0.546274215f; ///< sqrt(15 / pi) / 4
+
+/// Number of coefficients up to band `order`: (order + 1)^2.
+constexpr int sh_count(int order) {
+    return (order + 1) * (order + 1);
+}
+
+/// Evaluates the first sh_count(order) basis functions (order 0 to 2) in unit direction w.
+std::array<float, 9> sh_basis(int order, glm::vec3 w);
+
+/// Irradiance (lux) on a plane of unit normal n from canonical coefficients (nits), one colour:
+/// E(n) = sum A_l c_lm Y_lm(n), A = pi, 2 pi / 3, pi / 4 (Ramamoorthi and Hanrahan 2001).
+float sh_irradiance(std::span<const float> coefficients, glm::vec3 n);
+
+/// Turns coefficients (order 0 to 2) with the rotation or reflection `m`, whose columns are the
+/// images of the axes: the result evaluated at m*w equals the input evaluated at w.
+void sh_rotate(const glm::mat3& m, std::span<float> coefficients);
+
+/// Flips the direction of every lobe: multiplies band l with (-1)^l. Turns travel direction into
+/// incident direction and back.
+void sh_flip(std::span<float> coefficients);
+
+} // namespace lpvbake

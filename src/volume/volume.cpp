@@ -1,0 +1,17 @@
+#include "volume/volume.h"
+
+#include <cmath>
+#include <numbers>
+
+namespace lpvbake {
+
+double total_energy(const Volume& volume) {
+    if (volume.sh.empty())
+        return 0;
+    double sum = 0;
+    for (const glm::vec3& c : volume.sh[0])
+        sum += glm::dot(glm::dvec3(c), rec709_luminance);
+    return std::sqrt(4 * std::numbers::pi) * sum;
+}
+
+} // namespace lpvbake

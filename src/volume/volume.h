@@ -1,0 +1,33 @@
+// The result of a bake: a field of spherical harmonics on a grid, and what lies beside it.
+#pragma once
+
+#include "volume/grid.h"
+
+#include <map>
+#include <string>
+#include <vector>
+
+namespace lpvbake {
+
+/// Luminance of linear Rec.709 RGB is the dot product with this.
+inline constexpr glm::dvec3 rec709_luminance{0.2126, 0.7152, 0.0722};
+
+/// Everything is indexed by Grid::index. Empty vectors are absent grids.
+struct Volume {
+    Grid grid;
+    int sh_order = 1;
+    /// sh[k][cell]: coefficient k (order of sh.h) of incident luminance, RGB, nits, canonical.
+    std::vector<std::vector<glm::vec3>> sh;
+    /// occlusion[k][cell]: SH L1 of the blocking potential, in [0, 1] per direction, travel
+    /// direction's basis is canonical here too. Empty, or 4 grids.
+    std::vector<std::vector<float>> occlusion;
+    /// 1 where the cell's centre lies outside geometry, else 0.
+    std::vector<float> validity;
+    /// Written to every file, keys without the `lpv:` prefix: solver, settings, scene hash, ...
+    std::map<std::string, std::string> metadata;
+};
+
+/// Rec.709 luminance of L0 over all cells: sum of sqrt(4 pi) c_0, nits * sr (a measure of energy).
+double total_energy(const Volume& volume);
+
+} // namespace lpvbake

@@ -1,0 +1,685 @@
+// The program from outside: command, status, standard output, standard error, files.
+//
+// LPVBAKE_BINARY is the program's path. Scenes are written as text by the tests themselves.
+
+#include "error.h"
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <map>
+#include <sstream>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <fcntl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+namespace lpvbake {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using Environment = std::map<std::string, std::string>;
+
+std::string read_file(const fs::path& path) {
+    std::ifstream file(path, std::ios::binary);
+    std::ostringstream text;
+    text << file.rdbuf();
+    return text.str();
+}
+
+void write_file(const fs::path& path, const std::string& text) {
+    std::ofstream(path, std::ios::binary) << text;
+}
+
+struct Result {
+    int status = -1; ///< exit status, or 1000 + the signal that killed it
+    std::string out;
+    std::string err;
+};
+
+/// A temporary folder in which the program runs, with a scene or two.
+class Cli : public ::testing::Test {
+protected:
+    void SetUp() override {
+        std::string name = (fs::temp_directory_path() / "lpvbake-cli-XXXXXX").string();
+        ASSERT_NE(mkdtemp(name.data()), nullptr);
+        folder_ = name;
+        write_file(folder_ / "room.gltf", room(true).dump());
+        write_file(folder_ / "dark.gltf", room(false).dump());
+    }
+
+    void TearDown() override { fs::remove_all(folder_); }
+
+    /// Starts the program; `output` and `error` are files in the folder or absolute paths.
+    pid_t start(const std::vector<std::string>& arguments, const Environment& environment = {},
+                const std::string& output = "stdout", const std::string& error = "stderr") {
+        const pid_t child = fork();
+        if (child == 0) {
+            const auto redirect = [](const std::string& to, int descriptor) {
+                const int file = open(to.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);
+                if (file < 0 || dup2(file, descriptor) < 0)
+                    _exit(125);
+            };
+            if (chdir(folder_.c_str()) != 0)
+                _exit(125);
+            redirect(output, STDOUT_FILENO);
+            redirect(error, STDERR_FILENO);
+            for (const auto& [name, value] : environment)
+                setenv(name.c_str(), value.c_str(), 1);
+            std::signal(SIGINT, SIG_DFL); // whoever runs the tests may ignore it
+            std::vector<char*> argv{const_cast<char*>("lpvbake")};
+            for (const std::string& argument : arguments)
+                argv.push_back(const_cast<char*>(argument.c_str()));
+            argv.push_back(nullptr);
+            execv(LPVBAKE_BINARY, argv.data());
+            _exit(125);
+        }
+        return child;
+    }
+
+    Result wait_for(pid_t child) {
+        int status = 0;
+        waitpid(child, &status, 0);
+        return {WIFEXITED(status) ? WEXITSTATUS(status) : 1000 + WTERMSIG(status),
+                read_file(folder_ / "stdout"), read_file(folder_ / "stderr")};
+    }
+
+    Result run(const std::vector<std::string>& arguments, const Environment& environment = {}) {
+        return wait_for(start(arguments, environment));
+    }
+
+    /// Expects a status and one line on standard error that contains `text`, and no result.
+    void expect_error(const std::vector<std::string>& arguments, ExitCode code,
+                      const std::string& text, const Environment& environment = {}) {
+        const Result result = run(arguments, environment);
+        std::string command;
+        for (const std::string& argument : arguments)
+            command += argument + " ";
+        EXPECT_EQ(result.status, int(code)) << command << "\n" << result.err;
+        EXPECT_EQ(result.out, "") << command;
+        EXPECT_EQ(result.err.find("lpvbake: error: "), 0u) << command << "\n" << result.err;
+        EXPECT_EQ(std::count(result.err.begin(), result.err.end(), '\n'), 1) << result.err;
+        EXPECT_NE(result.err.find(text), std::string::npos) << command << "\n" << result.err;
+    }
+
+    void need_device() {
+        if (run({"devices"}).status == int(ExitCode::device))
+            GTEST_SKIP() << "no Vulkan device";
+    }
+
+    std::vector<std::string> entries() {
+        std::vector<std::string> names;
+        for (const auto& entry : fs::directory_iterator(folder_))
+            names.push_back(entry.path().filename().string());
+        std::sort(names.begin(), names.end());
+        return names;
+    }
+
+    fs::path folder_;
+
+private:
+    static std::string base64(const std::string& bytes) {
+        const char* digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+        std::string text;
+        for (std::size_t i = 0; i < bytes.size(); i += 3) {
+            uint32_t word = 0;
+            for (std::size_t k = 0; k < 3; ++k)
+                word = word << 8
+                       | (i + k < bytes.size() ? static_cast<unsigned char>(bytes[i + k]) : 0u);
+            for (std::size_t k = 0; k < 4; ++k)
+                text += i + k <= bytes.size() ? digits[word >> (18 - 6 * k) & 63] : '=';
+        }
+        return text;
+    }
+
+    /// A room of 2 m, open towards +Z: five double-sided walls, with or without a point light of
+    /// 100 cd below its ceiling.
+    static json room(bool light) {
+        const float corners[8][3] = {{-1, 0, -1}, {1, 0, -1}, {-1, 2, -1}, {1, 2, -1},
+                                     {-1, 0, 1},  {1, 0, 1},  {-1, 2, 1},  {1, 2, 1}};
+        const uint16_t indices[30] = {0, 1, 3, 0, 3, 2, 0, 4, 5, 0, 5, 1, 2, 3, 7,
+                                      2, 7, 6, 0, 2, 6, 0, 6, 4, 1, 5, 7, 1, 7, 3};
+        std::string bytes(reinterpret_cast<const char*>(corners), sizeof corners);
+        bytes.append(reinterpret_cast<const char*>(indices), sizeof indices);
+        json scene{
+            {"asset", {{"version", "2.0"}}},
+            {"scene", 0},
+            {"scenes", {{{"nodes", {0}}}}},
+            {"nodes", {{{"mesh", 0}}}},
+            {"meshes",
+             {{{"primitives",
+                {{{"attributes", {{"POSITION", 0}}}, {"indices", 1}, {"material", 0}}}}}}},
+            {"materials",
+             {{{"doubleSided", true},
+               {"pbrMetallicRoughness",
+                {{"baseColorFactor", {0.8, 0.6, 0.4, 1.0}}, {"metallicFactor", 0.0}}}}}},
+            {"buffers",
+             {{{"byteLength", bytes.size()},
+               {"uri", "data:application/octet-stream;base64," + base64(bytes)}}}},
+            {"bufferViews",
+             {{{"buffer", 0}, {"byteLength", sizeof corners}},
+              {{"buffer", 0}, {"byteOffset", sizeof corners}, {"byteLength", sizeof indices}}}},
+            {"accessors",
+             {{{"bufferView", 0},
+               {"componentType", 5126},
+               {"count", 8},
+               {"type", "VEC3"},
+               {"min", {-1, 0, -1}},
+               {"max", {1, 2, 1}}},
+              {{"bufferView", 1}, {"componentType", 5123}, {"count", 30}, {"type", "SCALAR"}}}}};
+        if (light) {
+            scene["extensionsUsed"] = {"KHR_lights_punctual"};
+            scene["extensions"]["KHR_lights_punctual"]["lights"] = {
+                {{"type", "point"}, {"intensity", 100.0}}};
+            scene["nodes"].push_back({{"translation", {0.0, 1.7, 0.0}},
+                                      {"extensions", {{"KHR_lights_punctual", {{"light", 0}}}}}});
+            scene["scenes"][0]["nodes"] = {0, 1};
+        }
+        return scene;
+    }
+};
+
+const std::vector<std::string> quick{"bake", "room.gltf", "--resolution", "8"};
+
+std::vector<std::string> operator+(std::vector<std::string> list,
+                                   const std::vector<std::string>& more) {
+    list.insert(list.end(), more.begin(), more.end());
+    return list;
+}
+
+// ---------------------------------------------------------------- help, usage
+
+TEST_F(Cli, HelpNamesEveryExitCodeAndCommand) {
+    const Result result = run({"--help"});
+    EXPECT_EQ(result.status, 0);
+    EXPECT_EQ(result.err, "");
+    for (const ExitCodeMeaning& row : exit_codes)
+        EXPECT_NE(result.out.find(std::to_string(int(row.code)) + "  " + row.meaning),
+                  std::string::npos)
+            << int(row.code);
+    for (const char* command : {"bake", "info", "devices"}) {
+        EXPECT_NE(result.out.find(std::string("\n  ") + command), std::string::npos) << command;
+        const Result own = run({command, "--help"});
+        EXPECT_EQ(own.status, 0);
+        EXPECT_NE(own.out.find("Examples:\n  lpvbake "), std::string::npos) << command;
+        EXPECT_NE(own.out.find("JSON"), std::string::npos) << command;
+    }
+    EXPECT_EQ(run({"--version"}).out, "lpvbake " LPVBAKE_VERSION "\n");
+}
+
+TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
+    const std::vector<std::string> bake{"bake", "room.gltf", "-o", "a.vdb"};
+    const auto refused = [&](const std::vector<std::string>& arguments, const std::string& text) {
+        expect_error(arguments, ExitCode::usage, text);
+    };
+    refused({}, "subcommand");
+    refused({"cook"}, "cook");
+    refused({"bake"}, "no scene");
+    refused({"bake", "room.gltf"}, "-o FILE.vdb");
+    refused({"bake", "room.gltf", "-o"}, "--output");
+    refused({"bake", "room.gltf", "-o", "a.txt"}, "a.txt: the name of an output ends in .vdb");
+    refused({"bake", "room.gltf", "-o", "a.vdb", "-o", "./a.vdb"}, "./a.vdb: given twice");
+    refused({"bake", "room.gltf", "-o", "l.exr", "--lights", "l.json"}, "");
+    refused(bake + std::vector<std::string>{"more"}, "more");
+    refused(bake + std::vector<std::string>{"--flavour", "sweet"}, "--flavour");
+    const std::map<std::string, std::vector<std::string>> values{
+        {"--resolution", {"2", "0", "-4", "8.5", "x", "", "nan", "1e2", "99999999999999"}},
+        {"--cell-size", {"0", "-1", "nan", "inf", "1e-300", "1m"}},
+        {"--margin", {"-1", "1.5"}},
+        {"--bounds", {"1", "0,0,0,1,1", "0,0,0,1,1,nan", "0,0,0,1,1,1,1", "0,0,0,1,-1,1", "a,b"}},
+        {"--sun", {"1", "1,2", "1,2,3,red", "nan,2,3", "1,2,-3"}},
+        {"--point", {"1,2,3", "1,2,3,x", "1,2,3,-4", "inf,0,0,1"}},
+        {"--rsm-size", {"-1", "1000000"}},
+        {"--rsm-kernel", {"0", "65"}},
+        {"--iterations", {"-1", "1.5"}},
+        {"--tolerance", {"0", "2", "nan"}},
+        {"--occlusion", {"some", "", "FACE"}},
+        {"--max-albedo", {"-0.1", "1.1", "nan"}},
+        {"--metallic", {"gold"}},
+        {"--backfaces", {"no"}},
+        {"--precision", {"double"}},
+        {"--exr-packing", {"tile"}},
+        {"--threads", {"-1", "many"}},
+        {"--format", {"yaml"}},
+        {"--progress", {"loud"}},
+    };
+    for (const auto& [option, bad] : values)
+        for (const std::string& value : bad)
+            refused(bake + std::vector<std::string>{option + "=" + value}, "");
+    refused(bake + std::vector<std::string>{"--resolution", "8", "--cell-size", "0.1"}, "exclude");
+    refused({"info"}, "file");
+    refused({"info", "room.txt"}, "room.txt");
+    refused({"info", "room.gltf", "--slice", "z=1"}, "belong together");
+    refused({"info", "room.gltf", "--slice", "z=1", "-o", "a.png"}, "is a scene");
+    EXPECT_FALSE(fs::exists(folder_ / "a.vdb"));
+}
+
+TEST_F(Cli, ConfigFileRoundTrips) {
+    const std::vector<std::string> arguments{"bake",
+                                             "room.gltf",
+                                             "-o",
+                                             "a \"b\" \\c.vdb",
+                                             "-o",
+                                             "d.exr",
+                                             "--cell-size",
+                                             "0.1",
+                                             "--bounds=-1,0,-1,1,2,1",
+                                             "--margin",
+                                             "2",
+                                             "--sun",
+                                             "10,20,3e4,#ffeedd",
+                                             "--sun",
+                                             "1,2,3",
+                                             "--point",
+                                             "0,1,0,5",
+                                             "--lights",
+                                             "l # [x].json",
+                                             "--no-scene-lights",
+                                             "--no-emitters",
+                                             "--rsm-size",
+                                             "128",
+                                             "--rsm-kernel",
+                                             "2",
+                                             "--iterations",
+                                             "7",
+                                             "--tolerance",
+                                             "0.01",
+                                             "--occlusion",
+                                             "sh",
+                                             "--max-albedo",
+                                             "0.9",
+                                             "--metallic",
+                                             "black",
+                                             "--backfaces",
+                                             "cull",
+                                             "--precision",
+                                             "half",
+                                             "--exr-packing",
+                                             "channel",
+                                             "--device",
+                                             "llvmpipe",
+                                             "--threads",
+                                             "2",
+                                             "--validation",
+                                             "--format",
+                                             "json",
+                                             "--progress",
+                                             "none"};
+    const Result first = run(arguments + std::vector<std::string>{"--print-config"});
+    ASSERT_EQ(first.status, 0) << first.err;
+    write_file(folder_ / "a.toml", first.out);
+    const Result second = run({"bake", "--config", "a.toml", "--print-config"});
+    EXPECT_EQ(second.status, 0) << second.err;
+    EXPECT_EQ(second.out, first.out);
+    write_file(folder_ / "b.toml", "# a comment\n[bake]\n\n" + first.out);
+    EXPECT_EQ(run({"bake", "--config", "b.toml", "--print-config"}).out, first.out);
+
+    // Every option of the help that is not about the file itself is in it.
+    std::istringstream help(run({"bake", "--help"}).out);
+    for (std::string line; std::getline(help, line);) {
+        const std::size_t at = line.find("--");
+        if (at == std::string::npos || line.substr(0, 2) != "  " || at > 5)
+            continue;
+        const std::string name = line.substr(at + 2, line.find_first_of(" =", at) - at - 2);
+        if (name == "help" || name == "config" || name == "print-config" || name == "dry-run"
+            || name == "resolution") // --cell-size took its place
+            continue;
+        EXPECT_NE(("\n" + first.out).find("\n" + name + " = "), std::string::npos) << name;
+    }
+
+    // The command line comes first; of two ways to say the same it takes the other's place.
+    const Result changed =
+        run({"bake", "--config", "a.toml", "--resolution", "9", "--margin", "3", "--print-config"});
+    EXPECT_NE(changed.out.find("resolution = 9\n"), std::string::npos) << changed.out;
+    EXPECT_NE(changed.out.find("margin = 3\n"), std::string::npos);
+    EXPECT_EQ(changed.out.find("cell-size"), std::string::npos);
+    EXPECT_NE(changed.out.find("rsm-size = 128\n"), std::string::npos);
+}
+
+TEST_F(Cli, BrokenConfigFilesNameTheLine) {
+    const auto refused = [&](const std::string& text, const std::string& message) {
+        write_file(folder_ / "c.toml", text);
+        expect_error({"bake", "--config", "c.toml", "--print-config"}, ExitCode::usage, message);
+    };
+    refused("resolution = 8\nflavour = 1\n", "c.toml:2: 'flavour' is not an option");
+    refused("config = \"c.toml\"\n", "c.toml:1:");
+    refused("\nresolution = 2\n", "c.toml:2:");
+    refused("resolution = [8, 9]\n", "c.toml:1:");
+    refused("resolution 8\n", "c.toml:1:");
+    refused("resolution =\n", "c.toml:1:");
+    refused("resolution = 8 9\n", "c.toml:1:");
+    refused("resolution = 8\nresolution = 9\n", "c.toml:2: resolution is set twice");
+    refused("device = \"llvm\n", "c.toml:1:");
+    refused("device = \"\\q\"\n", "c.toml:1:");
+    refused("sun = [\"1,2,3\"\n", "c.toml:");
+    refused("[info]\n", "c.toml:1: expected the table [bake]");
+    refused("no-emitters = perhaps\n", "c.toml:1:");
+    refused(std::string("\0\1\2", 3), "c.toml:1:");
+}
+
+// ---------------------------------------------------------------- failures, one a code
+
+TEST_F(Cli, FilesThatCannotBeReadOrWritten) {
+    expect_error({"bake", "none.gltf", "-o", "a.vdb"}, ExitCode::file, "none.gltf");
+    expect_error({"info", "none.gltf"}, ExitCode::file, "none.gltf");
+    expect_error({"info", "none.vdb"}, ExitCode::file, "none.vdb");
+    expect_error({"info", "none.exr"}, ExitCode::file, "none");
+    expect_error(quick + std::vector<std::string>{"-o", "none/a.vdb"}, ExitCode::file,
+                 "none/a.vdb: its folder does not exist");
+    expect_error(quick + std::vector<std::string>{"-o", "/proc/a.vdb"}, ExitCode::file,
+                 "/proc/a.vdb: cannot be written");
+    fs::create_directory(folder_ / "b.vdb");
+    expect_error(quick + std::vector<std::string>{"-o", "b.vdb"}, ExitCode::file,
+                 "b.vdb: is a folder");
+    expect_error(quick + std::vector<std::string>{"-o", "a.vdb", "--lights", "none.json"},
+                 ExitCode::file, "none.json");
+    expect_error({"bake", "--config", "none.toml"}, ExitCode::file, "none.toml");
+    const Result full = wait_for(start({"--help"}, {}, "/dev/full"));
+    EXPECT_EQ(full.status, int(ExitCode::file));
+    EXPECT_FALSE(fs::exists(folder_ / "a.vdb"));
+}
+
+TEST_F(Cli, InvalidInput) {
+    write_file(folder_ / "broken.gltf", "{\"asset\": ");
+    expect_error({"bake", "broken.gltf", "-o", "a.vdb"}, ExitCode::invalid, "broken.gltf");
+    expect_error({"info", "broken.gltf"}, ExitCode::invalid, "broken.gltf");
+    write_file(folder_ / "broken.glb", "glTF");
+    expect_error({"info", "broken.glb"}, ExitCode::invalid, "broken.glb");
+    write_file(folder_ / "broken.vdb", "no volume");
+    expect_error({"info", "broken.vdb"}, ExitCode::invalid, "broken.vdb");
+    write_file(folder_ / "broken.json", "[]");
+    expect_error({"info", "broken.json"}, ExitCode::invalid, "broken.json");
+    expect_error(quick + std::vector<std::string>{"-o", "a.vdb", "--lights", "broken.json"},
+                 ExitCode::invalid, "broken.json");
+}
+
+TEST_F(Cli, UnsupportedFeatureIsNamed) {
+    json scene = json::parse(read_file(folder_ / "room.gltf"));
+    scene["extensionsUsed"].push_back("EXT_from_the_future");
+    scene["extensionsRequired"] = {"EXT_from_the_future"};
+    write_file(folder_ / "future.gltf", scene.dump());
+    expect_error({"bake", "future.gltf", "-o", "a.vdb"}, ExitCode::unsupported,
+                 "EXT_from_the_future");
+}
+
+TEST_F(Cli, NoDevice) {
+    const Environment none{{"VK_DRIVER_FILES", "/nonexistent.json"},
+                           {"VK_ICD_FILENAMES", "/nonexistent.json"}};
+    expect_error({"devices"}, ExitCode::device, "mesa-vulkan-drivers", none);
+    expect_error(quick + std::vector<std::string>{"-o", "a.vdb"}, ExitCode::device, "", none);
+    expect_error(quick + std::vector<std::string>{"-o", "a.vdb", "--device", "abacus"},
+                 ExitCode::device, "abacus");
+}
+
+TEST_F(Cli, SceneWithoutLightNamesTheOptions) {
+    need_device();
+    const std::vector<std::string> bake{"bake", "dark.gltf", "-o", "a.vdb"};
+    for (const char* option : {"--sun", "--point", "--lights"})
+        expect_error(bake, ExitCode::invalid, option);
+    expect_error(quick + std::vector<std::string>{"-o", "a.vdb", "--no-scene-lights"},
+                 ExitCode::invalid, "--sun");
+}
+
+TEST_F(Cli, GridTooLargeForMemory) {
+    need_device();
+    const auto begin = std::chrono::steady_clock::now();
+    expect_error({"bake", "room.gltf", "-o", "a.vdb", "--resolution", "1280"}, ExitCode::memory,
+                 "--resolution");
+    EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(20));
+}
+
+// ---------------------------------------------------------------- baking
+
+TEST_F(Cli, BakeWritesWhatItSaysAndIsSilentInAPipe) {
+    need_device();
+    const Result result = run(quick + std::vector<std::string>{"-o", "a.vdb", "-o", "b.exr"});
+    ASSERT_EQ(result.status, 0) << result.err;
+    EXPECT_EQ(result.err, "");
+    EXPECT_NE(result.out.find("8 x 8 x 8 cells"), std::string::npos) << result.out;
+    EXPECT_NE(result.out.find("peak memory"), std::string::npos);
+    EXPECT_NE(result.out.find("wrote         a.vdb ("), std::string::npos);
+    EXPECT_NE(result.out.find("wrote         b.exr ("), std::string::npos);
+    for (const char* name : {"a.vdb", "b.json"})
+        EXPECT_GT(fs::file_size(folder_ / name), 100u) << name;
+    for (const std::string& name : entries()) // no temporary names left
+        EXPECT_NE(name[0], '.') << name;
+}
+
+TEST_F(Cli, BakeInJson) {
+    need_device();
+    const Result result = run(quick + std::vector<std::string>{"-o", "a.vdb", "--format", "json"});
+    ASSERT_EQ(result.status, 0) << result.err;
+    const json document = json::parse(result.out);
+    EXPECT_EQ(document["command"], "bake");
+    EXPECT_EQ(document["dry_run"], false);
+    EXPECT_EQ(document["grid"]["dims"], json({8, 8, 8}));
+    EXPECT_EQ(document["grid"]["cells"], 512);
+    EXPECT_EQ(document["outputs"][0]["path"], "a.vdb");
+    EXPECT_EQ(document["outputs"][0]["bytes"], fs::file_size(folder_ / "a.vdb"));
+    double sum = 0;
+    for (const json& stage : document["stages"]) {
+        EXPECT_GE(stage["seconds"].get<double>(), 0.0) << stage;
+        sum += stage["seconds"].get<double>();
+    }
+    EXPECT_GE(document["stages"].size(), 4u);
+    EXPECT_GT(document["seconds"].get<double>(), 0.5 * sum);
+    EXPECT_GT(document["peak_memory"].get<uint64_t>(), 1'000'000u);
+    EXPECT_FALSE(document["device"]["name"].get<std::string>().empty());
+    EXPECT_TRUE(document["warnings"].is_array());
+}
+
+TEST_F(Cli, DryRunTellsTheGridAndWritesNothing) {
+    need_device();
+    std::vector<std::string> before = entries();
+    std::erase(before, "stdout");
+    std::erase(before, "stderr");
+    const Result result = run({"bake", "room.gltf", "--resolution", "20", "-o", "none/a.vdb",
+                               "--dry-run", "--format", "json"});
+    ASSERT_EQ(result.status, 0) << result.err;
+    const json document = json::parse(result.out);
+    EXPECT_EQ(document["grid"]["dims"], json({20, 20, 20}));
+    EXPECT_EQ(document["triangles"], 10);
+    EXPECT_EQ(document["rsm"]["maps"], 6);
+    EXPECT_EQ(document["outputs"][0]["path"], "none/a.vdb");
+    EXPECT_GT(document["device_bytes"].get<uint64_t>(), 20u * 20 * 20 * 12 * 4);
+    EXPECT_GT(document["seconds"].get<double>(), 0.0);
+    std::vector<std::string> after = entries();
+    std::erase(after, "stdout");
+    std::erase(after, "stderr");
+    EXPECT_EQ(after, before);
+    EXPECT_NE(run({"bake", "room.gltf", "--dry-run"}).out.find("cells"), std::string::npos);
+}
+
+TEST_F(Cli, ProgressGoesToStandardErrorInTheFormAskedFor) {
+    need_device();
+    const Result plain =
+        run(quick + std::vector<std::string>{"-o", "a.vdb", "--progress", "plain"});
+    EXPECT_EQ(plain.status, 0);
+    EXPECT_NE(plain.err.find("lpvbake: load\n"), std::string::npos) << plain.err;
+    EXPECT_NE(plain.err.find("lpvbake: write\n"), std::string::npos) << plain.err;
+    EXPECT_EQ(plain.err.find('\r'), std::string::npos);
+    const Result bar = run(quick + std::vector<std::string>{"-o", "a.vdb", "--progress", "bar"});
+    EXPECT_EQ(bar.status, 0);
+    EXPECT_NE(bar.err.find("\r\033[K"), std::string::npos);
+    EXPECT_EQ(bar.err.substr(bar.err.size() - 4), "\r\033[K") << "the bar is taken away at the end";
+    EXPECT_EQ(run(quick + std::vector<std::string>{"-o", "a.vdb", "--progress", "none"}).err, "");
+}
+
+TEST_F(Cli, ValidationLayerIsSilent) {
+    need_device();
+    const Result result = run(quick + std::vector<std::string>{"-o", "a.vdb", "--validation"});
+    EXPECT_EQ(result.status, 0) << result.err;
+    EXPECT_EQ(result.err, "");
+}
+
+TEST_F(Cli, ConfigFileBakesTheSameBytes) {
+    need_device();
+    const std::vector<std::string> arguments =
+        quick + std::vector<std::string>{"--sun", "30,40,1000,#ff8000", "--occlusion", "sh"};
+    ASSERT_EQ(run(arguments + std::vector<std::string>{"-o", "a.vdb"}).status, 0);
+    write_file(folder_ / "a.toml", run(arguments + std::vector<std::string>{"--print-config"}).out);
+    const Result result = run({"bake", "--config", "a.toml", "-o", "b.vdb"});
+    ASSERT_EQ(result.status, 0) << result.err;
+    EXPECT_EQ(read_file(folder_ / "a.vdb"), read_file(folder_ / "b.vdb"));
+}
+
+/// The most rasteriser threads of Mesa's llvmpipe seen while the process ran.
+int llvmpipe_threads(pid_t child) {
+    int most = 0;
+    for (int status = 0;;) {
+        int count = 0;
+        std::error_code ended;
+        const fs::path tasks = "/proc/" + std::to_string(child) + "/task";
+        for (fs::directory_iterator entry(tasks, ended), end; !ended && entry != end;
+             entry.increment(ended))
+            count += read_file(entry->path() / "comm").starts_with("llvmpipe-");
+        most = std::max(most, count);
+        siginfo_t state = {};
+        status = waitid(P_PID, id_t(child), &state, WEXITED | WNOHANG | WNOWAIT);
+        if (status != 0 || state.si_pid == child)
+            return most;
+        std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    }
+}
+
+TEST_F(Cli, BytesDependNeitherOnTheRunNorOnThreads) {
+    need_device();
+    const bool llvmpipe = run({"devices"}).out.find("llvmpipe") != std::string::npos;
+    const std::vector<std::string> arguments{"bake",         "room.gltf", "--resolution", "20",
+                                             "--iterations", "20",        "-o",           "a.vdb",
+                                             "-o",           "a.exr"};
+    std::map<std::string, std::string> first;
+    for (const char* threads : {"1", "2", "1", "2", "0"}) {
+        const pid_t child = start(arguments + std::vector<std::string>{"--threads", threads});
+        const int seen = llvmpipe_threads(child);
+        const Result result = wait_for(child);
+        ASSERT_EQ(result.status, 0) << result.err;
+        if (llvmpipe && std::string(threads) != "0") {
+            EXPECT_EQ(seen, std::stoi(threads));
+        }
+        std::map<std::string, std::string> files;
+        for (const std::string& name : entries())
+            if (name.starts_with("a"))
+                files[name] = read_file(folder_ / name);
+        EXPECT_GE(files.size(), 6u);
+        if (first.empty())
+            first = files;
+        for (const auto& [name, bytes] : files)
+            EXPECT_TRUE(bytes == first[name]) << name << " differs with --threads " << threads;
+    }
+}
+
+TEST_F(Cli, SignalsEndABakeAndLeaveTheOldFile) {
+    need_device();
+    for (const auto& [signal, code] :
+         {std::pair(SIGINT, ExitCode::interrupted), std::pair(SIGTERM, ExitCode::terminated)}) {
+        write_file(folder_ / "a.vdb", "old");
+        fs::remove(folder_ / "stderr");
+        const pid_t child = start({"bake", "room.gltf", "--resolution", "48", "--iterations",
+                                   "1000000", "-o", "a.vdb", "--progress", "plain"});
+        for (int tries = 0; tries < 3000; ++tries) {
+            if (read_file(folder_ / "stderr").find("propagat") != std::string::npos)
+                break;
+            std::this_thread::sleep_for(std::chrono::milliseconds(10));
+        }
+        const auto begin = std::chrono::steady_clock::now();
+        kill(child, signal);
+        const Result result = wait_for(child);
+        EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(5));
+        EXPECT_EQ(result.status, int(code)) << result.err;
+        EXPECT_EQ(result.out, "");
+        EXPECT_NE(result.err.find("propagat"), std::string::npos) << result.err;
+        EXPECT_NE(result.err.find("lpvbake: error: "), std::string::npos) << result.err;
+        EXPECT_EQ(read_file(folder_ / "a.vdb"), "old");
+        for (const std::string& name : entries())
+            EXPECT_NE(name[0], '.') << name;
+    }
+}
+
+// ---------------------------------------------------------------- info, devices
+
+TEST_F(Cli, InfoOfAScene) {
+    const Result text = run({"info", "room.gltf"});
+    EXPECT_EQ(text.status, 0) << text.err;
+    EXPECT_EQ(text.err, "");
+    EXPECT_NE(text.out.find("100 cd"), std::string::npos) << text.out;
+    const json document = json::parse(run({"info", "room.gltf", "--format", "json"}).out);
+    EXPECT_EQ(document["kind"], "scene");
+    EXPECT_EQ(document["triangles"], 10);
+    EXPECT_EQ(document["bounds"]["lo"], json({-1.0, 0.0, -1.0}));
+    EXPECT_EQ(document["bounds"]["hi"], json({1.0, 2.0, 1.0}));
+    EXPECT_EQ(document["materials"]["double_sided"], 1);
+    EXPECT_EQ(document["emitters"], false);
+    EXPECT_EQ(document["lights"][0]["type"], "point");
+    EXPECT_EQ(document["lights"][0]["intensity"], 100.0);
+    EXPECT_EQ(document["lights"][0]["unit"], "candela");
+    EXPECT_DOUBLE_EQ(document["lights"][0]["position"][1].get<double>(), 1.7);
+}
+
+TEST_F(Cli, InfoOfAVolumeAgreesBetweenFormatsAndDrawsASlice) {
+    need_device();
+    const std::vector<std::string> outputs{"-o", "a.vdb", "-o", "b.exr"};
+    ASSERT_EQ(run(quick + outputs).status, 0);
+    const Result result = run({"info", "a.vdb", "--format", "json"});
+    ASSERT_EQ(result.status, 0) << result.err;
+    const json vdb = json::parse(result.out);
+    EXPECT_EQ(vdb["kind"], "volume");
+    EXPECT_EQ(vdb["grid"]["dims"], json({8, 8, 8}));
+    EXPECT_EQ(vdb["grid"]["cells"], 512);
+    EXPECT_EQ(vdb["sh_order"], 1);
+    EXPECT_GT(vdb["energy"].get<double>(), 0.0);
+    EXPECT_EQ(vdb["grids"][0]["name"], "sh_l0");
+    EXPECT_EQ(vdb["grids"][0]["channels"], 3);
+    for (int channel = 0; channel < 3; ++channel) {
+        const auto of = [&](const char* what) {
+            return vdb["grids"][0][what][std::size_t(channel)].get<double>();
+        };
+        EXPECT_GE(of("min"), 0.0);
+        EXPECT_GT(of("max"), of("mean"));
+        EXPECT_GT(of("mean"), of("min"));
+    }
+    EXPECT_EQ(vdb["metadata"]["scene"], "room.gltf");
+    EXPECT_NE(vdb["metadata"]["settings"].get<std::string>().find("resolution = 8"),
+              std::string::npos);
+    EXPECT_EQ(vdb["metadata"].dump().find(folder_.string()), std::string::npos)
+        << "outputs tell nothing of the machine's folders";
+    const json exr = json::parse(run({"info", "b.exr", "--format", "json"}).out);
+    EXPECT_EQ(exr["grid"], vdb["grid"]);
+    EXPECT_NEAR(exr["energy"].get<double>(), vdb["energy"].get<double>(),
+                1e-6 * vdb["energy"].get<double>());
+
+    const Result slice = run({"info", "a.vdb", "--slice", "z=4", "-o", "slice.png"});
+    EXPECT_EQ(slice.status, 0) << slice.err;
+    EXPECT_EQ(read_file(folder_ / "slice.png").substr(1, 3), "PNG");
+    for (const char* bad : {"z=8", "z=-1", "w=1", "z", "z=", "z=1x"})
+        expect_error({"info", "a.vdb", "--slice", bad, "-o", "s.png"}, ExitCode::usage, bad);
+}
+
+TEST_F(Cli, Devices) {
+    need_device();
+    const Result text = run({"devices"});
+    EXPECT_EQ(text.status, 0);
+    const json document = json::parse(run({"devices", "--format", "json"}).out);
+    ASSERT_FALSE(document["devices"].empty());
+    const json device = document["devices"][0];
+    EXPECT_EQ(device["index"], 0);
+    EXPECT_NE(text.out.find(device["name"].get<std::string>()), std::string::npos);
+    // Each of the three ways to name it opens it.
+    for (const std::string& name :
+         {std::string("0"), device["uuid"].get<std::string>(), device["name"].get<std::string>()})
+        EXPECT_EQ(run({"bake", "room.gltf", "--dry-run", "--device", name}).status, 0) << name;
+}
+
+} // namespace
+} // namespace lpvbake

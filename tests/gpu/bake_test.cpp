@@ -1,0 +1,267 @@
+// The whole pipeline on small scenes: what has to hold whatever the numbers are.
+#include "bake.h"
+
+#include "error.h"
+#include "gpu/device.h"
+#include "scenes.h"
+#include "volume/sh.h"
+
+#include <glm/gtc/constants.hpp>
+#include <glm/gtc/matrix_transform.hpp>
+#include <gtest/gtest.h>
+
+#include <random>
+
+namespace lpvbake {
+namespace {
+
+class Bake : public testing::DeviceTest {
+protected:
+    Baked run(const Scene& scene, BakeSettings settings) {
+        Progress silent;
+        return bake(scene, settings, device(), silent);
+    }
+    static BakeSettings coarse(int resolution = 12) {
+        BakeSettings settings;
+        settings.grid.resolution = resolution;
+        settings.rsm_size = 128;
+        return settings;
+    }
+};
+
+double injected(const Baked& baked) {
+    return std::stod(baked.volume.metadata.at("injected_lm"));
+}
+
+void expect_finite(const Volume& volume) {
+    for (const auto& grid : volume.sh)
+        for (const glm::vec3& c : grid)
+            ASSERT_TRUE(std::isfinite(c.x) && std::isfinite(c.y) && std::isfinite(c.z));
+    for (const auto& grid : volume.occlusion)
+        for (const float c : grid)
+            ASSERT_TRUE(std::isfinite(c));
+}
+
+TEST_F(Bake, CornellBoxIsLitAndItsWallsBleed) {
+    const Baked baked = run(scenes::cornell_box_with_point(), coarse(16));
+    const Volume& volume = baked.volume;
+    expect_finite(volume);
+    // Beside the red wall (-X) the field is redder than beside the green one.
+    const auto ratio = [&](glm::dvec3 at) {
+        const glm::vec3 c = volume.sh[0][volume.grid.index(glm::ivec3(volume.grid.to_grid(at)))];
+        EXPECT_GT(c.x, 0.0f);
+        return c.x / c.y;
+    };
+    EXPECT_GT(ratio({-0.85, 1.0, 0.2}), 1.2f * ratio({0.85, 1.0, 0.2}));
+    EXPECT_GT(total_energy(volume), 0.0);
+    EXPECT_TRUE(baked.warnings.empty());
+}
+
+TEST_F(Bake, ASealedBoxOfAnyOrientationLetsNothingOut) {
+    std::mt19937 random(4);
+    std::normal_distribution<double> normal;
+    for (int i = 0; i < 6; ++i) {
+        const glm::dmat4 turn =
+            i == 0 ? glm::dmat4(1.0)
+                   : glm::rotate(
+                       glm::dmat4(1.0), 0.4 + i,
+                       glm::normalize(glm::dvec3(normal(random), normal(random), normal(random))));
+        Scene scene;
+        scenes::add_box(scene, scenes::add_material(scene, glm::vec3(0.8f)), glm::vec3(-1.0f),
+                        glm::vec3(1.0f), scenes::Facing::inward, turn);
+        scene.lights.push_back(scenes::point_light({0.1, 0.2, -0.1}, 100.0));
+        BakeSettings settings = coarse(20);
+        settings.bounds = Bounds{glm::dvec3(-2.0), glm::dvec3(2.0)};
+        settings.lpv.iterations = 200;
+        const Baked baked = run(scene, settings);
+        const Volume& volume = baked.volume;
+        // All reflected light starts inside: rho * 4 pi I, three channels.
+        EXPECT_NEAR(injected(baked) / (3 * 0.8 * 4.0 * glm::pi<double>() * 100.0), 1.0, 2e-3);
+        const glm::dmat4 back = glm::inverse(turn);
+        double inside = 0.0, outside = 0.0;
+        for (int z = 0; z < volume.grid.dims.z; ++z)
+            for (int y = 0; y < volume.grid.dims.y; ++y)
+                for (int x = 0; x < volume.grid.dims.x; ++x) {
+                    const glm::dvec3 p{back * glm::dvec4(volume.grid.center({x, y, z}), 1.0)};
+                    const bool in = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)}) < 1.0;
+                    (in ? inside : outside) += double(volume.sh[0][volume.grid.index({x, y, z})].x);
+                }
+        EXPECT_GT(inside, 0.0);
+        EXPECT_EQ(outside, 0.0) << i;
+    }
+}
+
+TEST_F(Bake, PowerDoesNotDependOnTheSizeOfTheMap) {
+    Scene scene = scenes::cornell_box_with_sun();
+    BakeSettings settings = coarse();
+    settings.lpv.iterations = 1;
+    settings.rsm_size = 1024;
+    const double reference = injected(run(scene, settings));
+    for (const int size : {128, 256, 512}) {
+        settings.rsm_size = size;
+        EXPECT_NEAR(injected(run(scene, settings)) / reference, 1.0, 0.02) << size;
+    }
+}
+
+TEST_F(Bake, FieldFallsWithTheSquareOfTheScaleWhereverTheSceneStands) {
+    const Baked reference = run(scenes::cornell_box_with_point(), coarse());
+    const double energy = total_energy(reference.volume);
+    struct Place {
+        double scale, offset;
+    };
+    for (const Place place :
+         {Place{1e-4, 0.0}, Place{1e4, 0.0}, Place{1.0, 1e3}, Place{1.0, 1e6}}) {
+        Scene scene = scenes::cornell_box_with_point();
+        const glm::dmat4 move = glm::translate(glm::dmat4(1.0), glm::dvec3(place.offset))
+                                * glm::scale(glm::dmat4(1.0), glm::dvec3(place.scale));
+        for (Instance& instance : scene.instances)
+            instance.to_world = move * instance.to_world;
+        for (Light& light : scene.lights)
+            light.position = glm::dvec3(move * glm::dvec4(light.position, 1.0));
+        const Baked baked = run(scene, coarse());
+        EXPECT_EQ(baked.volume.grid.dims, reference.volume.grid.dims);
+        EXPECT_NEAR(total_energy(baked.volume) * place.scale * place.scale / energy, 1.0, 0.02)
+            << place.scale << ' ' << place.offset;
+        expect_finite(baked.volume);
+    }
+}
+
+TEST_F(Bake, IsLinearInItsLights) {
+    const double energy = total_energy(run(scenes::cornell_box_with_point(1.0), coarse()).volume);
+    for (const double candela : {1e-9, 1e9})
+        EXPECT_NEAR(total_energy(run(scenes::cornell_box_with_point(candela), coarse()).volume)
+                        / (energy * candela),
+                    1.0, 1e-4);
+}
+
+TEST_F(Bake, GivesTheSameBitsRunAfterRun) {
+    const Scene scene = scenes::cornell_box_with_point();
+    const Baked a = run(scene, coarse()), b = run(scene, coarse());
+    EXPECT_EQ(a.volume.sh, b.volume.sh);
+    EXPECT_EQ(a.volume.occlusion, b.volume.occlusion);
+    EXPECT_EQ(a.volume.validity, b.volume.validity);
+}
+
+TEST_F(Bake, OcclusionModesDifferAsTheyShould) {
+    const Scene scene = scenes::cornell_box_with_point();
+    BakeSettings settings = coarse();
+    double energy[3];
+    for (const Occlusion mode : {Occlusion::none, Occlusion::sh, Occlusion::face}) {
+        settings.lpv.occlusion = mode;
+        settings.lpv.iterations = 40;
+        const Baked baked = run(scene, settings);
+        energy[int(mode)] = total_energy(baked.volume);
+        EXPECT_EQ(baked.volume.occlusion.size(), mode == Occlusion::none ? 0u : 4u);
+    }
+    EXPECT_GT(energy[int(Occlusion::none)], energy[int(Occlusion::sh)]);
+    EXPECT_GT(energy[int(Occlusion::none)], energy[int(Occlusion::face)]);
+}
+
+TEST_F(Bake, EmittersAloneAreLightEnough) {
+    Scene scene = scenes::furnace(2.0f, 0.5f, 100.0f);
+    const Baked baked = run(scene, coarse());
+    // pi Le A over the six walls.
+    EXPECT_NEAR(injected(baked) / (3 * glm::pi<double>() * 100.0 * 24.0), 1.0, 1e-4);
+    BakeSettings without = coarse();
+    without.emitters = false;
+    EXPECT_THROW(run(scene, without), Error);
+}
+
+TEST_F(Bake, HardCasesEndInFiniteNumbers) {
+    std::vector<std::pair<const char*, Scene>> cases;
+    {
+        Scene flat = scenes::floor_quad(4.0f, glm::vec3(0.5f));
+        flat.lights.push_back(scenes::sun({0.3, -1, 0.2}, 1e5));
+        cases.emplace_back("flat", flat);
+        Scene grazing = scenes::floor_quad(4.0f, glm::vec3(0.5f));
+        grazing.lights.push_back(scenes::sun({1, -1e-4, 0}, 1e5));
+        cases.emplace_back("grazing", grazing);
+        Scene edge_on = scenes::floor_quad(4.0f, glm::vec3(0.5f));
+        edge_on.lights.push_back(scenes::sun({1, 0, 0}, 1e5));
+        cases.emplace_back("edge on", edge_on);
+    }
+    {
+        Scene inside = scenes::cornell_box();
+        inside.lights.push_back(scenes::point_light({-1.0, 1.0, 0.0}, 100.0)); // in a wall
+        inside.lights.push_back(scenes::point_light({0.0, 1e-9, 0.0}, 100.0)); // on the floor
+        cases.emplace_back("light in geometry", inside);
+    }
+    {
+        Scene doubled = scenes::cornell_box_with_point();
+        doubled.instances.insert(doubled.instances.end(), doubled.instances.begin(),
+                                 doubled.instances.begin() + 1);
+        for (Mesh& mesh : doubled.meshes)
+            for (int i = 0; i < 8; ++i)
+                mesh.triangles.push_back(glm::uvec3(0, 0, 1));
+        cases.emplace_back("duplicate and degenerate triangles", doubled);
+    }
+    {
+        Scene white = scenes::floor_quad(4.0f, glm::vec3(1.0f));
+        white.rules.max_albedo = 1.0f;
+        white.lights.push_back(scenes::spot_light({0, 2, 0}, {0, -1, 0}, 1e9, 0.0, 1.57));
+        cases.emplace_back("albedo 1, widest spot", white);
+    }
+    for (const auto& [name, scene] : cases) {
+        SCOPED_TRACE(name);
+        BakeSettings settings = coarse();
+        settings.lpv.iterations = 1000;
+        expect_finite(run(scene, settings).volume);
+    }
+}
+
+TEST_F(Bake, SaysWhatIsWrong) {
+    const auto fails = [&](const Scene& scene, const BakeSettings& settings, ExitCode code,
+                           const char* word) {
+        try {
+            run(scene, settings);
+            ADD_FAILURE() << word;
+        } catch (const Error& error) {
+            EXPECT_EQ(error.code, code) << error.what();
+            EXPECT_NE(std::string(error.what()).find(word), std::string::npos) << error.what();
+        }
+    };
+    fails(scenes::cornell_box(), coarse(), ExitCode::invalid, "--sun");
+    fails(Scene{}, coarse(), ExitCode::invalid, "no triangles");
+    BakeSettings huge = coarse(1200);
+    fails(scenes::cornell_box_with_point(), huge, ExitCode::memory, "--resolution");
+}
+
+TEST_F(Bake, TheResolutionThatItNamesFits) {
+    const Scene scene = scenes::cornell_box_with_point();
+    gpu::DeviceInfo small = device().info();
+    small.memory = 8 << 20;
+    try {
+        plan_bake(scene, coarse(200), small);
+        ADD_FAILURE();
+    } catch (const Error& error) {
+        const std::string text = error.what();
+        const int named = std::stoi(text.substr(text.rfind(' ')));
+        EXPECT_GT(named, 10);
+        EXPECT_NO_THROW(plan_bake(scene, coarse(named), small));
+        EXPECT_THROW(plan_bake(scene, coarse(named + 1), small), Error);
+    }
+}
+
+TEST_F(Bake, WarnsOfEmptyBoundsAndOfBacks) {
+    Scene town;
+    const int material = scenes::add_material(town, glm::vec3(0.5f));
+    for (int i = 0; i < 30; ++i)
+        scenes::add_box(town, material, glm::vec3(0.0f), glm::vec3(1.0f), scenes::Facing::outward,
+                        glm::translate(glm::dmat4(1.0), glm::dvec3(2.0 * i, 0, 0)));
+    scenes::add_quad(town, material, {-1000, 0, -1000}, {0, 0, 2000}, {2000, 0, 0});
+    town.lights.push_back(scenes::sun({0.2, -1, 0.1}, 1e5));
+    const BakePlan plan = plan_bake(town, coarse(), device().info());
+    ASSERT_EQ(plan.warnings.size(), 1u);
+    EXPECT_NE(plan.warnings[0].find("--bounds"), std::string::npos);
+
+    Scene inside_out;
+    scenes::add_box(inside_out, scenes::add_material(inside_out, glm::vec3(0.5f)), glm::vec3(-1.0f),
+                    glm::vec3(1.0f), scenes::Facing::outward);
+    inside_out.lights.push_back(scenes::point_light({0, 0, 0}, 100.0));
+    const Baked baked = run(inside_out, coarse());
+    ASSERT_FALSE(baked.warnings.empty());
+    EXPECT_NE(baked.warnings[0].find("--backfaces cull"), std::string::npos);
+}
+
+} // namespace
+} // namespace lpvbake

@@ -1,0 +1,51 @@
+// One Vulkan device for all tests of a program, with the validation layer on: a test fails if the
+// layer said anything while it ran.
+#pragma once
+
+#include "error.h"
+#include "gpu/gpu.h"
+
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <string>
+
+namespace lpvbake::testing {
+
+class DeviceTest : public ::testing::Test {
+protected:
+    static void SetUpTestSuite() {
+        if (shared || !reason.empty())
+            return;
+        try {
+            shared = std::make_unique<gpu::Device>(gpu::DeviceOptions{"", true});
+        } catch (const Error& error) {
+            if (error.code != ExitCode::device)
+                throw;
+            reason = error.what();
+        }
+    }
+
+    void SetUp() override {
+        if (!shared)
+            GTEST_SKIP() << reason;
+    }
+
+    void TearDown() override {
+        if (!shared)
+            return;
+        try {
+            shared->check_validation();
+        } catch (const Error& error) {
+            ADD_FAILURE() << error.what();
+        }
+    }
+
+    static gpu::Device& device() { return *shared; }
+
+private:
+    inline static std::unique_ptr<gpu::Device> shared;
+    inline static std::string reason; ///< why there is no device
+};
+
+} // namespace lpvbake::testing

@@ -1,0 +1,156 @@
+#!/usr/bin/env python3
+"""Holds the house rules over the lines of src/ and cmd/:
+
+* a folder includes only folders to its left in the pipeline;
+* a package's headers are included in its one folder;
+* Vulkan is named in src/gpu and in the .cpp files of stages that draw or dispatch.
+
+Usage: layering_test.py ROOT. Prints each offence as file:line: text; exits 1 if there is any, and
+first makes sure that it finds offences planted in a folder of its own.
+"""
+
+import pathlib
+import re
+import sys
+import tempfile
+
+# Folder of src/ -> the folders that it builds on; what those build on counts too.
+BUILDS_ON = {
+    "image": [],
+    "scene": [],
+    "scene/gltf": ["scene", "image"],
+    "gpu": [],
+    "volume": [],
+    "visibility": ["scene"],
+    "rsm": ["scene", "gpu"],
+    "surface": ["scene", "rsm", "visibility"],
+    "solver": ["surface", "visibility", "volume"],
+    "solver/lpv": ["solver", "gpu"],
+    "io": ["volume", "image"],
+    "reference": ["scene", "visibility", "volume"],
+    "render": ["scene", "rsm", "volume", "gpu"],
+    "report": ["reference", "render", "solver/lpv", "io"],
+}
+EVERYWHERE = ["error.h", "progress.h"]
+
+PACKAGES = {  # start of the header's name -> where it may be included
+    "openvdb/": "src/io/",
+    "tiny_gltf": "src/scene/gltf/",
+    "CLI/": "cmd/",
+    "embree": "src/visibility/",
+    "OpenImageIO/": "src/image/",
+}
+VULKAN_HEADER = re.compile(r"^vulkan/|^gpu/vulkan\.h$")
+VULKAN_NAME = re.compile(r"\bvk::|\bVK_[A-Z]|\bVk[A-Z]")
+VULKAN_STAGES = ("src/rsm/", "src/solver/", "src/render/")
+
+INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
+
+
+def reachable(folder):
+    found, open_ = {folder}, [folder]
+    while open_:
+        for next_ in BUILDS_ON[open_.pop()]:
+            if next_ not in found:
+                found.add(next_)
+                open_.append(next_)
+    return found
+
+
+def folder_of(path):
+    """The folder of the table that a path below src/ lies in; subfolders count as their parent."""
+    parent = str(pathlib.PurePosixPath(path).parent)
+    while parent != ".":
+        if parent in BUILDS_ON:
+            return parent
+        parent = str(pathlib.PurePosixPath(parent).parent)
+    return None
+
+
+def may_name_vulkan(path):
+    return path.startswith("src/gpu/") and path != "src/gpu/gpu.h" or (
+        path.startswith(VULKAN_STAGES) and path.endswith(".cpp"))
+
+
+def offences(root):
+    src = root / "src"
+    files = sorted(p for top in ("src", "cmd") for p in (root / top).rglob("*")
+                   if p.suffix in (".h", ".cpp", ".hpp"))
+    for file in files:
+        path = file.relative_to(root).as_posix()
+        own = folder_of(path[len("src/"):]) if path.startswith("src/") else None
+        top_level = path.startswith("src/") and path.count("/") == 1
+        if path.startswith("src/") and own is None and not top_level:
+            yield f"{path}: its folder is not in the table of this test"
+            continue
+        for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
+            place = f"{path}:{number}"
+            code = line.split("//")[0]
+            if VULKAN_NAME.search(code) and not may_name_vulkan(path):
+                yield f"{place}: names Vulkan outside src/gpu and the .cpp of GPU stages"
+            match = INCLUDE.match(line)
+            if not match:
+                continue
+            header = match.group(2)
+            if VULKAN_HEADER.search(header) and not may_name_vulkan(path):
+                yield f"{place}: includes Vulkan outside src/gpu and the .cpp of GPU stages"
+            for start, home in PACKAGES.items():
+                if match.group(1) == "<" and header.startswith(start) and not path.startswith(home):
+                    yield f"{place}: <{header}> belongs to {home} alone"
+            if match.group(1) != '"':
+                continue
+            if header.startswith("..") or "/../" in header:
+                yield f"{place}: includes by a relative path"
+            if not (src / header).is_file():
+                continue  # a header of cmd/, or one that the build makes
+            target = folder_of(header)
+            if path.startswith("cmd/") or path in ("src/bake.h", "src/bake.cpp"):
+                continue
+            if target is None:
+                if header not in EVERYWHERE:
+                    yield f"{place}: {header} lies to the right of everything in src/"
+            elif own is None or target not in reachable(own):
+                yield f"{place}: {own or 'a top-level header'} does not build on {target}"
+
+
+PLANTED = {
+    "src/error.h": "",
+    "src/bake.h": '#include "solver/lpv/lpv.h"\n',  # fine
+    "src/volume/volume.h": '#include "error.h"\n',  # fine
+    "src/solver/lpv/lpv.h": '#include "volume/volume.h"\n',  # fine
+    "src/gpu/vulkan.h": "#include <vulkan/vulkan_raii.hpp>\n",  # fine
+    "src/rsm/rsm.cpp": '#include "gpu/vulkan.h"\nvk::Format format; // fine\n',
+    "src/volume/bad.h": '#include "solver/lpv/lpv.h"\n',
+    "src/volume/worse.cpp": '#include "bake.h"\n',
+    "src/rsm/rsm.h": "vk::Image image;\n",
+    "src/solver/lpv/bad.h": '#include "gpu/vulkan.h"\n',
+    "src/scene/vdb.cpp": "#include <openvdb/openvdb.h>\n",
+    "src/io/relative.cpp": '#include "../volume/volume.h"\n',
+    "src/stray/stray.h": "",
+    "cmd/x.cpp": '#include "bake.h"\n#include <CLI/CLI.hpp>\n#include <tiny_gltf.h>\n',
+}
+EXPECTED = ["cmd/x.cpp:3", "src/io/relative.cpp:1", "src/rsm/rsm.h:1", "src/scene/vdb.cpp:1",
+            "src/solver/lpv/bad.h:1", "src/stray/stray.h", "src/volume/bad.h:1",
+            "src/volume/worse.cpp:1"]
+
+
+def check_itself():
+    with tempfile.TemporaryDirectory() as folder:
+        root = pathlib.Path(folder)
+        for name, text in PLANTED.items():
+            (root / name).parent.mkdir(parents=True, exist_ok=True)
+            (root / name).write_text(text)
+        found = sorted({o.split(": ")[0] for o in offences(root)})
+        if found != EXPECTED:
+            sys.exit(f"this test is broken: planted {EXPECTED}, found {found}")
+
+
+def main():
+    check_itself()
+    found = list(offences(pathlib.Path(sys.argv[1])))
+    print("\n".join(found) or "no offence")
+    sys.exit(1 if found else 0)
+
+
+if __name__ == "__main__":
+    main()

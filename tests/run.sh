@@ -1,0 +1,77 @@
+#!/usr/bin/env bash
+# Installs what is missing, builds everything and runs all tests.
+#
+#   tests/run.sh [--clients] [--allow-skip] [--preset NAME]
+#
+#   --clients     also the tests with other programs as clients. There are none yet beyond those
+#                 that always run (vdb_print, oiiotool and Python's pyopenvdb as readers).
+#   --allow-skip  tests that did not run (no Vulkan device, no reader) do not fail the run.
+#   --preset      default, debug or sanitize (see CMakePresets.json).
+#
+# The last line says how many tests passed, failed and were skipped.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+allow_skip=false
+clients=false
+preset=default
+while [[ $# -gt 0 ]]; do
+    case $1 in
+    --clients) clients=true ;;
+    --allow-skip) allow_skip=true ;;
+    --preset)
+        preset=${2:?--preset needs a name}
+        shift
+        ;;
+    --help)
+        sed -n '2,/^set/{/^set/d;s/^# \{0,1\}//;p}' "tests/$(basename "$0")"
+        exit 0
+        ;;
+    *)
+        echo "$0: unknown option $1 (see --help)" >&2
+        exit 1
+        ;;
+    esac
+    shift
+done
+
+.ci/install.sh
+if $clients; then
+    echo "--clients: no client tests beyond the readers that always run" >&2
+fi
+cmake --preset "$preset" >&2
+cmake --build --preset "$preset" >&2
+
+results=build/$preset/tests.xml
+rm -f "$results"
+status=0
+ctest --preset "$preset" --no-tests=error -j2 --output-junit tests.xml || status=$?
+[[ -f $results ]] || {
+    echo "ctest ended with status $status and left no results" >&2
+    exit 1
+}
+
+# A test that ctest could not start, or that skipped itself, did not run: both count as skipped.
+read -r passed failed skipped < <(python3 - "$results" <<'EOF'
+import sys
+import xml.etree.ElementTree as xml
+
+counts = {"run": 0, "fail": 0}
+other = 0
+for case in xml.parse(sys.argv[1]).getroot().iter("testcase"):
+    state = case.get("status")
+    if case.find("skipped") is not None or state not in counts:
+        other += 1
+        print("not run:", case.get("name"), file=sys.stderr)
+    else:
+        counts[state] += 1
+print(counts["run"], counts["fail"], other)
+EOF
+)
+if [[ $skipped -gt 0 ]]; then
+    echo "skipped tests were not run; a Vulkan device is needed (mesa-vulkan-drivers has one for any CPU)" >&2
+fi
+echo "$passed passed, $failed failed, $skipped skipped"
+[[ $failed -eq 0 && $passed -gt 0 ]] || exit 1
+[[ $skipped -eq 0 || $allow_skip == true ]] || exit 1
+exit "$status"

@@ -1,0 +1,117 @@
+#include "surface/emitters.h"
+#include "surface/patches.h"
+
+#include "scenes.h"
+
+#include <glm/gtc/constants.hpp>
+#include <glm/gtc/matrix_transform.hpp>
+#include <gtest/gtest.h>
+
+namespace lpvbake {
+namespace {
+
+double total_area(const std::vector<Patch>& patches) {
+    double sum = 0.0;
+    for (const Patch& patch : patches)
+        sum += double(patch.area);
+    return sum;
+}
+
+TEST(Patches, CoverEverySurfaceOnce) {
+    Scene scene;
+    scenes::add_box(scene, scenes::add_material(scene, glm::vec3(0.5f)), glm::vec3(1.0f),
+                    glm::vec3(8.0f, 5.0f, 3.0f), scenes::Facing::outward);
+    const Frame frame{glm::dvec3(0.0), 1.0, glm::dvec3(9.0)};
+    const double area = 2.0 * (7 * 4 + 7 * 2 + 4 * 2);
+    const std::vector<Patch> coarse = make_patches(scene, frame, 100.0f);
+    EXPECT_EQ(coarse.size(), 12u);
+    EXPECT_NEAR(total_area(coarse), area, 1e-4 * area);
+    const std::vector<Patch> fine = make_patches(scene, frame, 0.7f);
+    EXPECT_GT(fine.size(), 400u);
+    EXPECT_NEAR(total_area(fine), area, 1e-4 * area);
+    // Divergence theorem: the area-weighted normals of a closed surface cancel, and the flux of
+    // the position through it is three times the volume.
+    glm::dvec3 sum{0.0};
+    double flux = 0.0;
+    for (const Patch& patch : fine) {
+        sum += double(patch.area) * glm::dvec3(patch.normal);
+        flux += double(patch.area) * glm::dot(glm::dvec3(patch.normal), glm::dvec3(patch.position));
+    }
+    EXPECT_LT(glm::length(sum), 1e-3);
+    EXPECT_NEAR(flux, 3.0 * 7 * 4 * 2, 1e-2);
+}
+
+TEST(Patches, MirroredInstanceFacesTheSameWay) {
+    Scene scene;
+    scenes::add_box(scene, scenes::add_material(scene, glm::vec3(0.5f)), glm::vec3(1.0f),
+                    glm::vec3(2.0f), scenes::Facing::outward,
+                    glm::translate(glm::dmat4(1.0), glm::dvec3(4, 0, 0))
+                        * glm::scale(glm::dmat4(1.0), glm::dvec3(-1, 1, 1)));
+    double flux = 0.0;
+    for (const Patch& patch : make_patches(scene, {glm::dvec3(0.0), 1.0, glm::dvec3(4.0)}, 0.5f))
+        flux += double(patch.area) * glm::dot(glm::dvec3(patch.normal), glm::dvec3(patch.position));
+    EXPECT_NEAR(flux, 3.0, 1e-4);
+}
+
+TEST(Patches, AHugeTriangleIsCutOnlyInsideTheGrid) {
+    Scene scene;
+    scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)), {-1e5f, 2, -1e5f},
+                     {0, 0, 2e5f}, {2e5f, 0, 0});
+    const std::vector<Patch> patches =
+        make_patches(scene, {glm::dvec3(0.0), 1.0, glm::dvec3(16.0)}, 1.0f);
+    EXPECT_NEAR(total_area(patches), 256.0, 30.0);
+    EXPECT_LT(patches.size(), 4000u);
+}
+
+TEST(Patches, ZeroAreaTrianglesGiveNone) {
+    Scene scene;
+    scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)), {1, 1, 1}, {1, 0, 0},
+                     {2, 0, 0});
+    EXPECT_TRUE(make_patches(scene, {glm::dvec3(0.0), 1.0, glm::dvec3(8.0)}, 1.0f).empty());
+}
+
+TEST(Emitters, PowerIsPiTimesLuminanceTimesArea) {
+    for (const double unit : {1e-4, 0.25, 100.0}) {
+        Scene scene;
+        const int lamp = scenes::add_material(scene, glm::vec3(0.5f), glm::vec3(10, 20, 40));
+        scenes::add_quad(scene, lamp, {0, 0, 0}, {3, 0, 0}, {0, 2, 1},
+                         glm::scale(glm::dmat4(1.0), glm::dvec3(unit)));
+        const Frame frame{glm::dvec3(-unit), unit, glm::dvec3(6.0)};
+        const double area = 3.0 * std::sqrt(5.0) * unit * unit;
+        for (const bool both : {false, true}) {
+            scene.materials[size_t(lamp)].double_sided = both;
+            std::vector<Vpl> vpls;
+            emit_vpls(make_patches(scene, frame, 1.0f), unit, vpls);
+            glm::dvec3 power{0.0};
+            for (const Vpl& vpl : vpls)
+                power += glm::dvec3(vpl.power);
+            const double expected = (both ? 2.0 : 1.0) * glm::pi<double>() * area;
+            EXPECT_NEAR(power.x / (10.0 * expected), 1.0, 1e-5);
+            EXPECT_NEAR(power.z / (40.0 * expected), 1.0, 1e-5);
+        }
+    }
+}
+
+TEST(Emitters, TextureScalesTheEmission) {
+    Scene scene;
+    const int lamp = scenes::add_material(scene, glm::vec3(0.5f), glm::vec3(10.0f));
+    // Left half white, right half black.
+    scene.images.push_back({"halves", 2, 1, {255, 255, 255, 255, 0, 0, 0, 255}});
+    Texture texture;
+    texture.image = 0;
+    texture.nearest = true;
+    texture.wrap_u = texture.wrap_v = Wrap::clamp_to_edge;
+    scene.textures.push_back(texture);
+    scene.materials[size_t(lamp)].emission_texture = 0;
+    const int mesh = scenes::add_quad(scene, lamp, {1, 1, 1}, {4, 0, 0}, {0, 4, 0});
+    scene.meshes[size_t(mesh)].uv_emission = scene.meshes[size_t(mesh)].uv;
+    std::vector<Vpl> vpls;
+    emit_vpls(make_patches(scene, {glm::dvec3(0.0), 1.0, glm::dvec3(6.0)}, 1.0f), 1.0, vpls);
+    double power = 0.0;
+    for (const Vpl& vpl : vpls)
+        power += double(vpl.power.x);
+    EXPECT_NEAR(power / (glm::pi<double>() * 10.0 * 8.0), 1.0, 0.02);
+}
+
+} // namespace
+} // namespace lpvbake

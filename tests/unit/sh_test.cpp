@@ -1,0 +1,184 @@
+// Spherical harmonics against quadrature in double, and closed forms.
+#include "volume/sh.h"
+#include "volume/volume.h"
+
+#include <glm/gtc/matrix_transform.hpp>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <numbers>
+#include <random>
+
+using namespace lpvbake;
+using std::numbers::pi;
+
+namespace {
+
+/// Integral over the sphere: midpoints in z (n rings, equal areas) and in azimuth (2 n). Exact for
+/// the azimuth's trigonometric polynomials, second order in z.
+double integrate(const std::function<double(glm::dvec3)>& f, int n = 400) {
+    double sum = 0;
+    for (int i = 0; i < n; ++i) {
+        const double z = (i + 0.5) / n * 2 - 1;
+        const double r = std::sqrt(1 - z * z);
+        for (int j = 0; j < 2 * n; ++j) {
+            const double phi = (j + 0.5) * pi / n;
+            sum += f({r * std::cos(phi), r * std::sin(phi), z});
+        }
+    }
+    return sum * 2 * pi / (double(n) * n);
+}
+
+glm::vec3 random_direction(std::mt19937& random) {
+    std::normal_distribution<float> normal;
+    return glm::normalize(glm::vec3(normal(random), normal(random), normal(random)));
+}
+
+double evaluate(const std::array<float, 9>& c, int order, glm::vec3 w) {
+    const auto y = sh_basis(order, w);
+    double sum = 0;
+    for (int k = 0; k < sh_count(order); ++k)
+        sum += double(c[size_t(k)]) * double(y[size_t(k)]);
+    return sum;
+}
+
+std::array<float, 9> random_coefficients(std::mt19937& random) {
+    std::normal_distribution<float> normal;
+    std::array<float, 9> c;
+    for (float& x : c)
+        x = normal(random);
+    return c;
+}
+
+} // namespace
+
+TEST(Sh, ConstantsAreTheirFormulas) {
+    EXPECT_FLOAT_EQ(sh_y0, float(1 / (2 * std::sqrt(pi))));
+    EXPECT_FLOAT_EQ(sh_y1, float(std::sqrt(3 / pi) / 2));
+    EXPECT_FLOAT_EQ(sh_y2a, float(std::sqrt(15 / pi) / 2));
+    EXPECT_FLOAT_EQ(sh_y2b, float(std::sqrt(5 / pi) / 4));
+    EXPECT_FLOAT_EQ(sh_y2c, float(std::sqrt(15 / pi) / 4));
+}
+
+TEST(Sh, BasisIsOrthonormal) {
+    for (size_t i = 0; i < 9; ++i)
+        for (size_t j = 0; j <= i; ++j) {
+            const double product = integrate([&](glm::dvec3 w) {
+                const auto y = sh_basis(2, glm::vec3(w));
+                return double(y[i]) * double(y[j]);
+            });
+            EXPECT_NEAR(product, i == j ? 1.0 : 0.0, 5e-5) << i << ' ' << j;
+        }
+}
+
+TEST(Sh, OrderOfTheBasis) {
+    const glm::vec3 w = glm::normalize(glm::vec3(1, 2, 3));
+    const auto y = sh_basis(2, w);
+    const std::array<float, 9> polynomials{1,
+                                           w.y,
+                                           w.z,
+                                           w.x,
+                                           w.x * w.y,
+                                           w.y * w.z,
+                                           3 * w.z * w.z - 1,
+                                           w.x * w.z,
+                                           w.x * w.x - w.y * w.y};
+    const std::array<float, 9> scales{sh_y0,  sh_y1,  sh_y1,  sh_y1, sh_y2a,
+                                      sh_y2a, sh_y2b, sh_y2a, sh_y2c};
+    for (size_t k = 0; k < 9; ++k)
+        EXPECT_FLOAT_EQ(y[k], scales[k] * polynomials[k]) << k;
+    // Bands above the order are not evaluated.
+    EXPECT_EQ(sh_basis(0, w)[1], 0.0f);
+    EXPECT_EQ(sh_basis(1, w)[4], 0.0f);
+}
+
+TEST(Sh, ProjectionRecoversABandLimitedField) {
+    std::mt19937 random(1);
+    const auto c = random_coefficients(random);
+    for (size_t k = 0; k < 9; ++k) {
+        const double projected = integrate([&](glm::dvec3 w) {
+            return evaluate(c, 2, glm::vec3(w)) * double(sh_basis(2, glm::vec3(w))[k]);
+        });
+        EXPECT_NEAR(projected, c[k], 5e-5) << k;
+    }
+}
+
+// A convolution with max(0, cos) scales band l by A_l, the integral over the sphere of the
+// clamped cosine times the Legendre polynomial P_l (Funk and Hecke).
+TEST(Sh, ClampedCosineConstants) {
+    const double a[] = {pi, 2 * pi / 3, pi / 4};
+    for (size_t l = 0; l < 3; ++l) {
+        const double integral = integrate([&](glm::dvec3 w) {
+            const double legendre[] = {1, w.z, (3 * w.z * w.z - 1) / 2};
+            return std::max(0.0, w.z) * legendre[l];
+        });
+        EXPECT_NEAR(integral, a[l], 1e-4) << l;
+    }
+}
+
+TEST(Sh, IrradianceIsTheCosineIntegral) {
+    std::mt19937 random(2);
+    for (int order : {0, 1, 2}) {
+        const auto c = random_coefficients(random);
+        const glm::vec3 n = random_direction(random);
+        const double expected = integrate([&](glm::dvec3 w) {
+            return std::max(0.0, glm::dot(glm::dvec3(n), w)) * evaluate(c, order, glm::vec3(w));
+        });
+        EXPECT_NEAR(sh_irradiance(std::span(c).first(size_t(sh_count(order))), n), expected, 2e-4);
+    }
+}
+
+TEST(Sh, FurnaceGivesPiTimesLuminance) {
+    const float luminance = 123.0f;
+    std::array<float, 9> c{};
+    c[0] = float(integrate([&](glm::dvec3) { return double(luminance * sh_y0); }));
+    std::mt19937 random(3);
+    for (int i = 0; i < 10; ++i)
+        EXPECT_NEAR(sh_irradiance(c, random_direction(random)), pi * luminance, 1e-3);
+}
+
+TEST(Sh, TurnedFieldEqualsFieldAtTurnedDirection) {
+    std::mt19937 random(4);
+    std::uniform_real_distribution<float> angle(-4, 4);
+    const glm::mat4 identity(1.0f);
+    for (int i = 0; i < 200; ++i) {
+        glm::mat3 m(glm::rotate(identity, angle(random), random_direction(random)));
+        if (i % 2) // reflections: one axis, or all three
+            m = m
+                * glm::mat3(
+                    glm::scale(identity, glm::vec3(-1, i % 4 == 1 ? 1 : -1, i % 4 == 1 ? 1 : -1)));
+        const auto before = random_coefficients(random);
+        for (int order : {0, 1, 2}) {
+            auto after = before;
+            sh_rotate(m, std::span(after).first(size_t(sh_count(order))));
+            const glm::vec3 w = random_direction(random);
+            EXPECT_NEAR(evaluate(after, order, m * w), evaluate(before, order, w), 3e-6);
+            for (size_t k = size_t(sh_count(order)); k < 9; ++k)
+                EXPECT_EQ(after[k], before[k]);
+        }
+    }
+}
+
+TEST(Sh, FlipLooksTheOtherWay) {
+    std::mt19937 random(5);
+    const auto before = random_coefficients(random);
+    auto after = before;
+    sh_flip(after);
+    for (int i = 0; i < 20; ++i) {
+        const glm::vec3 w = random_direction(random);
+        EXPECT_NEAR(evaluate(after, 2, -w), evaluate(before, 2, w), 1e-6);
+    }
+    sh_flip(after);
+    EXPECT_EQ(after, before);
+}
+
+TEST(Volume, TotalEnergyIntegratesLuminanceOverTheSphere) {
+    Volume volume;
+    volume.grid.dims = {3, 1, 1};
+    EXPECT_EQ(total_energy(volume), 0.0);
+    // A constant luminance L has c_0 = L sqrt(4 pi) and integrates to 4 pi L.
+    const float c0 = float(std::sqrt(4 * pi));
+    volume.sh = {{glm::vec3(10 * c0), glm::vec3(0), glm::vec3(0, 5 * c0, 0)}};
+    EXPECT_NEAR(total_energy(volume), 4 * pi * (10 + 5 * 0.7152), 1e-4);
+}

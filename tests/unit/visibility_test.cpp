@@ -1,0 +1,200 @@
+// Rays against an oracle that tests every triangle, and against scenes whose answers are known.
+#include "visibility/visibility.h"
+
+#include "scenes.h"
+
+#include <glm/gtc/matrix_transform.hpp>
+#include <gtest/gtest.h>
+
+#include <random>
+
+namespace lpvbake {
+namespace {
+
+Scene random_soup(int triangles, uint32_t seed) {
+    Scene scene;
+    const int material = scenes::add_material(scene, glm::vec3(0.5f));
+    std::mt19937 random(seed);
+    std::uniform_real_distribution<float> at(0.0f, 10.0f), off(-1.0f, 1.0f);
+    Mesh mesh;
+    mesh.material = material;
+    for (int i = 0; i < triangles; ++i) {
+        const glm::vec3 p{at(random), at(random), at(random)};
+        for (int k = 0; k < 3; ++k)
+            mesh.positions.push_back(p + glm::vec3(off(random), off(random), off(random)));
+        mesh.triangles.push_back(glm::uvec3(0, 1, 2) + uint32_t(3 * i));
+    }
+    scene.meshes.push_back(mesh);
+    scene.instances.push_back({0, glm::dmat4(1.0)});
+    return scene;
+}
+
+struct Met {
+    double t;
+    bool back;
+};
+
+/// Plane first, then three half-plane tests, in double.
+std::vector<Met> brute_force(const Scene& scene, const Ray& ray) {
+    std::vector<Met> met;
+    const Mesh& mesh = scene.meshes[0];
+    const glm::dvec3 o{ray.origin}, d{ray.direction};
+    for (const glm::uvec3& v : mesh.triangles) {
+        const glm::dvec3 a{mesh.positions[v.x]}, b{mesh.positions[v.y]}, c{mesh.positions[v.z]};
+        const glm::dvec3 n = glm::cross(b - a, c - a);
+        const double slope = glm::dot(n, d);
+        if (slope == 0.0)
+            continue;
+        const double t = glm::dot(n, a - o) / slope;
+        const glm::dvec3 p = o + t * d;
+        if (t < double(ray.t_min) || t > double(ray.t_max)
+            || glm::dot(glm::cross(b - a, p - a), n) < 0.0
+            || glm::dot(glm::cross(c - b, p - b), n) < 0.0
+            || glm::dot(glm::cross(a - c, p - c), n) < 0.0)
+            continue;
+        met.push_back({t, slope > 0.0});
+    }
+    std::sort(met.begin(), met.end(), [](const Met& a, const Met& b) { return a.t < b.t; });
+    return met;
+}
+
+TEST(Visibility, AgreesWithBruteForce) {
+    const Scene scene = random_soup(400, 1);
+    const Visibility visibility(scene, Frame{});
+    std::mt19937 random(2);
+    std::uniform_real_distribution<float> at(0.0f, 10.0f);
+    std::vector<Crossing> crossings;
+    int hits = 0, different = 0;
+    for (int i = 0; i < 2000; ++i) {
+        const glm::vec3 from{at(random), at(random), at(random)};
+        const glm::vec3 to{at(random), at(random), at(random)};
+        const Ray ray{from, to - from, 0.0f, 1.0f};
+        const std::vector<Met> expected = brute_force(scene, ray);
+        visibility.crossings(ray, crossings);
+        const Hit hit = visibility.closest(ray);
+        // Rays within rounding of an edge may differ; they are few.
+        if (crossings.size() != expected.size()) {
+            ++different;
+            continue;
+        }
+        EXPECT_EQ(visibility.transmittance(ray), expected.empty() ? 1.0f : 0.0f);
+        EXPECT_EQ(hit.instance == no_hit, expected.empty());
+        for (size_t k = 0; k < expected.size(); ++k) {
+            EXPECT_NEAR(double(crossings[k].t), expected[k].t, 1e-5);
+            EXPECT_EQ(crossings[k].facing == Facing::back, expected[k].back);
+            ++hits;
+        }
+        if (!expected.empty()) {
+            EXPECT_NEAR(double(hit.t), expected[0].t, 1e-5);
+            EXPECT_EQ(hit.facing == Facing::back, expected[0].back);
+            const Mesh& mesh = scene.meshes[0];
+            const glm::uvec3 v = mesh.triangles[hit.triangle];
+            const glm::vec3 p = (1.0f - hit.barycentric.x - hit.barycentric.y) * mesh.positions[v.x]
+                                + hit.barycentric.x * mesh.positions[v.y]
+                                + hit.barycentric.y * mesh.positions[v.z];
+            EXPECT_LT(glm::distance(p, from + hit.t * (to - from)), 1e-4f);
+        }
+    }
+    EXPECT_GT(hits, 1000);
+    EXPECT_LE(different, 2);
+}
+
+TEST(Visibility, ClosedBoxIsTightAtEdgesAndCorners) {
+    Scene scene;
+    scenes::add_box(scene, scenes::add_material(scene, glm::vec3(0.5f)), glm::vec3(0.0f),
+                    glm::vec3(1.0f), scenes::Facing::outward);
+    const Visibility visibility(scene, Frame{});
+    for (int x = 0; x <= 8; ++x)
+        for (int y = 0; y <= 8; ++y)
+            for (int z = 0; z <= 8; ++z) {
+                const glm::vec3 to = glm::vec3(x, y, z) / 8.0f;
+                const glm::vec3 away = to - glm::vec3(0.5f);
+                if (std::max({std::abs(away.x), std::abs(away.y), std::abs(away.z)}) < 0.5f)
+                    continue; // not on the box
+                const Ray ray{glm::vec3(0.5f), away, 0.0f, 4.0f};
+                EXPECT_EQ(visibility.transmittance(ray), 0.0f) << x << ' ' << y << ' ' << z;
+                EXPECT_EQ(visibility.closest(ray).facing, Facing::back);
+            }
+}
+
+TEST(Visibility, MirroredInstanceKeepsItsFrontAndItsBarycentrics) {
+    Scene scene;
+    const int material = scenes::add_material(scene, glm::vec3(0.5f));
+    scenes::add_quad(scene, material, {0, 0, 0}, {1, 0, 0}, {0, 1, 0},
+                     glm::scale(glm::dmat4(1.0), glm::dvec3(-1, 1, 1)));
+    const Visibility visibility(scene, Frame{});
+    const Ray ray{{-0.7f, 0.2f, 1.0f}, {0, 0, -1}, 0.0f, 2.0f};
+    const Hit hit = visibility.closest(ray);
+    ASSERT_NE(hit.instance, no_hit);
+    EXPECT_EQ(hit.facing, Facing::front); // the quad faces +Z before and after
+    EXPECT_NEAR(hit.normal.z, 1.0f, 1e-6f);
+    const Mesh& mesh = scene.meshes[0];
+    const glm::uvec3 v = mesh.triangles[hit.triangle];
+    const glm::vec3 p = (1.0f - hit.barycentric.x - hit.barycentric.y) * mesh.positions[v.x]
+                        + hit.barycentric.x * mesh.positions[v.y]
+                        + hit.barycentric.y * mesh.positions[v.z];
+    EXPECT_NEAR(p.x, 0.7f, 1e-5f);
+    EXPECT_NEAR(p.y, 0.2f, 1e-5f);
+}
+
+TEST(Visibility, BlendedLayersMultiply) {
+    Scene scene;
+    const int glass = scenes::add_material(scene, glm::vec3(0.5f));
+    scene.materials[size_t(glass)].alpha_mode = AlphaMode::blend;
+    scene.materials[size_t(glass)].base_color.w = 0.25f;
+    for (int i = 0; i < 3; ++i)
+        scenes::add_quad(scene, glass, {0, 0, float(i)}, {1, 0, 0}, {0, 1, 0});
+    const Visibility visibility(scene, Frame{});
+    const Ray ray{{0.3f, 0.6f, -1.0f}, {0, 0, 1}, 0.0f, 4.0f};
+    EXPECT_FLOAT_EQ(visibility.transmittance(ray), 0.75f * 0.75f * 0.75f);
+    // Stochastic nearest hits meet the first layer with probability alpha.
+    std::mt19937 random(3);
+    std::uniform_real_distribution<float> at(0.0f, 1.0f);
+    int first = 0;
+    for (int i = 0; i < 4000; ++i)
+        first +=
+            visibility.closest({{at(random), at(random), -1.0f}, {0, 0, 1}, 0.0f, 1.5f}).instance
+            != no_hit;
+    EXPECT_NEAR(first / 4000.0, 0.25, 0.03);
+}
+
+TEST(Visibility, CulledBacksAreNotThere) {
+    Scene scene;
+    scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)), {0, 0, 0}, {1, 0, 0},
+                     {0, 1, 0});
+    const Ray to_front{{0.3f, 0.6f, 1.0f}, {0, 0, -1}, 0.0f, 2.0f};
+    const Ray to_back{{0.3f, 0.6f, -1.0f}, {0, 0, 1}, 0.0f, 2.0f};
+    EXPECT_EQ(Visibility(scene, Frame{}).transmittance(to_back), 0.0f);
+    scene.rules.cull_backfaces = true;
+    const Visibility visibility(scene, Frame{});
+    EXPECT_EQ(visibility.transmittance(to_back), 1.0f);
+    EXPECT_EQ(visibility.closest(to_back).instance, no_hit);
+    EXPECT_EQ(visibility.transmittance(to_front), 0.0f);
+}
+
+TEST(Visibility, FrameMakesTinyAndFarScenesAlike) {
+    for (const double scale : {1e-4, 1.0, 1e4})
+        for (const double offset : {0.0, 1e3, 1e6}) {
+            if (offset > 0.0 && scale < 1e-3)
+                continue; // below what a double tells apart at that distance
+            Scene scene;
+            scenes::add_quad(
+                scene, scenes::add_material(scene, glm::vec3(0.5f)), {0, 0, 0}, {1, 0, 0},
+                {0, 1, 0},
+                glm::scale(glm::translate(glm::dmat4(1.0), glm::dvec3(offset)), glm::dvec3(scale)));
+            const Frame frame{glm::dvec3(offset) - 0.5 * scale, scale, glm::dvec3(2.0)};
+            const Visibility visibility(scene, frame);
+            const Hit hit = visibility.closest({{0.9f, 0.9f, 1.5f}, {0, 0, -1}, 0.0f, 10.0f});
+            ASSERT_NE(hit.instance, no_hit) << scale << ' ' << offset;
+            EXPECT_NEAR(hit.t, 1.0f, 1e-5f);
+        }
+}
+
+TEST(Visibility, EmptySceneBlocksNothing) {
+    const Scene scene;
+    const Visibility visibility(scene, Frame{});
+    EXPECT_EQ(visibility.transmittance({{0, 0, 0}, {1, 0, 0}, 0.0f, 1e3f}), 1.0f);
+}
+
+} // namespace
+} // namespace lpvbake
