@@ -17,6 +17,8 @@
 #include <nlohmann/json.hpp>
 #include <tbb/global_control.h>
 
+#include <cctype>
+#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -483,11 +485,8 @@ void run(const BakeOptions& o) {
         setenv("LP_NUM_THREADS", std::to_string(o.threads).c_str(), 1);
         setenv("OPENIMAGEIO_THREADS", std::to_string(o.threads).c_str(), 1);
     }
-    bool images = mentions_images(o.scene);
-    for (const std::string& output : o.outputs)
-        images = images || (!o.dry_run && has_extension(output, ".exr"));
     ImageModulePreload preload;
-    if (images)
+    if (mentions_images(o.scene))
         preload = preload_image_module();
 
     watch_signals();
@@ -512,6 +511,13 @@ void run(const BakeOptions& o) {
     const Clock::time_point waiting = Clock::now();
     const std::unique_ptr<gpu::Device> device = opening.get();
     stages.push_back({"device", seconds_since(waiting), "opened while the scene was loaded"});
+
+    // Not before the scene and the device are there: while the module's libraries are linked, a
+    // thread that links others waits.
+    if (!preload && !o.dry_run && std::ranges::any_of(o.outputs, [](const std::string& output) {
+            return has_extension(output, ".exr");
+        }))
+        preload = preload_image_module();
 
     if (o.dry_run) {
         const BakePlan plan = plan_bake(scene, settings, device->info());

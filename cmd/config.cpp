@@ -2,12 +2,11 @@
 
 #include "error.h"
 
+#include <algorithm>
 #include <cctype>
 #include <charconv>
-#include <cmath>
-#include <cstdio>
 #include <fstream>
-#include <sstream>
+#include <string_view>
 
 namespace lpvbake {
 namespace {

@@ -64,43 +64,21 @@ bool lit_by_emitters(const Scene& scene, const BakeSettings& settings) {
     return settings.emitters && has_emitters(scene);
 }
 
-/// Warns of a few far triangles that set most of the grid's size, as of a town on a plain: where
-/// less 1 % of the triangles at each end an axis would be less than half as long.
+/// Warns where a few far triangles set most of the grid's size, as those of a plain around a town.
 void warn_of_empty_bounds(const Scene& scene, const Bounds& bounds,
                           std::vector<std::string>& warnings) {
-    std::vector<double> lo[3], hi[3];
-    for (const Instance& instance : scene.instances) {
-        const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
-        std::vector<glm::dvec3> placed(mesh.positions.size());
-        for (size_t i = 0; i < placed.size(); ++i)
-            placed[i] = instance.to_world * glm::dvec4(mesh.positions[i], 1.0);
-        for (const glm::uvec3& v : mesh.triangles)
-            for (int axis = 0; axis < 3; ++axis) {
-                const double a = placed[v.x][axis], b = placed[v.y][axis], c = placed[v.z][axis];
-                lo[axis].push_back(std::min({a, b, c}));
-                hi[axis].push_back(std::max({a, b, c}));
-            }
-    }
-    const size_t cut = lo[0].size() / 100;
-    if (cut == 0)
-        return;
-    Bounds middle;
-    bool sparse = false;
-    const glm::dvec3 size = bounds.hi - bounds.lo;
-    for (int axis = 0; axis < 3; ++axis) {
-        std::nth_element(lo[axis].begin(), lo[axis].begin() + long(cut), lo[axis].end());
-        std::nth_element(hi[axis].begin(), hi[axis].end() - long(cut) - 1, hi[axis].end());
-        middle.lo[axis] = lo[axis][cut];
-        middle.hi[axis] = *(hi[axis].end() - long(cut) - 1);
-        const bool long_axis = size[axis] > 0.5 * std::max({size.x, size.y, size.z});
-        sparse |= long_axis && middle.hi[axis] - middle.lo[axis] < 0.5 * size[axis];
-    }
-    if (sparse)
-        warnings.push_back(
-            format("%s: 1 %% of the triangles set over half of the bounds; the rest lies within "
-                   "--bounds %.6g,%.6g,%.6g,%.6g,%.6g,%.6g",
-                   scene.path.c_str(), middle.lo.x, middle.lo.y, middle.lo.z, middle.hi.x,
-                   middle.hi.y, middle.hi.z));
+    const Bounds crowd = trimmed_bounds(scene, 0.01);
+    const glm::dvec3 size = bounds.hi - bounds.lo, kept = crowd.hi - crowd.lo;
+    const double longest = std::max({size.x, size.y, size.z});
+    for (int axis = 0; axis < 3; ++axis)
+        if (size[axis] > 0.5 * longest && kept[axis] < 0.5 * size[axis]) {
+            warnings.push_back(
+                format("%s: 1 %% of the triangles set over half of the bounds; the rest lies "
+                       "within --bounds %.6g,%.6g,%.6g,%.6g,%.6g,%.6g",
+                       scene.path.c_str(), crowd.lo.x, crowd.lo.y, crowd.lo.z, crowd.hi.x,
+                       crowd.hi.y, crowd.hi.z));
+            return;
+        }
 }
 
 /// The largest resolution at which the same box fits the device.

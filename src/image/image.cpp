@@ -11,7 +11,7 @@ namespace {
 
 const ImageModule* load() {
     // Never closed: OpenImageIO's libraries do not survive being unloaded.
-    void* library = dlopen(image_module_file, RTLD_NOW | RTLD_LOCAL);
+    void* library = dlopen(image_module_file, RTLD_LAZY | RTLD_LOCAL);
     void* entry = library ? dlsym(library, image_module_symbol) : nullptr;
     if (!entry)
         throw Error(ExitCode::failure, std::string("cannot load the image module: ") + dlerror()

@@ -58,6 +58,8 @@ public:
         if (loading_.valid())
             loading_.wait();
     }
+    /// True if the load was started.
+    explicit operator bool() const { return loading_.valid(); }
 
 private:
     std::shared_future<void> loading_;

@@ -16,7 +16,8 @@ float srgb_encode(float x) {
     return x <= 0.0031308f ? 12.92f * x : 1.055f * std::pow(x, 1 / 2.4f) - 0.055f;
 }
 
-/// 99 % of the luminances above zero are at most this; 1 if there are none.
+/// What is drawn as white: the 99th percentile of the luminances above zero, but at most six times
+/// their median, so that a bright spot by the lamp leaves the rest visible. 1 if there are none.
 float white_point(const std::vector<glm::vec3>& colours) {
     std::vector<float> lit;
     for (const glm::vec3& colour : colours)
@@ -24,9 +25,12 @@ float white_point(const std::vector<glm::vec3>& colours) {
             lit.push_back(float(y));
     if (lit.empty())
         return 1;
-    const auto rank = lit.begin() + std::ptrdiff_t((lit.size() - 1) * 99 / 100);
-    std::nth_element(lit.begin(), rank, lit.end());
-    return *rank;
+    const auto quantile = [&](size_t percent) {
+        const auto rank = lit.begin() + std::ptrdiff_t((lit.size() - 1) * percent / 100);
+        std::nth_element(lit.begin(), rank, lit.end());
+        return *rank;
+    };
+    return std::min(quantile(99), 6 * quantile(50));
 }
 
 } // namespace

@@ -1,5 +1,7 @@
 #include "scene/scene.h"
 
+#include <glm/gtc/type_precision.hpp>
+
 #include <algorithm>
 
 namespace lpvbake {
@@ -48,6 +50,45 @@ Bounds bounds_of(const Scene& scene) {
         }
     }
     return bounds;
+}
+
+Bounds trimmed_bounds(const Scene& scene, double share) {
+    constexpr int bins = 1024;
+    const Bounds bounds = bounds_of(scene);
+    if (bounds.empty())
+        return bounds;
+    const glm::dvec3 bin_size = (bounds.hi - bounds.lo) / double(bins);
+    const glm::dvec3 scale = 1.0 / glm::max(bin_size, glm::dvec3(1e-300));
+    // How many triangles start and how many end in each bin of each axis.
+    std::vector<glm::u64vec3> starts(bins), ends(bins);
+    for (const Instance& instance : scene.instances) {
+        const Mesh& mesh = scene.meshes[instance.mesh];
+        std::vector<glm::ivec3> bin_of;
+        for (const glm::vec3& position : mesh.positions) {
+            const glm::dvec3 p(instance.to_world * glm::dvec4(position, 1.0));
+            bin_of.emplace_back(
+                glm::clamp((p - bounds.lo) * scale, glm::dvec3(0.0), glm::dvec3(bins - 1)));
+        }
+        for (const glm::uvec3& t : mesh.triangles)
+            for (int axis = 0; axis < 3; ++axis) {
+                const auto [low, high] =
+                    std::minmax({bin_of[t.x][axis], bin_of[t.y][axis], bin_of[t.z][axis]});
+                ++starts[low][axis];
+                ++ends[high][axis];
+            }
+    }
+    const auto cut = uint64_t(share * double(triangle_count(scene)));
+    Bounds trimmed;
+    for (int axis = 0; axis < 3; ++axis) {
+        int low = 0, high = bins - 1;
+        for (uint64_t left_out = starts[low][axis]; left_out <= cut && low < bins - 1;)
+            left_out += starts[++low][axis];
+        for (uint64_t left_out = ends[high][axis]; left_out <= cut && high > 0;)
+            left_out += ends[--high][axis];
+        trimmed.lo[axis] = bounds.lo[axis] + low * bin_size[axis];
+        trimmed.hi[axis] = bounds.lo[axis] + (high + 1) * bin_size[axis];
+    }
+    return trimmed;
 }
 
 uint64_t triangle_count(const Scene& scene) {

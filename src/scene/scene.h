@@ -117,6 +117,10 @@ struct Bounds {
 /// The box around all placed triangles.
 Bounds bounds_of(const Scene& scene);
 
+/// The box that is left when, along each axis, the share `share` of the placed triangles that reach
+/// lowest and the share that reach highest are left out; on a raster of 1/1024 of the bounds.
+Bounds trimmed_bounds(const Scene& scene, double share);
+
 /// Number of placed triangles (instances counted as often as they are placed).
 uint64_t triangle_count(const Scene& scene);
 

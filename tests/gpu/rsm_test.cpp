@@ -104,7 +104,7 @@ TEST_F(RsmTest, DirectionalPowerOnATiltedPlane) {
     const double expected = 0.5 * 800 * 6 * -glm::dot(normal, travel);
     ASSERT_GT(expected, 0);
     // What is left is the sampling of the slanted edges.
-    for (const int size : {64, 256, 1024})
+    for (const int size : {64, 256, 1024, 4096})
         expect_relative(power(scene, frame, scenes::sun(travel, 800), size), glm::dvec3(expected),
                         0.2 / size);
 }
@@ -113,7 +113,7 @@ TEST_F(RsmTest, PointPowerInAClosedRoom) {
     const Scene scene = room(tinted);
     const Frame frame = frame_around(scene, 0.15);
     const Light light = scenes::point_light({0.3, -0.4, 1.1}, 50);
-    for (const int size : {64, 256, 1024}) {
+    for (const int size : {64, 256, 1024, 4096}) {
         const Seen seen = render(scene, frame, light, size);
         EXPECT_EQ(seen.texels, 6u * size * size);
         EXPECT_EQ(seen.lit, seen.texels);
@@ -134,7 +134,7 @@ TEST_F(RsmTest, HardSpotPowerIsThatOfItsCone) {
     const Scene scene = room(grey);
     const Frame frame = frame_around(scene, 0.15);
     for (const double angle : {0.02, 0.5, 1.2, 1.39})
-        for (const int size : {64, 256, 1024}) {
+        for (const int size : {64, 256, 1024, 4096}) {
             const Light light = scenes::spot_light({0.3, -0.4, 1.1}, {1, -2, 3}, 70, angle, angle);
             expect_relative(power(scene, frame, light, size),
                             glm::dvec3(0.5 * 70 * 2 * pi * (1 - std::cos(angle))),
@@ -147,7 +147,7 @@ TEST_F(RsmTest, SoftSpotPowerIsTheIntegralOfItsRamp) {
     const Frame frame = frame_around(scene, 0.15);
     for (const auto& [inner, outer] :
          {std::pair(0.0, 0.6), std::pair(0.4, 0.5), std::pair(0.2, 1.3)})
-        for (const int size : {64, 256, 1024}) {
+        for (const int size : {64, 256, 1024, 4096}) {
             const Light light =
                 scenes::spot_light({0.3, -0.4, 1.1}, {-1, 0.1, 0.2}, 70, inner, outer);
             // Within `inner` all, then the square of a ramp in the cosine, whose mean is 1/3.
@@ -166,7 +166,7 @@ TEST_F(RsmTest, WideSpotsAreSeenThroughACube) {
             const Light light = scenes::spot_light({0.3, -0.4, 1.1}, {1, -2, 3}, 70, inner, outer);
             const double steradians =
                 2 * pi * (1 - std::cos(inner) + (std::cos(inner) - std::cos(outer)) / 3);
-            for (const int size : {64, 256})
+            for (const int size : {64, 256, 1024})
                 expect_relative(power(scene, frame, light, size), glm::dvec3(0.5 * 70 * steradians),
                                 3e-4);
         }

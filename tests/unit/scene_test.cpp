@@ -292,5 +292,24 @@ TEST(Scenes, FurnaceIsClosedAndGlows) {
     EXPECT_EQ(triangle_count(furnace), 12u);
 }
 
+TEST(TrimmedBounds, LeaveTheFewOut) {
+    Scene scene;
+    const int material = scenes::add_material(scene, glm::vec3(0.5f));
+    for (int i = 0; i < 100; ++i)
+        scenes::add_quad(scene, material, {float(i), 0, 0}, {1, 0, 0}, {0, 1, 0});
+    const Bounds all = trimmed_bounds(scene, 0.0);
+    EXPECT_EQ(all.lo, glm::dvec3(0.0));
+    EXPECT_NEAR(all.hi.x, 100.0, 1e-9);
+    // One quad far off to each side: 4 triangles of 204.
+    scenes::add_quad(scene, material, {-1000, 0, 0}, {1, 0, 0}, {0, 1, 0});
+    scenes::add_quad(scene, material, {3000, 0, 0}, {1, 0, 0}, {0, 1, 0});
+    const Bounds trimmed = trimmed_bounds(scene, 0.01);
+    EXPECT_NEAR(trimmed.lo.x, 0.0, 4.0);
+    EXPECT_NEAR(trimmed.hi.x, 100.0, 4.0);
+    EXPECT_NEAR(trimmed.hi.y, 1.0, 1e-9);
+    EXPECT_EQ(trimmed.hi.z, 0.0);
+    EXPECT_TRUE(trimmed_bounds(Scene{}, 0.01).empty());
+}
+
 } // namespace
 } // namespace lpvbake
