@@ -33,6 +33,8 @@ struct StageReport {
 /// What a bake will do, known before it does it.
 struct BakePlan {
     Grid grid;
+    Frame frame;           ///< the grid's
+    bool emitters = false; ///< some surface emits, and is wanted to
     int rsm_size = 0;
     int rsm_maps = 0;
     uint64_t triangles = 0;

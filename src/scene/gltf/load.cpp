@@ -169,7 +169,7 @@ void check_extensions(const json& root, const std::string& file,
             append(missing, name);
     if (!missing.empty())
         throw Error(ExitCode::unsupported, file + ": extensionsRequired: not supported: " + missing
-                                               + "; export the scene without");
+                                               + "; export the scene without them");
     for (const auto& name : root.value("extensionsUsed", json::array()))
         if (!is_understood(name))
             append(ignored, name);

@@ -1,0 +1,125 @@
+#include "bake.h"
+#include "error.h"
+#include "rsm/view.h"
+#include "text.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace lpvbake {
+namespace {
+
+int rsm_size_of(const Grid& grid, const BakeSettings& settings) {
+    if (settings.rsm_size > 0)
+        return settings.rsm_size;
+    return std::max(256, 8 * std::max({grid.dims.x, grid.dims.y, grid.dims.z}));
+}
+
+/// Warns where a few far triangles set most of the grid's size, as those of a plain around a town.
+void warn_of_empty_bounds(const Scene& scene, const Bounds& bounds,
+                          std::vector<std::string>& warnings) {
+    const Bounds crowd = trimmed_bounds(scene, 0.01);
+    const glm::dvec3 size = bounds.hi - bounds.lo, kept = crowd.hi - crowd.lo;
+    const double longest = std::max({size.x, size.y, size.z});
+    for (int axis = 0; axis < 3; ++axis)
+        if (size[axis] > 0.5 * longest && kept[axis] < 0.5 * size[axis]) {
+            warnings.push_back(
+                format("%s: 1 %% of the triangles set over half of the bounds; the rest lies "
+                       "within --bounds %.6g,%.6g,%.6g,%.6g,%.6g,%.6g",
+                       scene.path.c_str(), crowd.lo.x, crowd.lo.y, crowd.lo.z, crowd.hi.x,
+                       crowd.hi.y, crowd.hi.z));
+            return;
+        }
+}
+
+/// The largest resolution at which the same box fits the device.
+int largest_resolution(const Bounds& box, const BakeSettings& settings, uint64_t memory) {
+    int fits = 0;
+    for (int low = 3, high = 2048; low <= high;) {
+        const int middle = (low + high) / 2;
+        const Grid grid = fit_grid(box.lo, box.hi, {middle, 0.0, settings.grid.margin});
+        if (lpv_device_bytes(grid, settings.lpv.occlusion) <= memory) {
+            fits = middle;
+            low = middle + 1;
+        } else {
+            high = middle - 1;
+        }
+    }
+    return fits;
+}
+
+} // namespace
+
+BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
+                   const gpu::DeviceInfo& device) {
+    BakePlan plan;
+    plan.warnings = scene.warnings;
+    plan.triangles = triangle_count(scene);
+    if (plan.triangles == 0)
+        throw Error(ExitCode::invalid, scene.path + ": no triangles to light");
+    plan.emitters = settings.emitters && has_emitters(scene);
+    if (scene.lights.empty() && !plan.emitters)
+        throw Error(ExitCode::invalid,
+                    scene.path
+                        + ": no light and no emissive surface; add one with --sun "
+                          "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD or --lights FILE");
+
+    const Bounds scene_bounds = bounds_of(scene);
+    const Bounds box = settings.bounds.value_or(scene_bounds);
+    if (!settings.bounds)
+        warn_of_empty_bounds(scene, scene_bounds, plan.warnings);
+    plan.grid = fit_grid(box.lo, box.hi, settings.grid);
+    plan.frame = {plan.grid.origin, plan.grid.cell, glm::dvec3(plan.grid.dims)};
+    const uint64_t cells = plan.grid.size();
+    plan.device_bytes = lpv_device_bytes(plan.grid, settings.lpv.occlusion);
+    if (plan.device_bytes > device.memory)
+        throw Error(ExitCode::memory,
+                    format("a grid of %d x %d x %d needs %.1f GiB of %s's %.1f GiB; the largest "
+                           "that fits is --resolution %d",
+                           plan.grid.dims.x, plan.grid.dims.y, plan.grid.dims.z,
+                           double(plan.device_bytes) / 0x1p30, device.name.c_str(),
+                           double(device.memory) / 0x1p30,
+                           largest_resolution(box, settings, device.memory)));
+    plan.host_bytes = 260 * plan.triangles + 180 * cells + (uint64_t(64) << 20);
+
+    // Costs a unit, measured on two threads of a CPU device; a GPU is faster than this says.
+    const int longest = std::max({plan.grid.dims.x, plan.grid.dims.y, plan.grid.dims.z});
+    // In a closed room what is left falls like the slowest mode of a diffusion whose coefficient is
+    // 0.38 cells^2 a step; an open scene takes fewer steps.
+    const glm::dvec3 dims(plan.grid.dims);
+    const double decay = 0.38 * 9.87 * glm::dot(1.0 / dims, 1.0 / dims);
+    const double steps = settings.lpv.iterations
+                             ? settings.lpv.iterations
+                             : -std::log(double(settings.lpv.tolerance)) / decay;
+    const auto stage = [&](const char* name, double seconds, std::string why) {
+        plan.stages.push_back({name, seconds, std::move(why)});
+        plan.seconds += seconds;
+    };
+    stage("visibility", 4e-7 * double(plan.triangles),
+          format("%llu triangles", (unsigned long long)plan.triangles));
+    if (!scene.lights.empty()) {
+        plan.rsm_size = rsm_size_of(plan.grid, settings);
+        const glm::dvec3 lo = plan.frame.from_world(scene_bounds.lo);
+        const glm::dvec3 hi = plan.frame.from_world(scene_bounds.hi);
+        for (const Light& light : scene.lights)
+            plan.rsm_maps += int(views_of(light, plan.frame, lo, hi).size());
+        const double texels = double(plan.rsm_maps) * plan.rsm_size * plan.rsm_size;
+        stage("rsm", 0.2 + 1e-7 * texels + 2e-7 * double(plan.triangles) * plan.rsm_maps,
+              format("%zu lights, %d maps of %d x %d", scene.lights.size(), plan.rsm_maps,
+                     plan.rsm_size, plan.rsm_size));
+    }
+    if (plan.emitters || settings.lpv.occlusion != Occlusion::none)
+        stage("surfaces", 1e-6 * double(plan.triangles),
+              plan.emitters ? "emission and geometry volume" : "geometry volume");
+    stage("links", 15e-6 * double(cells) / longest,
+          settings.lpv.occlusion == Occlusion::face ? "validity and face transmittance"
+                                                    : "validity");
+    stage("inject", 0.01, "virtual point lights into cells");
+    stage("propagate", 0.2 + 3e-8 * double(cells) * steps,
+          settings.lpv.iterations
+              ? format("%d iterations", settings.lpv.iterations)
+              : format("until %.3g of the power is left", double(settings.lpv.tolerance)));
+    return plan;
+}
+
+} // namespace lpvbake
