@@ -8,7 +8,7 @@ packages=(
     cmake ninja-build g++ ccache glslc
     libvulkan-dev libembree-dev libtbb-dev libglm-dev libcli11-dev nlohmann-json3-dev
     libtinygltf-dev libopenvdb-dev libboost-dev
-    libopenimageio-dev
+    libopenimageio-dev libopenexr-dev libimath-dev
     # run: a Vulkan driver for any CPU
     mesa-vulkan-drivers
     # test

@@ -512,13 +512,6 @@ void run(const BakeOptions& o) {
     const std::unique_ptr<gpu::Device> device = opening.get();
     stages.push_back({"device", seconds_since(waiting), "opened while the scene was loaded"});
 
-    // Not before the scene and the device are there: while the module's libraries are linked, a
-    // thread that links others waits.
-    if (!preload && !o.dry_run && std::ranges::any_of(o.outputs, [](const std::string& output) {
-            return has_extension(output, ".exr");
-        }))
-        preload = preload_image_module();
-
     if (o.dry_run) {
         const BakePlan plan = plan_bake(scene, settings, device->info());
         for (const std::string& warning : plan.warnings)

@@ -31,12 +31,6 @@ Rgba8 decode_image(std::span<const std::byte> data, const std::string& name, uin
     return module().decode(data, name, max_texels);
 }
 
-std::vector<unsigned char> encode_exr(const Pixels& pixels, bool half,
-                                      const std::map<std::string, std::string>& attributes,
-                                      const std::string& name) {
-    return module().encode_exr(pixels, half, attributes, name);
-}
-
 Pixels decode_exr(std::span<const std::byte> data, const std::string& name, uint64_t max_texels) {
     return module().decode_exr(data, name, max_texels);
 }

@@ -8,7 +8,6 @@ namespace lpvbake {
 
 struct ImageModule {
     decltype(lpvbake::decode_image)* decode;
-    decltype(lpvbake::encode_exr)* encode_exr;
     decltype(lpvbake::decode_exr)* decode_exr;
     decltype(lpvbake::encode_png)* encode_png;
 };

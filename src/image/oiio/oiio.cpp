@@ -199,19 +199,6 @@ std::vector<unsigned char> encode(const char* format, ImageSpec spec, const Pixe
     return bytes;
 }
 
-std::vector<unsigned char> encode_exr_bytes(const Pixels& pixels, bool half,
-                                            const std::map<std::string, std::string>& attributes,
-                                            const std::string& name) {
-    ImageSpec spec(pixels.width, pixels.height, pixels.channels,
-                   half ? TypeDesc::HALF : TypeDesc::FLOAT);
-    for (const auto& [key, value] : attributes)
-        spec[key] = value;
-    spec["compression"] = "zip";
-    spec["DateTime"] = ""; // where it is missing, OpenImageIO puts the current time
-    spec["oiio:ColorSpace"] = "Linear";
-    return encode("openexr", std::move(spec), pixels, name);
-}
-
 std::vector<unsigned char> encode_png_bytes(const Pixels& pixels, const std::string& name) {
     Pixels clamped = pixels;
     for (float& sample : clamped.samples)
@@ -247,8 +234,8 @@ const lpvbake::ImageModule* lpvbake_image_module() {
         // pool (-1: none) would outnumber what the user asked for.
         OIIO::attribute("threads", 1);
         OIIO::attribute("exr_threads", -1);
-        return lpvbake::ImageModule{lpvbake::decode, lpvbake::encode_exr_bytes,
-                                    lpvbake::decode_exr_bytes, lpvbake::encode_png_bytes};
+        return lpvbake::ImageModule{lpvbake::decode, lpvbake::decode_exr_bytes,
+                                    lpvbake::encode_png_bytes};
     }();
     return &table;
 }
