@@ -42,7 +42,9 @@ int run(int argc, char** argv) {
     root.set_version_flag("--version", "lpvbake " LPVBAKE_VERSION);
     root.footer("lpvbake COMMAND --help explains a command.\n\n" + exit_code_table());
     add_bake(root, action);
+    add_reference(root, action);
     add_info(root, action);
+    add_diff(root, action);
     add_devices(root, action);
     try {
         root.parse(argc, argv);

@@ -1,5 +1,6 @@
 #include "solver/occlusion.h"
 
+#include "visibility/validity.h"
 #include "volume/sh.h"
 
 #include <tbb/parallel_for.h>
@@ -14,45 +15,6 @@ namespace {
 constexpr float reach = 1e-3f;
 /// Lines beside the centre, a quarter of a cell off it: where a link's coverage is sampled.
 constexpr glm::vec2 sides[4] = {{-0.25f, -0.25f}, {0.25f, -0.25f}, {-0.25f, 0.25f}, {0.25f, 0.25f}};
-
-/// All lines of the grid along one axis.
-struct Bundle {
-    const Visibility& visibility;
-    const Grid& grid;
-    int axis, u, v;
-    float begin, end; ///< where lines start and end on the axis, grid units
-
-    Bundle(const Visibility& vis, const Grid& g, int a)
-        : visibility(vis),
-          grid(g),
-          axis(a),
-          u((a + 1) % 3),
-          v((a + 2) % 3) {
-        // Far enough to meet what lies beyond the grid, near enough for single precision.
-        const float n = float(grid.dims[axis]);
-        begin = std::clamp(visibility.lo()[axis] - 1.0f, -2.0f * n, 0.0f);
-        end = std::clamp(visibility.hi()[axis] + 1.0f, n, 3.0f * n);
-    }
-    size_t cell(int i, int j, int k) const {
-        glm::ivec3 c;
-        c[axis] = i;
-        c[u] = j;
-        c[v] = k;
-        return grid.index(c);
-    }
-    /// The line through the centres of cells (*, j, k), shifted; t is the coordinate on the axis.
-    void trace(int j, int k, glm::vec2 shift, float from, float to,
-               std::vector<Crossing>& crossings) const {
-        Ray ray{glm::vec3(0.0f), glm::vec3(0.0f), 0.0f, to - from};
-        ray.origin[axis] = from;
-        ray.origin[u] = float(j) + 0.5f + shift.x;
-        ray.origin[v] = float(k) + 0.5f + shift.y;
-        ray.direction[axis] = 1.0f;
-        visibility.crossings(ray, crossings);
-        for (Crossing& crossing : crossings)
-            crossing.t += from;
-    }
-};
 
 /// What passes from centre i to centre i + 1, for all i; `widen` reaches beyond both ends.
 void link_transmittance(const std::vector<Crossing>& crossings, float widen,
@@ -74,43 +36,32 @@ Links trace_links(const Visibility& visibility, const Grid& grid) {
     links.open.assign(3 * grid.size(), 1.0f);
     std::vector<int8_t> backs(grid.size(), 0); // backs less fronts among the six first hits
     for (int axis = 0; axis < 3; ++axis) {
-        const Bundle bundle(visibility, grid, axis);
+        const AxisLines lines(visibility, grid.dims, axis);
         const int n = grid.dims[axis];
-        tbb::parallel_for(0, grid.dims[bundle.v], [&](int k) {
+        tbb::parallel_for(0, grid.dims[lines.v], [&](int k) {
             std::vector<Crossing> crossings;
+            std::vector<int8_t> own(static_cast<size_t>(n));
             std::vector<float> center(size_t(n - 1)), side(size_t(n - 1)), mean(size_t(n - 1));
-            for (int j = 0; j < grid.dims[bundle.u]; ++j) {
-                bundle.trace(j, k, {0, 0}, bundle.begin, bundle.end, crossings);
-                size_t next = 0;
-                for (int i = 0; i < n; ++i) {
-                    const float at = float(i) + 0.5f;
-                    while (next < crossings.size() && crossings[next].t <= at)
-                        ++next;
-                    int vote = 0;
-                    if (next < crossings.size() && crossings[next].facing != Facing::both)
-                        vote += crossings[next].facing == Facing::back ? 1 : -1;
-                    // Seen the other way, a front is a back.
-                    if (next > 0 && crossings[next - 1].facing != Facing::both)
-                        vote += crossings[next - 1].facing == Facing::front ? 1 : -1;
-                    backs[bundle.cell(i, j, k)] += int8_t(vote);
-                }
+            for (int j = 0; j < grid.dims[lines.u]; ++j) {
+                lines.trace(j, k, crossings);
+                count_backs(crossings, own);
+                for (int i = 0; i < n; ++i)
+                    backs[lines.cell(i, j, k)] += own[size_t(i)];
                 link_transmittance(crossings, reach, center);
                 std::fill(mean.begin(), mean.end(), 0.0f);
                 for (const glm::vec2 shift : sides) {
-                    bundle.trace(j, k, shift, 0.0f, float(n), crossings);
+                    lines.trace(j, k, shift, 0.0f, float(n), crossings);
                     link_transmittance(crossings, 0.0f, side);
                     for (size_t i = 0; i < mean.size(); ++i)
                         mean[i] += 0.25f * side[i];
                 }
                 for (int i = 0; i + 1 < n; ++i)
-                    links.open[3 * bundle.cell(i, j, k) + size_t(axis)] =
+                    links.open[3 * lines.cell(i, j, k) + size_t(axis)] =
                         center[size_t(i)] > 0.0f ? mean[size_t(i)] : 0.0f;
             }
         });
     }
-    links.validity.resize(grid.size());
-    for (size_t i = 0; i < grid.size(); ++i)
-        links.validity[i] = backs[i] > 0 ? 0.0f : 1.0f;
+    links.validity = validity_of(backs);
     return links;
 }
 

@@ -18,8 +18,7 @@ struct Links {
     /// orientation; four more segments through the shared face scale an open one by its coverage.
     /// 1 where the link leaves the grid.
     std::vector<float> open;
-    /// 1 a cell, 0 where more of the six axis rays from its centre meet a back than a front first.
-    std::vector<float> validity;
+    std::vector<float> validity; ///< as trace_validity has it
 };
 
 /// Traces five bundles of axis-parallel lines through the grid, each line once: 15 n^2 rays for n^3

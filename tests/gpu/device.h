@@ -44,8 +44,15 @@ protected:
     static gpu::Device& device() { return *shared; }
 
 private:
+    /// Closes the device before main ends: the driver's own globals are gone when ours go.
+    struct Closer : ::testing::Environment {
+        void TearDown() override { shared.reset(); }
+    };
+
     inline static std::unique_ptr<gpu::Device> shared;
     inline static std::string reason; ///< why there is no device
+    inline static ::testing::Environment* const closer =
+        ::testing::AddGlobalTestEnvironment(new Closer);
 };
 
 } // namespace lpvbake::testing

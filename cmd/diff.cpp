@@ -1,0 +1,622 @@
+// lpvbake diff: how far one volume is from another, and where.
+
+#include "command_line.h"
+#include "commands.h"
+#include "error.h"
+#include "io/io.h"
+#include "io/layout.h"
+#include "io/slice.h"
+#include "result.h"
+#include "terminal.h"
+#include "volume/compare.h"
+#include "volume/sh.h"
+
+#include <CLI/CLI.hpp>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <limits>
+#include <map>
+#include <memory>
+#include <optional>
+#include <sstream>
+
+namespace lpvbake {
+namespace {
+
+namespace fs = std::filesystem;
+
+const char summary[] = "Tells how far volume A is from the reference B on the same grid.";
+
+const char manual[] =
+    R"(A and B are .vdb, or .exr or .json of a flipbook. Their grids must have the same dims, cell and
+origin, each corner within a millionth of a cell (else exit code 3); order of SH, grids present and
+valid cells may differ and are reported.
+
+A sample is the irradiance of one cell that is valid in both volumes, for one of the 26 directions
+to its neighbours as normal, in red, green or blue; each volume is evaluated with all the SH bands
+that it has, and negative irradiance is counted and clamped to 0. The difference of a sample is
+|A - B| divided by the mean irradiance of B over all samples: 0.01 is one percent of the typical
+light, in a dark corner too. Where that mean is 0, differences are 0 or infinite (null in JSON).
+
+Without --fail, --fail-percent and --hard-fail any difference of any value in any grid, valid or
+not, gives exit code 7. With one of them the samples alone decide: A fails if more than
+--fail-percent of them differ by more than --fail, or if any differs by more than --hard-fail.
+--warn, --warn-percent and --hard-warn do the same for a warning, with exit code 0. X is a fraction
+or ends in %. Metadata are reported and decide nothing, unless --metadata is given.
+
+Examples:
+  lpvbake diff room.vdb reference.vdb
+  lpvbake diff new.vdb old.vdb --fail 0.1% --fail-percent 5 --hard-fail 2%
+  lpvbake diff room.vdb reference.vdb -o difference.vdb
+  lpvbake diff room.vdb reference.vdb --slice z=16 -o error.png
+
+Of a grid, RMS is over the cells valid in both volumes, and the maximum too, unless only others
+differ. A picture shows the mean difference of each cell's samples: black 0, over red and yellow to white,
+which is --slice-max; cells not valid in both are hatched. A volume holds A - B.
+
+JSON: {"command": "diff", "a", "b", "result": "identical"|"pass"|"warning"|"fail", "grid": {"dims",
+"cell", "origin", "cells"}, "sh_order": [A, B], "cells": {"valid_both", "valid_only_a", "valid_only_b",
+"valid_neither"}, "samples", "irradiance": {"mean_a", "mean_b", "relative_l1" (sum |A - B| / sum B),
+"rms", "relative_rms", "percentile95", "max", "negative_a", "negative_b"}, "energy": {"a", "b",
+"ratio"}, "fail" and "warn": null or {"limit", "percent", "hard", "exceeding"}, "worst": [{"cell",
+"position", "normal", "channel", "a", "b", "difference"}], "grids": [{"name", "cells" (that
+differ), "cells_valid_both" (of these), "max_abs", "rms", "relative" (rms / RMS of B), "worst":
+null or {"cell", "position", "channel", "a", "b"}}],
+"only_a" and "only_b": [grids], "metadata": {"only_a", "only_b", "different": {key: [A, B]}},
+"slice": null or {"slice", "max"}, "outputs"}. Metres, lux, nits, nit sr; percentile95, max,
+difference, limit, hard and slice max are fractions of mean_b.)";
+
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
+/// What idiff calls fail, failpercent and hardfail.
+struct Threshold {
+    double limit = 0;       ///< difference above which a sample exceeds
+    double percent = 0;     ///< of the samples may exceed
+    double hard = infinity; ///< no sample may differ by more
+    bool given = false;
+};
+
+struct DiffOptions {
+    std::string a, b;
+    Threshold fail, warn;
+    bool metadata = false;
+    int worst = 5;
+    std::vector<std::string> outputs;
+    std::string slice;
+    double slice_max = 0; ///< 0: the slice's own
+    std::string format = "text";
+};
+
+// ---------------------------------------------------------------- reading the command line
+
+/// A number in [0, 1e30] or a percentage, which becomes a fraction.
+CLI::Validator fraction() {
+    return {[](std::string& text) -> std::string {
+                const bool percent = text.ends_with('%');
+                const auto value = parse_number(text.substr(0, text.size() - percent));
+                if (!value || *value < 0 || *value > 1e30)
+                    return "'" + text + "' is not a number from 0 up, such as 0.01 or 1%";
+                if (percent)
+                    text = toml_number(*value / 100);
+                return {};
+            },
+            ""};
+}
+
+/// One name for a volume's files: that of a flipbook's sidecar for any of its own.
+fs::path identity(const std::string& path) {
+    fs::path name = fs::weakly_canonical(fs::absolute(path));
+    return has_extension(path, ".exr") ? name.replace_extension(".json") : name;
+}
+
+/// All that can be known to be wrong before the volumes are read.
+void check_options(const DiffOptions& o) {
+    bool picture = false;
+    std::vector<fs::path> names;
+    for (const std::string& output : o.outputs) {
+        const bool png = has_extension(output, ".png");
+        picture = picture || png;
+        if (!png && !volume_format(output))
+            throw Error(ExitCode::usage,
+                        output + ": the name of an output ends in .vdb, .exr or .png");
+        for (const std::string& input : {o.a, o.b})
+            if (identity(output) == identity(input))
+                throw Error(ExitCode::usage, output + ": would replace the input " + input);
+        if (std::ranges::find(names, identity(output)) != names.end())
+            throw Error(ExitCode::usage, output + ": given twice as an output");
+        names.push_back(identity(output));
+    }
+    if (o.slice.empty() == picture)
+        throw Error(ExitCode::usage,
+                    "--slice and a picture belong together: --slice z=16 -o error.png");
+    if (o.slice_max > 0 && o.slice.empty())
+        throw Error(ExitCode::usage, "--slice-max needs --slice");
+}
+
+Volume read(const std::string& path) {
+    return has_extension(path, ".json") ? read_exr(path) : read_volume(path);
+}
+
+// ---------------------------------------------------------------- outputs
+
+struct Slice {
+    int axis = 0;
+    int index = 0;
+};
+
+Slice parse_slice(const std::string& text, const Grid& grid) {
+    Slice slice;
+    const std::size_t axis = std::string("xyz").find(text[0]);
+    const char* end = text.data() + text.size();
+    if (text.size() < 3 || axis == std::string::npos || text[1] != '='
+        || std::from_chars(text.data() + 2, end, slice.index).ptr != end)
+        throw Error(ExitCode::usage, "--slice: '" + text + "' is not AXIS=INDEX, such as z=16");
+    slice.axis = int(axis);
+    const int last = grid.dims[slice.axis] - 1;
+    if (slice.index < 0 || slice.index > last)
+        throw Error(ExitCode::usage, "--slice: '" + text + "' is outside the grid, whose last is "
+                                         + text[0] + "=" + std::to_string(last));
+    return slice;
+}
+
+/// What is drawn as white: the 99th percentile of the errors above zero, but at most six times
+/// their median, so that one bad spot leaves the rest visible. 1 if there are none.
+double white_point(std::vector<float> errors) {
+    std::erase_if(errors, [](float error) { return !(error > 0); });
+    if (errors.empty())
+        return 1;
+    std::ranges::sort(errors);
+    const auto quantile = [&](std::size_t percent) {
+        return double(errors[(errors.size() - 1) * percent / 100]);
+    };
+    return std::min({quantile(99), 6 * quantile(50), double(std::numeric_limits<float>::max())});
+}
+
+/// The error of one layer of cells as a volume of that layer alone, whose mean luminance is the
+/// false colour: black at 0, over red and yellow to white at `white`; that is chosen where it is 0.
+Volume false_colours(const Volume& a, const Volume& b, const std::vector<float>& cell_error,
+                     Slice slice, double& white) {
+    Volume layer;
+    layer.grid = a.grid;
+    layer.grid.dims[slice.axis] = 1;
+    layer.sh_order = 0;
+    layer.sh.resize(1);
+    std::vector<float> errors;
+    glm::ivec3 cell;
+    for (cell.z = 0; cell.z < a.grid.dims.z; ++cell.z)
+        for (cell.y = 0; cell.y < a.grid.dims.y; ++cell.y)
+            for (cell.x = 0; cell.x < a.grid.dims.x; ++cell.x)
+                if (cell[slice.axis] == slice.index) {
+                    errors.push_back(cell_error[a.grid.index(cell)]);
+                    layer.validity.push_back(valid_in_both(a, b, a.grid.index(cell)));
+                }
+    if (white == 0)
+        white = white_point(errors);
+    for (const float error : errors) {
+        const auto t = float(3 * std::min(error / white, 1.0));
+        layer.sh[0].push_back(glm::clamp(glm::vec3(t, t - 1, t - 2), 0.0f, 1.0f) / sh_y0);
+    }
+    return layer;
+}
+
+/// Writes what was asked for, and puts the picture's scale into `white`.
+void write_outputs(const DiffOptions& o, const Volume& a, const Volume& b,
+                   const Comparison& comparison, double& white) {
+    const auto base = [](const std::string& path) { return fs::path(path).filename().string(); };
+    const std::optional<Slice> slice =
+        o.slice.empty() ? std::nullopt : std::optional(parse_slice(o.slice, a.grid));
+    white = o.slice_max;
+    for (const std::string& output : o.outputs) {
+        if (has_extension(output, ".png")) {
+            const Volume layer = false_colours(a, b, comparison.cell_error, *slice, white);
+            write_png(output, slice_picture(layer, slice->axis, 0, 1.0f));
+            continue;
+        }
+        Volume volume = difference(a, b);
+        volume.metadata = {{"content", "difference of two volumes"},
+                           {"minuend", base(o.a)},
+                           {"subtrahend", base(o.b)}};
+        for (const std::string& warning : write_volume(output, volume, Precision::full).warnings)
+            std::fprintf(stderr, "lpvbake: warning: %s\n", warning.c_str());
+    }
+}
+
+// ---------------------------------------------------------------- the result
+
+/// Keys that only one has, and those with two values.
+struct MetadataDifference {
+    std::map<std::string, std::string> only_a, only_b;
+    std::map<std::string, std::pair<std::string, std::string>> different;
+
+    bool any() const { return !only_a.empty() || !only_b.empty() || !different.empty(); }
+};
+
+MetadataDifference metadata_difference(const Volume& a, const Volume& b) {
+    MetadataDifference result;
+    for (const auto& [key, value] : a.metadata) {
+        const auto other = b.metadata.find(key);
+        if (other == b.metadata.end())
+            result.only_a[key] = value;
+        else if (other->second != value)
+            result.different[key] = {value, other->second};
+    }
+    for (const auto& [key, value] : b.metadata)
+        if (!a.metadata.contains(key))
+            result.only_b[key] = value;
+    return result;
+}
+
+std::vector<std::string> grid_names(const Volume& volume) {
+    std::vector<std::string> names;
+    for (std::size_t k = 0; k < volume.sh.size(); ++k)
+        names.push_back(std::string("sh_") + coefficient_name(int(k)));
+    for (std::size_t k = 0; k < volume.occlusion.size(); ++k)
+        names.push_back(std::string("occlusion_") + coefficient_name(int(k)));
+    if (!volume.validity.empty())
+        names.push_back("validity");
+    return names;
+}
+
+/// The names of `volume`'s grids that `other` lacks.
+std::vector<std::string> grids_missing(const Volume& volume, const Volume& other) {
+    const std::vector<std::string> there = grid_names(other);
+    std::vector<std::string> names = grid_names(volume);
+    std::erase_if(names, [&](const std::string& name) {
+        return std::ranges::find(there, name) != there.end();
+    });
+    return names;
+}
+
+struct NamedDifference {
+    std::string name;
+    GridDifference grid;
+    bool rgb = false;
+};
+
+std::vector<NamedDifference> named_differences(const Comparison& comparison) {
+    std::vector<NamedDifference> named;
+    for (std::size_t k = 0; k < comparison.sh.size(); ++k)
+        named.push_back({std::string("sh_") + coefficient_name(int(k)), comparison.sh[k], true});
+    for (std::size_t k = 0; k < comparison.occlusion.size(); ++k)
+        named.push_back(
+            {std::string("occlusion_") + coefficient_name(int(k)), comparison.occlusion[k], false});
+    if (comparison.validity)
+        named.push_back({"validity", *comparison.validity, false});
+    return named;
+}
+
+/// Everything that the two forms of the result say.
+struct DiffResult {
+    const DiffOptions& options;
+    const Volume& a;
+    const Volume& b;
+    const Comparison& comparison;
+    MetadataDifference metadata;
+    double slice_max = 0;
+    std::string verdict; ///< identical, pass, warning or fail
+};
+
+Json to_json(glm::dvec3 v) {
+    return {v.x, v.y, v.z};
+}
+
+Json to_json(glm::ivec3 v) {
+    return {v.x, v.y, v.z};
+}
+
+Json to_json(const Threshold& threshold, uint64_t exceeding) {
+    if (!threshold.given)
+        return nullptr;
+    return {{"limit", threshold.limit},
+            {"percent", threshold.percent},
+            {"hard", threshold.hard},
+            {"exceeding", exceeding}};
+}
+
+const char* channel_name(int channel) {
+    static const char* const names[] = {"r", "g", "b"};
+    return names[channel];
+}
+
+Json json_of(const DiffResult& result) {
+    const Comparison& c = result.comparison;
+    const DiffOptions& o = result.options;
+    const Grid& grid = result.b.grid;
+    Json document{{"command", "diff"},
+                  {"a", o.a},
+                  {"b", o.b},
+                  {"result", result.verdict},
+                  {"grid", grid_json(grid)},
+                  {"sh_order", {result.a.sh_order, result.b.sh_order}},
+                  {"cells",
+                   {{"valid_both", c.valid_both},
+                    {"valid_only_a", c.valid_only_a},
+                    {"valid_only_b", c.valid_only_b},
+                    {"valid_neither", c.valid_neither}}},
+                  {"samples", c.samples},
+                  {"irradiance",
+                   {{"mean_a", c.mean_a},
+                    {"mean_b", c.mean_b},
+                    {"relative_l1", c.relative_l1},
+                    {"rms", c.rms},
+                    {"relative_rms", c.relative_rms},
+                    {"percentile95", c.percentile95},
+                    {"max", c.max},
+                    {"negative_a", c.negative_a},
+                    {"negative_b", c.negative_b}}},
+                  {"energy", {{"a", c.energy_a}, {"b", c.energy_b}, {"ratio", c.energy_ratio}}},
+                  {"fail", to_json(o.fail, c.exceeding[0])},
+                  {"warn", to_json(o.warn, c.exceeding[1])},
+                  {"worst", Json::array()},
+                  {"grids", Json::array()},
+                  {"only_a", grids_missing(result.a, result.b)},
+                  {"only_b", grids_missing(result.b, result.a)},
+                  {"metadata",
+                   {{"only_a", result.metadata.only_a},
+                    {"only_b", result.metadata.only_b},
+                    {"different", result.metadata.different}}},
+                  {"slice", nullptr},
+                  {"outputs", o.outputs}};
+    for (const IrradianceSample& sample : c.worst)
+        document["worst"].push_back({{"cell", to_json(sample.cell)},
+                                     {"position", to_json(grid.center(sample.cell))},
+                                     {"normal", to_json(sample.normal)},
+                                     {"channel", channel_name(sample.channel)},
+                                     {"a", sample.a},
+                                     {"b", sample.b},
+                                     {"difference", sample.difference}});
+    for (const auto& [name, of_grid, rgb] : named_differences(c)) {
+        Json entry{{"name", name},
+                   {"cells", of_grid.cells},
+                   {"cells_valid_both", of_grid.cells_valid_both},
+                   {"max_abs", of_grid.max_abs},
+                   {"rms", of_grid.rms},
+                   {"relative", of_grid.relative},
+                   {"worst", nullptr}};
+        if (of_grid.cells > 0)
+            entry["worst"] = {
+                {"cell", to_json(of_grid.cell)},
+                {"position", to_json(grid.center(of_grid.cell))},
+                {"channel", rgb ? Json(channel_name(of_grid.channel)) : Json(nullptr)},
+                {"a", of_grid.a},
+                {"b", of_grid.b}};
+        document["grids"].push_back(entry);
+    }
+    if (!o.slice.empty())
+        document["slice"] = {{"slice", o.slice}, {"max", result.slice_max}};
+    return document;
+}
+
+/// The parts of `text` (between semicolons or lines) that `other` lacks, each after `label`.
+void print_parts(const char* label, std::string text, std::string other) {
+    const auto parts = [](std::string& whole) {
+        std::ranges::replace(whole, '\n', ';');
+        std::vector<std::string> list = CLI::detail::split(whole, ';');
+        for (std::string& part : list)
+            CLI::detail::trim(part);
+        return list;
+    };
+    const std::vector<std::string> there = parts(other);
+    for (const std::string& part : parts(text))
+        if (std::ranges::find(there, part) == there.end())
+            std::printf("    %s  %s\n", label, part.c_str());
+}
+
+void print_threshold(const char* name, const Threshold& threshold, uint64_t exceeding,
+                     const Comparison& c) {
+    if (!threshold.given)
+        return;
+    std::printf("%-10s %llu samples (%.4g %%) differ by more than %.4g %%; %.4g %% may", name,
+                static_cast<unsigned long long>(exceeding),
+                c.samples > 0 ? 100.0 * double(exceeding) / double(c.samples) : 0.0,
+                100 * threshold.limit, threshold.percent);
+    if (threshold.hard < infinity)
+        std::printf(", none by more than %.4g %%", 100 * threshold.hard);
+    std::printf("\n");
+}
+
+void print_text(const DiffResult& result) {
+    const Comparison& c = result.comparison;
+    const DiffOptions& o = result.options;
+    const Grid& grid = result.b.grid;
+    const auto number = [](uint64_t n) { return static_cast<unsigned long long>(n); };
+    std::printf("A          %s\n", o.a.c_str());
+    std::printf("B          %s (reference)\n", o.b.c_str());
+    std::printf("grid       %d x %d x %d cells of %.6g m\n", grid.dims.x, grid.dims.y, grid.dims.z,
+                grid.cell);
+    if (result.a.sh_order != result.b.sh_order)
+        std::printf("SH order   %d in A, %d in B: irradiance is from all bands that each has,\n"
+                    "           coefficients are compared where both have them\n",
+                    result.a.sh_order, result.b.sh_order);
+    std::printf("valid      %llu cells in both, %llu only in A, %llu only in B, %llu in neither\n",
+                number(c.valid_both), number(c.valid_only_a), number(c.valid_only_b),
+                number(c.valid_neither));
+    std::printf("samples    %llu (cells valid in both x 26 normals x RGB)\n", number(c.samples));
+    std::printf("irradiance %.6g lx in A, %.6g lx in B on average\n", c.mean_a, c.mean_b);
+    std::printf("  L1               %10.4g %%  sum |A - B| / sum B\n", 100 * c.relative_l1);
+    std::printf("  RMS              %10.4g %%  of B's mean, %.4g lx\n", 100 * c.relative_rms,
+                c.rms);
+    std::printf("  95th percentile  %10.4g %%  of B's mean\n", 100 * c.percentile95);
+    std::printf("  largest          %10.4g %%  of B's mean\n", 100 * c.max);
+    std::printf("  negative         %llu samples of A, %llu of B; clamped to 0\n",
+                number(c.negative_a), number(c.negative_b));
+    std::printf("energy     A / B = %.6g (%.6g and %.6g nit sr in cells valid in both)\n",
+                c.energy_ratio, c.energy_a, c.energy_b);
+    print_threshold("fail", o.fail, c.exceeding[0], c);
+    print_threshold("warn", o.warn, c.exceeding[1], c);
+
+    if (!c.worst.empty())
+        std::printf("worst cells\n");
+    for (const IrradianceSample& sample : c.worst) {
+        const glm::dvec3 p = grid.center(sample.cell), n = sample.normal;
+        std::printf("  (%d, %d, %d) at (%.6g, %.6g, %.6g) m, normal (%.2g, %.2g, %.2g), %s: "
+                    "A %.6g lx, B %.6g lx, %.4g %%\n",
+                    sample.cell.x, sample.cell.y, sample.cell.z, p.x, p.y, p.z, n.x, n.y, n.z,
+                    channel_name(sample.channel), sample.a, sample.b, 100 * sample.difference);
+    }
+    for (const auto& [name, of_grid, rgb] : named_differences(c)) {
+        if (of_grid.cells == 0) {
+            std::printf("%-14s  same\n", name.c_str());
+            continue;
+        }
+        const glm::dvec3 p = grid.center(of_grid.cell);
+        std::printf("%-14s  max %.4g, RMS %.4g (%.4g %%); %llu cells, %llu of them valid in both\n",
+                    name.c_str(), of_grid.max_abs, of_grid.rms, 100 * of_grid.relative,
+                    number(of_grid.cells), number(of_grid.cells_valid_both));
+        std::printf("  max in (%d, %d, %d) at (%.6g, %.6g, %.6g) m%s%s: A %.9g, B %.9g\n",
+                    of_grid.cell.x, of_grid.cell.y, of_grid.cell.z, p.x, p.y, p.z, rgb ? ", " : "",
+                    rgb ? channel_name(of_grid.channel) : "", double(of_grid.a), double(of_grid.b));
+    }
+    for (const std::string& name : grids_missing(result.a, result.b))
+        std::printf("%-14s  only in A\n", name.c_str());
+    for (const std::string& name : grids_missing(result.b, result.a))
+        std::printf("%-14s  only in B\n", name.c_str());
+    const MetadataDifference& metadata = result.metadata;
+    std::printf("metadata   %s\n", metadata.any() ? "different" : "same");
+    for (const auto& [key, value] : metadata.only_a)
+        std::printf("  lpv:%s only in A: %s\n", key.c_str(), value.c_str());
+    for (const auto& [key, value] : metadata.only_b)
+        std::printf("  lpv:%s only in B: %s\n", key.c_str(), value.c_str());
+    for (const auto& [key, values] : metadata.different) {
+        std::printf("  lpv:%s\n", key.c_str());
+        print_parts("A", values.first, values.second);
+        print_parts("B", values.second, values.first);
+    }
+    if (!o.slice.empty())
+        std::printf("slice      %s, white is %.4g %% of B's mean\n", o.slice.c_str(),
+                    100 * result.slice_max);
+    for (const std::string& output : o.outputs)
+        std::printf("wrote      %s\n", output.c_str());
+    std::printf("result     %s\n", result.verdict.c_str());
+}
+
+/// Why the threshold is not kept; none: it is.
+std::optional<std::string> offence(const Threshold& threshold, uint64_t exceeding,
+                                   const Comparison& comparison) {
+    std::ostringstream text;
+    text.precision(4);
+    if (comparison.max > threshold.hard)
+        text << "a sample differs by " << 100 * comparison.max << " % of the mean, "
+             << 100 * threshold.hard << " % is the limit of any";
+    else if (double(exceeding) > threshold.percent / 100 * double(comparison.samples))
+        text << exceeding << " of " << comparison.samples << " samples differ by more than "
+             << 100 * threshold.limit << " % of the mean";
+    else
+        return {};
+    return text.str();
+}
+
+/// How A differs, to follow "A differs from B"; none: it does not fail.
+std::optional<std::string> failure(const DiffResult& result) {
+    const DiffOptions& o = result.options;
+    if (o.metadata && result.metadata.any())
+        return " in its metadata";
+    if (o.fail.given) {
+        const auto why = offence(o.fail, result.comparison.exceeding[0], result.comparison);
+        return why ? std::optional(": " + *why) : std::nullopt;
+    }
+    if (result.comparison.identical)
+        return {};
+    std::string grids;
+    const auto list = [&](const std::string& name, const char* where) {
+        grids += (grids.empty() ? "" : ", ") + name + where;
+    };
+    for (const auto& [name, grid, rgb] : named_differences(result.comparison))
+        if (grid.cells > 0)
+            list(name, "");
+    for (const std::string& name : grids_missing(result.a, result.b))
+        list(name, " (only in A)");
+    for (const std::string& name : grids_missing(result.b, result.a))
+        list(name, " (only in B)");
+    return " in " + grids;
+}
+
+void run(const DiffOptions& o) {
+    check_options(o);
+    const Volume a = read(o.a), b = read(o.b);
+    const std::string both = o.a + " and " + o.b;
+    if (const auto why = lattice_difference(a.grid, b.grid))
+        throw Error(ExitCode::invalid,
+                    both + " are not on one grid: " + *why
+                        + "; bake both with the same --bounds, --resolution and --margin");
+    const Comparison comparison = compare(a, b, {{o.fail.limit, o.warn.limit}, o.worst});
+    if (comparison.samples == 0 && !comparison.identical)
+        throw Error(ExitCode::invalid,
+                    both + " have no cell that is valid in both: there is nothing to compare");
+    DiffResult result{o, a, b, comparison, metadata_difference(a, b), 0, ""};
+    write_outputs(o, a, b, comparison, result.slice_max);
+
+    const std::optional<std::string> failed = failure(result);
+    std::optional<std::string> warned;
+    if (o.warn.given)
+        warned = offence(o.warn, comparison.exceeding[1], comparison);
+    result.verdict = failed                 ? "fail"
+                     : warned               ? "warning"
+                     : comparison.identical ? "identical"
+                                            : "pass";
+    o.format == "json" ? print_json(json_of(result)) : print_text(result);
+    finish_stdout();
+    if (failed)
+        throw Error(ExitCode::difference, o.a + " differs from " + o.b + *failed);
+    if (warned)
+        std::fprintf(stderr, "lpvbake: warning: %s differs from %s: %s\n", o.a.c_str(), o.b.c_str(),
+                     warned->c_str());
+}
+
+} // namespace
+
+void add_diff(CLI::App& root, Action& action) {
+    auto options = std::make_shared<DiffOptions>();
+    DiffOptions& o = *options;
+    CLI::App* app = root.add_subcommand("diff", summary);
+    app->footer(manual);
+    OptionList list(*app);
+    list.text("A", o.a, "FILE", "Volume to judge")->required();
+    list.text("B", o.b, "FILE", "Reference")->required();
+
+    list.group("Thresholds");
+    const auto limit = [&](const char* name, double& value, const char* help) {
+        return list.text(name, value, "X", help)->transform(fraction());
+    };
+    const std::vector<CLI::Option*> fail{
+        limit("--fail", o.fail.limit,
+              "Difference above which a sample fails, as a fraction of\n"
+              "B's mean irradiance; default 0"),
+        list.number("--fail-percent", o.fail.percent, 0, 100,
+                    "Percentage of samples that may fail; default 0"),
+        limit("--hard-fail", o.fail.hard, "Difference that no sample may exceed; default: none")};
+    const std::vector<CLI::Option*> warn{
+        limit("--warn", o.warn.limit, "As --fail, for a warning"),
+        list.number("--warn-percent", o.warn.percent, 0, 100, "As --fail-percent, for a warning"),
+        limit("--hard-warn", o.warn.hard, "As --hard-fail, for a warning")};
+    list.flag("--metadata", o.metadata, "Different metadata fail too");
+
+    list.group("Output");
+    list.list("-o,--output", o.outputs, "FILE",
+              "Volume of A - B (.vdb, .exr) or picture of a slice (.png)\n"
+              "to write; may be repeated");
+    list.text("--slice", o.slice, "AXIS=INDEX",
+              "Layer of cells to draw, such as z=16; needs -o FILE.png");
+    limit("--slice-max", o.slice_max,
+          "Mean difference of a cell that is drawn white, as a\n"
+          "fraction of B's mean; default: the slice's 99th\n"
+          "percentile, at most six times its median");
+    list.number("--worst", o.worst, 0, 1'000'000, "Cells to list")->capture_default_str();
+    list.choice("--format", o.format, "text|json", "Form of the result");
+
+    app->callback([&action, options, fail, warn] {
+        const auto given = [](const std::vector<CLI::Option*>& thresholds) {
+            return std::ranges::any_of(thresholds,
+                                       [](CLI::Option* each) { return each->count() > 0; });
+        };
+        options->fail.given = given(fail);
+        options->warn.given = given(warn);
+        action = [options] { run(*options); };
+    });
+}
+
+} // namespace lpvbake

@@ -1,0 +1,316 @@
+// lpvbake reference: the path-traced volume that bakes are measured against.
+
+#include "reference/reference.h"
+
+#include "commands.h"
+#include "error.h"
+#include "image/image.h"
+#include "result.h"
+#include "scene_options.h"
+
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <memory>
+
+namespace lpvbake {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+const char summary[] = "Path-traces the volume that a bake of the same options should be.";
+
+const char manual[] =
+    R"(Incident luminance at the centre of each cell, projected to spherical harmonics, on the grid that
+bake makes of the same scene and options, with the light that bake's field holds: of directional,
+point and spot lights after 1 to --bounces reflections, of emissive surfaces after none to
+--bounces. All surfaces count, also outside the grid. Needs no GPU.
+
+The estimate has no systematic error, and its random one is known. Rays come in 64 independent
+batches, each stratified; from their scatter come the standard error of every coefficient (-e
+writes it as a volume of its own; the metadata standard_error hold each grid's root mean square)
+and the noise: the standard error of a cell's irradiance, root mean square over the 26 directions
+to its neighbours and RGB, its mean over the cells relative to their mean irradiance. With --noise,
+rays are doubled until it is reached. In a scene whose light never fades, closed and of albedo 1,
+--bounces inf is refused.
+
+With --probes only so many cells are evaluated, drawn by --seed from those outside geometry; the
+others are 0 and not valid. A cell's value does not depend on which others are evaluated, and the
+same options give the same bytes, whatever --threads says.
+
+Examples:
+  lpvbake reference room.glb -o room_truth.vdb --noise 1%
+  lpvbake reference room.glb -o truth.vdb -e truth_error.vdb --bounces inf --rays 16384
+  lpvbake reference room.glb -o truth.vdb --probes 1000 --noise 0.5% --resolution 64
+  lpvbake diff room.vdb room_truth.vdb
+
+JSON (--format json), one object; sizes in bytes, times in seconds:
+  {"command": "reference", "version", "scene", "triangles", "grid": {"dims": [x, y, z], "cell",
+   "origin": [x, y, z], "cells"}, "sh_order", "bounces": N or null (all), "seed", "probes" (cells
+   evaluated), "rays" (from each), "noise", "standard_error": [nits, a number a grid], "traced"
+   (rays in all), "outputs": [{"path", "bytes"}], "stages": [{"name", "seconds"}], "seconds",
+   "peak_memory", "warnings": [...]})";
+
+/// Rays a cell where --rays leaves the number open.
+constexpr uint64_t usual_rays = 1024, most_rays = 1 << 20;
+
+struct ReferenceOptions : SceneOptions {
+    OutputOptions outputs;
+    std::string error_output;
+    std::string sh_order = "1";
+    std::string bounces = "1";
+    uint64_t rays = 0;
+    double noise = 0;
+    uint64_t probes = 0;
+    uint64_t seed = 1;
+    int threads = 0;
+    std::string format = "text";
+    std::string progress = "auto";
+    bool print_config = false;
+    std::string config;
+};
+
+/// In the order of --help.
+std::vector<Setting> settings_of(const ReferenceOptions& o) {
+    std::vector<Setting> settings;
+    if (!o.scene.empty())
+        settings.push_back({"scene", toml_string(o.scene), false});
+    if (!o.outputs.paths.empty())
+        settings.push_back({"output", toml_array(o.outputs.paths), false});
+    if (!o.error_output.empty())
+        settings.push_back({"error-output", toml_string(o.error_output), false});
+    append_grid_settings(o, settings);
+    append_light_settings(o, settings);
+    settings.push_back({"sh-order", toml_string(o.sh_order), true});
+    settings.push_back({"bounces", toml_string(o.bounces), true});
+    settings.push_back({"rays", std::to_string(o.rays), true});
+    if (o.noise > 0)
+        settings.push_back({"noise", toml_number(o.noise), true});
+    settings.push_back({"probes", std::to_string(o.probes), true});
+    settings.push_back({"seed", std::to_string(o.seed), true});
+    settings.push_back({"precision", toml_string(o.outputs.precision), false});
+    settings.push_back({"exr-packing", toml_string(o.outputs.exr_packing), false});
+    settings.push_back({"threads", std::to_string(o.threads), false});
+    settings.push_back({"format", toml_string(o.format), false});
+    settings.push_back({"progress", toml_string(o.progress), false});
+    return settings;
+}
+
+/// "inf", or a whole number up to 10,000.
+CLI::Validator bounces_or_inf() {
+    return {[](std::string& text) -> std::string {
+                const std::optional<double> value = parse_number(text);
+                const bool digits = text.find_first_not_of("0123456789") == std::string::npos;
+                if (text == "inf" || (value && digits && *value <= 10'000))
+                    return {};
+                return "'" + text + "' is neither a whole number from 0 to 10000 nor inf";
+            },
+            ""};
+}
+
+/// A fraction in (0, 1], or a percentage, which becomes one.
+CLI::Validator fraction() {
+    return {[](std::string& text) -> std::string {
+                const bool percent = !text.empty() && text.back() == '%';
+                const std::optional<double> value =
+                    parse_number(percent ? text.substr(0, text.size() - 1) : text);
+                const double share = value.value_or(0) / (percent ? 100 : 1);
+                if (!(share >= 1e-6 && share <= 1))
+                    return "'" + text + "' is not a share from 1e-6 to 1, such as 0.01 or 1%";
+                text = toml_number(share);
+                return {};
+            },
+            ""};
+}
+
+ReferenceSettings to_settings(const ReferenceOptions& o) {
+    ReferenceSettings settings;
+    settings.paths.bounces =
+        o.bounces == "inf" ? std::nullopt : std::optional(std::atoi(o.bounces.c_str()));
+    settings.paths.emitters = !o.no_emitters;
+    settings.sh_order = std::atoi(o.sh_order.c_str());
+    settings.rays = o.rays > 0 ? o.rays : o.noise > 0 ? most_rays : usual_rays;
+    settings.noise = o.noise;
+    settings.seed = o.seed;
+    settings.probes = o.probes;
+    return settings;
+}
+
+std::vector<std::string> all_outputs(const ReferenceOptions& o) {
+    std::vector<std::string> all = o.outputs.paths;
+    if (!o.error_output.empty())
+        all.push_back(o.error_output);
+    return all;
+}
+
+/// All that can be known to be wrong before any work is done.
+void check_options(const ReferenceOptions& o, bool cell_and_resolution) {
+    check_paths("reference", o, all_outputs(o));
+    if (o.outputs.paths.empty())
+        throw Error(ExitCode::usage, "no output: add -o FILE.vdb or -o FILE.exr");
+    if (cell_and_resolution)
+        throw Error(ExitCode::usage, "--cell-size and --resolution exclude each other");
+}
+
+struct Stage {
+    const char* name;
+    double seconds;
+};
+
+void print_result(const ReferenceOptions& o, const Scene& scene, const Reference& reference,
+                  const std::vector<Stage>& stages, const std::vector<Written>& outputs,
+                  double seconds, const std::vector<std::string>& warnings) {
+    const Volume& volume = reference.volume;
+    if (o.format == "json") {
+        Json document{{"command", "reference"},
+                      {"version", LPVBAKE_VERSION},
+                      {"scene", o.scene},
+                      {"triangles", triangle_count(scene)},
+                      {"grid", grid_json(volume.grid)},
+                      {"sh_order", volume.sh_order},
+                      {"bounces", nullptr},
+                      {"seed", o.seed},
+                      {"probes", reference.probes},
+                      {"rays", reference.rays},
+                      {"noise", reference.noise},
+                      {"standard_error", reference.standard_error},
+                      {"traced", reference.traced},
+                      {"outputs", Json::array()},
+                      {"stages", Json::array()},
+                      {"seconds", seconds},
+                      {"peak_memory", peak_memory()},
+                      {"warnings", warnings}};
+        if (o.bounces != "inf")
+            document["bounces"] = std::atoi(o.bounces.c_str());
+        for (const Written& output : outputs)
+            document["outputs"].push_back({{"path", output.path}, {"bytes", output.bytes}});
+        for (const Stage& stage : stages)
+            document["stages"].push_back({{"name", stage.name}, {"seconds", stage.seconds}});
+        print_json(document);
+        return;
+    }
+    print_grid(volume.grid);
+    std::printf("light         %s\n", volume.metadata.at("content").c_str());
+    std::printf("rays          %llu from each of %llu cells, %.4g M in all\n",
+                static_cast<unsigned long long>(reference.rays),
+                static_cast<unsigned long long>(reference.probes), 1e-6 * double(reference.traced));
+    std::printf("noise         %.3g %% of the mean irradiance\n", 100 * reference.noise);
+    for (const Stage& stage : stages)
+        std::printf("%-12s  %7.3f s\n", stage.name, stage.seconds);
+    std::printf("%-12s  %7.3f s  peak memory %s\n", "total", seconds,
+                bytes_text(peak_memory()).c_str());
+    for (const Written& output : outputs)
+        std::printf("wrote         %s (%s)\n", output.path.c_str(),
+                    bytes_text(output.bytes).c_str());
+}
+
+void run(const ReferenceOptions& o) {
+    const Clock::time_point begin = Clock::now();
+    const ReferenceSettings settings = to_settings(o);
+    const std::optional<Bounds> bounds = grid_bounds(o);
+    const std::vector<Light> lights = command_line_lights(o);
+    probe_outputs(all_outputs(o));
+    probe_scene(o);
+    const auto thread_limit = limit_threads(o.threads);
+    ImageModulePreload preload;
+    if (mentions_images(o))
+        preload = preload_image_module();
+
+    watch_signals();
+    TerminalProgress progress(progress_style(o.progress));
+    std::vector<Stage> stages;
+    progress.begin("load", 0);
+    const Scene scene = load_scene(o, lights);
+    for (const std::string& warning : scene.warnings)
+        progress.warn(warning);
+    stages.push_back({"load", seconds_since(begin)});
+
+    const Clock::time_point tracing = Clock::now();
+    const Bounds box = bounds.value_or(bounds_of(scene));
+    if (triangle_count(scene) == 0)
+        throw Error(ExitCode::invalid, scene.path + ": no triangles to light");
+    Reference reference =
+        make_reference(scene, fit_grid(box.lo, box.hi, grid_settings(o)), settings, progress);
+    for (const std::string& warning : reference.warnings)
+        progress.warn(warning);
+    stages.push_back({"trace", seconds_since(tracing)});
+
+    const Clock::time_point writing = Clock::now();
+    const std::vector<Setting> used = settings_of(o);
+    fill_metadata(o, scene, used, reference.volume);
+    fill_metadata(o, scene, used, reference.error);
+    std::vector<Written> written;
+    progress.begin("write", 0);
+    for (const std::string& output : o.outputs.paths)
+        written.push_back(write_output(o.outputs, output, reference.volume, progress));
+    if (!o.error_output.empty())
+        written.push_back(write_output(o.outputs, o.error_output, reference.error, progress));
+    stages.push_back({"write", seconds_since(writing)});
+    progress.clear();
+    print_result(o, scene, reference, stages, written, seconds_since(begin), progress.warnings());
+}
+
+} // namespace
+
+void add_reference(CLI::App& root, Action& action) {
+    auto options = std::make_shared<ReferenceOptions>();
+    ReferenceOptions& o = *options;
+    CLI::App* app = root.add_subcommand("reference", summary);
+    app->footer(manual);
+
+    OptionList list(*app);
+    list.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb");
+    list.list("-o,--output", o.outputs.paths, "FILE",
+              "Volume to write, .vdb or .exr; may be repeated");
+    list.text("-e,--error-output", o.error_output, "FILE",
+              "Volume of the standard errors to write, .vdb or .exr");
+    CLI::Option* resolution = add_grid_options(list, o);
+    add_light_options(list, o);
+
+    list.group("Paths");
+    list.choice("--sh-order", o.sh_order, "1|2", "Highest band of the spherical harmonics");
+    list.text("--bounces", o.bounces, "N|inf", "Reflections of light at most, 0 to 10000, or all")
+        ->check(bounces_or_inf())
+        ->capture_default_str();
+    list.number("--rays", o.rays, 0, 1e9,
+                "Rays from each cell, rounded up to a multiple of 64; at most so\n"
+                "many with --noise; 0: 1024, with --noise 1048576")
+        ->capture_default_str();
+    list.text("--noise", o.noise, "X|X%", "Trace until the noise of irradiance is at most this")
+        ->transform(fraction());
+    list.number("--probes", o.probes, 0, 2147483647,
+                "Evaluate only so many of the cells outside geometry; 0: all cells")
+        ->capture_default_str();
+    list.number("--seed", o.seed, 0, 4294967295, "Another one gives an independent estimate")
+        ->capture_default_str();
+
+    list.group("Output");
+    list.choice("--precision", o.outputs.precision, "float|half", "Of stored numbers");
+    list.choice("--exr-packing", o.outputs.exr_packing, "band|channel",
+                "An RGB file a coefficient, or an RGBA file a colour channel");
+
+    list.group("Run");
+    list.number("--threads", o.threads, 0, 1024, "CPU threads; 0: one a core")
+        ->capture_default_str();
+    list.choice("--format", o.format, "text|json", "Form of the result");
+    list.choice("--progress", o.progress, "auto|bar|plain|none",
+                "On standard error; auto: a bar on a terminal");
+    list.text("--config", o.config, "FILE", "TOML file of options; the command line comes first")
+        ->configurable(false);
+    list.flag("--print-config", o.print_config, "Print every option as --config reads it")
+        ->configurable(false);
+
+    app->callback([app, resolution, options, &action] {
+        const bool both = settle(*app, *resolution, options->config, *options);
+        action = [options, both] {
+            if (options->print_config) {
+                print_config(settings_of(*options));
+                return;
+            }
+            check_options(*options, both);
+            run(*options);
+        };
+    });
+}
+
+} // namespace lpvbake

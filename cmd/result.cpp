@@ -1,0 +1,47 @@
+#include "result.h"
+
+#include <cstdio>
+#include <iostream>
+
+#include <sys/resource.h>
+
+namespace lpvbake {
+
+uint64_t peak_memory() {
+    struct rusage usage = {};
+    getrusage(RUSAGE_SELF, &usage);
+    return uint64_t(usage.ru_maxrss) * 1024; // the kernel counts KiB
+}
+
+double seconds_since(std::chrono::steady_clock::time_point begin) {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+
+std::string bytes_text(uint64_t bytes) {
+    char text[32];
+    if (bytes < 10'000)
+        std::snprintf(text, sizeof text, "%llu B", static_cast<unsigned long long>(bytes));
+    else if (bytes < 10'000'000)
+        std::snprintf(text, sizeof text, "%.1f KiB", double(bytes) / 1024);
+    else
+        std::snprintf(text, sizeof text, "%.1f MiB", double(bytes) / (1024 * 1024));
+    return text;
+}
+
+Json grid_json(const Grid& grid) {
+    return {{"dims", {grid.dims.x, grid.dims.y, grid.dims.z}},
+            {"cell", grid.cell},
+            {"origin", {grid.origin.x, grid.origin.y, grid.origin.z}},
+            {"cells", grid.size()}};
+}
+
+void print_grid(const Grid& grid) {
+    std::printf("grid          %d x %d x %d cells of %.4g m from (%.5g, %.5g, %.5g)\n", grid.dims.x,
+                grid.dims.y, grid.dims.z, grid.cell, grid.origin.x, grid.origin.y, grid.origin.z);
+}
+
+void print_json(const Json& document) {
+    std::cout << document.dump(2, ' ', false, Json::error_handler_t::replace) << '\n';
+}
+
+} // namespace lpvbake

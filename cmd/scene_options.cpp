@@ -1,0 +1,228 @@
+#include "scene_options.h"
+
+#include "error.h"
+#include "scene/gltf/light_file.h"
+#include "scene/gltf/load.h"
+#include "scene/lights.h"
+#include "scene_hash.h"
+
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+
+#include <unistd.h>
+
+namespace lpvbake {
+namespace {
+
+namespace fs = std::filesystem;
+
+Bounds parse_bounds(const std::string& text) {
+    Bounds bounds;
+    const std::vector<std::string> parts = CLI::detail::split(text, ',');
+    bool good = parts.size() == 6;
+    for (int i = 0; good && i < 6; ++i) {
+        const std::optional<double> value = parse_number(parts[std::size_t(i)]);
+        good = value.has_value();
+        if (good)
+            (i < 3 ? bounds.lo : bounds.hi)[i % 3] = *value;
+    }
+    if (!good)
+        throw Error(ExitCode::usage,
+                    "--bounds: '" + text
+                        + "' is not six finite numbers x0,y0,z0,x1,y1,z1 in metres");
+    for (int axis = 0; axis < 3; ++axis)
+        if (bounds.lo[axis] > bounds.hi[axis])
+            throw Error(ExitCode::usage, std::string("--bounds: ") + "xyz"[axis] + "0 is above "
+                                             + "xyz"[axis] + "1 in '" + text + "'");
+    return bounds;
+}
+
+} // namespace
+
+CLI::Option* add_grid_options(OptionList& list, SceneOptions& o) {
+    list.group("Grid");
+    CLI::Option* resolution =
+        list.number("--resolution", o.resolution, 3, 65536,
+                    "Cells along the longest axis, margins included; at least 3");
+    resolution->capture_default_str();
+    list.number("--cell-size", o.cell_size, 1e-9, 1e9,
+                "Edge of a cell, metres; replaces --resolution");
+    list.text("--bounds", o.bounds, "X0,Y0,Z0,X1,Y1,Z1",
+              "Box to fit the grid to, metres; default: the scene's");
+    list.number("--margin", o.margin, 0, 1024, "Whole cells around the box on each side")
+        ->capture_default_str();
+    return resolution;
+}
+
+void add_light_options(OptionList& list, SceneOptions& o) {
+    list.group("Light");
+    list.list("--sun", o.suns, "AZIMUTH,ELEVATION,LUX[,COLOUR]",
+              "Directional light: where it stands, degrees from +Z towards +X and\n"
+              "above the horizon; COLOUR #rrggbb or R:G:B linear; may be repeated");
+    list.list("--point", o.points, "X,Y,Z,CANDELA[,COLOUR]",
+              "Point light, metres; may be repeated");
+    list.list("--lights", o.light_files, "FILE",
+              "JSON file of lights in the terms of KHR_lights_punctual;\nmay be repeated");
+    list.flag("--no-scene-lights", o.no_scene_lights, "Leave out the lights of the file");
+    list.flag("--no-emitters", o.no_emitters, "Emissive surfaces give no light");
+    list.number("--max-albedo", o.max_albedo, 0, 1, "Reflectance is clamped to this, 0 to 1")
+        ->capture_default_str();
+    list.choice("--metallic", o.metallic, "black|reflect",
+                "Metal reflects its base colour, or (strict PBR) nothing");
+    list.choice("--backfaces", o.backfaces, "block|cull",
+                "Light stops at the back of single-sided surfaces, or passes");
+}
+
+bool settle(CLI::App& app, const CLI::Option& resolution, const std::string& config,
+            SceneOptions& o) {
+    const bool resolution_given = resolution.count() > 0;
+    const bool cell_given = o.cell_size > 0;
+    if (!config.empty())
+        apply_config(app, config);
+    // Either one on the command line takes the place of the other in the file.
+    if (resolution_given && !cell_given)
+        o.cell_size = 0;
+    return cell_given ? resolution_given : o.cell_size > 0 && resolution.count() > 0;
+}
+
+void append_grid_settings(const SceneOptions& o, std::vector<Setting>& settings) {
+    if (o.cell_size > 0)
+        settings.push_back({"cell-size", toml_number(o.cell_size), true});
+    else
+        settings.push_back({"resolution", std::to_string(o.resolution), true});
+    if (!o.bounds.empty())
+        settings.push_back({"bounds", toml_string(o.bounds), true});
+    settings.push_back({"margin", std::to_string(o.margin), true});
+}
+
+void append_light_settings(const SceneOptions& o, std::vector<Setting>& settings) {
+    settings.insert(settings.end(), {
+                                        {"sun", toml_array(o.suns), true},
+                                        {"point", toml_array(o.points), true},
+                                        {"lights", toml_array(o.light_files), false},
+                                        {"no-scene-lights", toml_flag(o.no_scene_lights), true},
+                                        {"no-emitters", toml_flag(o.no_emitters), true},
+                                        {"max-albedo", toml_number(o.max_albedo), true},
+                                        {"metallic", toml_string(o.metallic), true},
+                                        {"backfaces", toml_string(o.backfaces), true},
+                                    });
+}
+
+GridSettings grid_settings(const SceneOptions& o) {
+    return {o.resolution, o.cell_size, o.margin};
+}
+
+std::optional<Bounds> grid_bounds(const SceneOptions& o) {
+    return o.bounds.empty() ? std::nullopt : std::optional(parse_bounds(o.bounds));
+}
+
+std::vector<Light> command_line_lights(const SceneOptions& o) {
+    std::vector<Light> lights;
+    for (const std::string& text : o.suns)
+        lights.push_back(parse_sun(text));
+    for (const std::string& text : o.points)
+        lights.push_back(parse_point(text));
+    for (const std::string& path : o.light_files) {
+        std::vector<Light> more = load_lights(path);
+        lights.insert(lights.end(), more.begin(), more.end());
+    }
+    return lights;
+}
+
+Scene load_scene(const SceneOptions& o, const std::vector<Light>& lights) {
+    Scene scene =
+        load_gltf(o.scene, {float(o.max_albedo), o.metallic == "black", o.backfaces == "cull"});
+    if (o.no_scene_lights)
+        scene.lights.clear();
+    scene.lights.insert(scene.lights.end(), lights.begin(), lights.end());
+    return scene;
+}
+
+bool mentions_images(const SceneOptions& o) {
+    std::ifstream file(o.scene, std::ios::binary);
+    std::string head(1 << 20, '\0');
+    file.read(head.data(), std::streamsize(head.size()));
+    head.resize(std::size_t(file.gcount()));
+    return head.find("\"images\"") != std::string::npos;
+}
+
+void check_paths(const char* command, const SceneOptions& scene,
+                 const std::vector<std::string>& outputs) {
+    if (scene.scene.empty())
+        throw Error(ExitCode::usage, std::string("no scene: lpvbake ") + command
+                                         + " SCENE -o OUTPUT (see lpvbake " + command + " --help)");
+    std::vector<fs::path> names;
+    for (const std::string& output : outputs) {
+        if (!volume_format(output))
+            throw Error(ExitCode::usage, output + ": the name of an output ends in .vdb or .exr");
+        const fs::path name = fs::weakly_canonical(fs::absolute(output));
+        for (const fs::path& other : names)
+            if (other == name)
+                throw Error(ExitCode::usage, output + ": given twice as an output");
+        names.push_back(name);
+        for (const std::string& lights : scene.light_files)
+            if (has_extension(output, ".exr")
+                && fs::path(name).replace_extension(".json")
+                       == fs::weakly_canonical(fs::absolute(lights)))
+                throw Error(ExitCode::usage,
+                            output + ": its sidecar would replace the light file " + lights);
+    }
+}
+
+void probe_outputs(const std::vector<std::string>& outputs) {
+    for (const std::string& output : outputs) {
+        const fs::path folder = fs::absolute(output).parent_path();
+        std::error_code ignored;
+        if (!fs::is_directory(folder, ignored))
+            throw Error(ExitCode::file, output + ": its folder does not exist");
+        if (fs::is_directory(output, ignored))
+            throw Error(ExitCode::file, output + ": is a folder");
+        std::string probe = (folder / ".lpvbake-probe-XXXXXX").string();
+        const int file = mkstemp(probe.data());
+        if (file < 0)
+            throw Error(ExitCode::file, output + ": cannot be written: " + std::strerror(errno));
+        close(file);
+        unlink(probe.c_str());
+    }
+}
+
+void probe_scene(const SceneOptions& o) {
+    if (access(o.scene.c_str(), R_OK) != 0)
+        throw Error(ExitCode::file, o.scene + ": " + std::strerror(errno));
+}
+
+void fill_metadata(const SceneOptions& o, const Scene& scene, const std::vector<Setting>& settings,
+                   Volume& volume) {
+    std::string text;
+    for (const Setting& setting : settings)
+        if (setting.shapes_result)
+            text += (text.empty() ? "" : "; ") + (setting.name + (" = " + setting.toml));
+    volume.metadata.try_emplace("tool", "lpvbake " LPVBAKE_VERSION);
+    volume.metadata.try_emplace("scene", fs::path(o.scene).filename().string());
+    volume.metadata.try_emplace("scene_hash", scene_hash(scene));
+    volume.metadata.try_emplace("settings", text);
+}
+
+Written write_output(const OutputOptions& o, const std::string& path, const Volume& volume,
+                     TerminalProgress& progress) {
+    const Precision precision = o.precision == "half" ? Precision::half : Precision::full;
+    const Packing packing = o.exr_packing == "channel" ? Packing::channel : Packing::band;
+    const WriteReport report = write_volume(path, volume, precision, packing);
+    for (const std::string& warning : report.warnings)
+        progress.warn(warning);
+    return {path, report.bytes};
+}
+
+std::unique_ptr<tbb::global_control> limit_threads(int threads) {
+    if (threads == 0)
+        return nullptr;
+    setenv("LP_NUM_THREADS", std::to_string(threads).c_str(), 1);
+    setenv("OPENIMAGEIO_THREADS", std::to_string(threads).c_str(), 1);
+    return std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
+                                                 std::size_t(threads));
+}
+
+} // namespace lpvbake

@@ -1,0 +1,97 @@
+// The options of every command that computes light: what is lit, on which grid, into which files.
+#pragma once
+
+#include "command_line.h"
+#include "io/io.h"
+#include "scene/scene.h"
+#include "terminal.h"
+#include "volume/grid.h"
+
+#include <tbb/global_control.h>
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace lpvbake {
+
+/// Scene, grid and light as given.
+struct SceneOptions {
+    std::string scene;
+    int resolution = 32;
+    double cell_size = 0;
+    std::string bounds;
+    int margin = 1;
+    std::vector<std::string> suns;
+    std::vector<std::string> points;
+    std::vector<std::string> light_files;
+    bool no_scene_lights = false;
+    bool no_emitters = false;
+    double max_albedo = 0.95;
+    std::string metallic = "reflect";
+    std::string backfaces = "block";
+};
+
+/// Returns --resolution, which `settle` needs.
+CLI::Option* add_grid_options(OptionList& list, SceneOptions& o);
+void add_light_options(OptionList& list, SceneOptions& o);
+
+/// Applies the file `config` unless it is empty. --resolution and --cell-size replace each other:
+/// one on the command line takes the place of the other in the file. Returns true if both were
+/// given in the same place. Throws Error (file, usage).
+bool settle(CLI::App& app, const CLI::Option& resolution, const std::string& config,
+            SceneOptions& o);
+
+/// In the order of --help. Options at "not given" (no bounds, no cell size) are left out.
+void append_grid_settings(const SceneOptions& o, std::vector<Setting>& settings);
+void append_light_settings(const SceneOptions& o, std::vector<Setting>& settings);
+
+GridSettings grid_settings(const SceneOptions& o);
+/// --bounds, none if not given. Throws Error (usage).
+std::optional<Bounds> grid_bounds(const SceneOptions& o);
+/// Throws Error, as the parsers of lights do.
+std::vector<Light> command_line_lights(const SceneOptions& o);
+/// Loads the scene by its rules and adds `lights`. Throws Error.
+Scene load_scene(const SceneOptions& o, const std::vector<Light>& lights);
+/// True if the file mentions images, which then have to be decoded. A guess to gain time by.
+bool mentions_images(const SceneOptions& o);
+
+/// Volumes to write.
+struct OutputOptions {
+    std::vector<std::string> paths;
+    std::string precision = "float";
+    std::string exr_packing = "band";
+};
+
+struct Written {
+    std::string path;
+    uint64_t bytes = 0;
+};
+
+/// All that can be known to be wrong before any work is done: no scene, an output that is no
+/// volume, is given twice or would replace a light file. Throws Error (usage).
+void check_paths(const char* command, const SceneOptions& scene,
+                 const std::vector<std::string>& outputs);
+
+/// Makes and removes a file beside each output, so that work does not end with nowhere to go.
+/// Throws Error (file).
+void probe_outputs(const std::vector<std::string>& outputs);
+
+/// Throws Error (file) unless the scene can be read.
+void probe_scene(const SceneOptions& o);
+
+/// Adds tool, scene, scene hash and the settings that shape the result to what a solver wrote.
+void fill_metadata(const SceneOptions& o, const Scene& scene, const std::vector<Setting>& settings,
+                   Volume& volume);
+
+/// Writes one volume and tells of warnings.
+Written write_output(const OutputOptions& o, const std::string& path, const Volume& volume,
+                     TerminalProgress& progress);
+
+/// Bounds the process's threads while the result lives; 0: one a core, null. Before any thread
+/// starts that would read the environment.
+std::unique_ptr<tbb::global_control> limit_threads(int threads);
+
+} // namespace lpvbake

@@ -1,0 +1,191 @@
+#include "reference/paths.h"
+
+#include "error.h"
+#include "scene/material.h"
+
+#include <glm/gtc/constants.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+namespace lpvbake {
+namespace {
+
+/// Rays leave a surface this share of its coordinates' size before it: 32 steps of single
+/// precision, above the error of a hit's place. In a corner a larger one steps through the next
+/// wall, and light is lost at every reflection.
+constexpr double lift = 0x1p-18;
+/// Below this throughput a path of unlimited reflections goes on by chance.
+constexpr double faint = 0.1;
+/// No path of a scene that loses light is this long.
+constexpr int longest_path = 100'000;
+
+/// Density of a direction that is uniform over the sphere, 1 / sr.
+constexpr double over_sphere = 0.25 * glm::one_over_pi<double>();
+
+/// A direction of density cos / pi around the unit normal n (Malley's method).
+glm::dvec3 around(glm::dvec3 n, glm::dvec2 sample) {
+    const double radius = std::sqrt(sample.x), turn = glm::two_pi<double>() * sample.y;
+    // A frame around n without a branch on its direction (Duff et al. 2017).
+    const double sign = std::copysign(1.0, n.z), a = -1.0 / (sign + n.z), b = n.x * n.y * a;
+    const glm::dvec3 u{1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x};
+    const glm::dvec3 v{b, sign + n.y * n.y * a, -n.y};
+    return radius * (std::cos(turn) * u + std::sin(turn) * v) + std::sqrt(1.0 - sample.x) * n;
+}
+
+double greatest(glm::dvec3 c) {
+    return std::max({c.x, c.y, c.z});
+}
+
+double lift_of(glm::dvec3 point) {
+    return lift * std::max(1.0, greatest(glm::abs(point)));
+}
+
+} // namespace
+
+Paths::Paths(const Scene& scene, const Visibility& visibility, const Frame& frame,
+             const PathRules& rules)
+    : scene_(scene),
+      visibility_(visibility),
+      rules_(rules),
+      unit_(frame.unit),
+      emitters_(rules.emitters ? Emitters(scene, frame) : Emitters({}, frame)) {
+    across_ = 1.01 * glm::length(glm::dvec3(visibility.hi()) - glm::dvec3(visibility.lo())) + 1.0;
+    for (const Light& light : scene.lights)
+        sources_.push_back({light.type, glm::dvec3(light.color) * light.intensity,
+                            frame.from_world(light.position), light.direction, light.range,
+                            std::cos(std::min(light.inner_cone, light.outer_cone)),
+                            std::cos(light.outer_cone)});
+}
+
+glm::dvec3 Paths::illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays) const {
+    glm::dvec3 sum{0.0};
+    for (const Source& source : sources_) {
+        glm::dvec3 way = -across_ * source.direction;
+        double share = 1.0; // of `color` on a surface that faces the light
+        double end = 1.0;   // of the shadow ray: before a surface that the light lies on
+        if (source.type != LightType::directional) {
+            way = source.position - point;
+            const double metres = glm::length(way) * unit_;
+            if (!(metres > 0.0))
+                continue;
+            end = std::max(0.0, 1.0 - lift_of(source.position) / glm::length(way));
+            share = 1.0 / (metres * metres);
+            if (source.range > 0.0)
+                share *= std::clamp(1.0 - std::pow(metres / source.range, 4.0), 0.0, 1.0);
+            if (source.type == LightType::spot) {
+                // The square of a ramp in the cosine; a step where both angles are the same.
+                const double cosine = -glm::dot(way, source.direction) / glm::length(way);
+                if (cosine <= source.cos_outer)
+                    continue;
+                const double ramp =
+                    cosine >= source.cos_inner
+                        ? 1.0
+                        : (cosine - source.cos_outer) / (source.cos_inner - source.cos_outer);
+                share *= ramp * ramp;
+            }
+        }
+        share *= glm::dot(n, way) / glm::length(way);
+        if (!(share > 0.0))
+            continue;
+        ++rays;
+        const Ray shadow{glm::vec3(point), glm::vec3(way), 0.0f, float(end)};
+        sum += share * double(visibility_.transmittance(shadow)) * source.color;
+    }
+    return sum;
+}
+
+glm::dvec3 Paths::emission(const Hit& hit) const {
+    const Mesh& mesh = scene_.meshes[size_t(scene_.instances[hit.instance].mesh)];
+    const glm::dvec3 covered = sample_emission(scene_, mesh, hit.triangle, hit.barycentric);
+    if (covered == glm::dvec3(0.0))
+        return covered;
+    // The hit was drawn with probability alpha already, which sample_emission holds as a factor.
+    return covered / double(sample_surface(scene_, mesh, hit.triangle, hit.barycentric).alpha);
+}
+
+template <class Density>
+Paths::Glimpse Paths::aim(glm::vec3 origin, const Density& density, PathSampler& sampler,
+                          uint64_t& rays) const {
+    const Emitters::Target target = emitters_.target(sampler.pair());
+    const glm::dvec3 way = target.point - glm::dvec3(origin);
+    const double distance = glm::length(way);
+    if (!(distance > 0.0))
+        return {};
+    Glimpse seen;
+    seen.direction = way / distance;
+    const double own = density(seen.direction);
+    if (!(own > 0.0))
+        return {};
+    ++rays;
+    const float end = float(distance + lift_of(target.point));
+    const Hit hit = visibility_.closest({origin, glm::vec3(seen.direction), 0.0f, end});
+    // Of two triangles at one place only one is ever hit, and only it may count.
+    if (hit.instance != target.instance || hit.triangle != target.triangle
+        || hit.facing == Facing::back)
+        return seen;
+    seen.luminance = emission(hit) * (own / (own + emitters_.density(hit, seen.direction)));
+    return seen;
+}
+
+Paths::Glimpse Paths::glimpse(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const {
+    if (emitters_.empty())
+        return {};
+    return aim(
+        origin, [](glm::dvec3) { return over_sphere; }, sampler, rays);
+}
+
+glm::dvec3 Paths::luminance(glm::vec3 origin, glm::dvec3 towards, PathSampler& sampler,
+                            uint64_t& rays) const {
+    glm::dvec3 sum{0.0}, throughput{1.0};
+    double density = over_sphere; // of `towards`
+    for (int reflections = 0;; ++reflections) {
+        const bool last = rules_.bounces && reflections == *rules_.bounces;
+        if (last && emitters_.empty())
+            break;
+        ++rays;
+        const Hit hit = visibility_.closest({origin, glm::vec3(towards), 0.0f, HUGE_VALF});
+        if (hit.instance == no_hit || hit.facing == Facing::back)
+            break;
+        if (!emitters_.empty())
+            sum += throughput * emission(hit)
+                   * (density / (density + emitters_.density(hit, towards)));
+        if (last)
+            break;
+        const Mesh& mesh = scene_.meshes[size_t(scene_.instances[hit.instance].mesh)];
+        throughput *=
+            glm::dvec3(sample_surface(scene_, mesh, hit.triangle, hit.barycentric).albedo);
+        if (throughput == glm::dvec3(0.0))
+            break;
+
+        glm::dvec3 n{hit.normal};
+        if (glm::dot(n, towards) > 0.0)
+            n = -n;
+        glm::dvec3 point = glm::dvec3(origin) + double(hit.t) * towards;
+        point += lift_of(point) * n;
+        origin = glm::vec3(point);
+        sum += throughput / glm::pi<double>() * illuminance(point, n, rays);
+        const auto cosine_density = [n](glm::dvec3 w) {
+            return glm::dot(n, w) / glm::pi<double>();
+        };
+        if (!emitters_.empty())
+            sum += throughput * aim(origin, cosine_density, sampler, rays).luminance;
+
+        if (!rules_.bounces && greatest(throughput) < faint) {
+            const double survival = greatest(throughput) / faint;
+            if (sampler.plain() >= survival)
+                break;
+            throughput /= survival;
+        }
+        if (reflections > longest_path)
+            throw Error(ExitCode::invalid,
+                        scene_.path
+                            + ": light in a closed part of the scene is reflected without end, "
+                              "its albedo is 1; set --max-albedo below 1 or a number of --bounces");
+        towards = around(n, sampler.pair());
+        density = cosine_density(towards);
+    }
+    return sum;
+}
+
+} // namespace lpvbake

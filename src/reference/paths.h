@@ -1,0 +1,73 @@
+// Light along paths, traced backwards from a point.
+#pragma once
+
+#include "reference/emitters.h"
+#include "reference/sampler.h"
+#include "visibility/visibility.h"
+
+#include <optional>
+
+namespace lpvbake {
+
+/// Which light a path carries.
+struct PathRules {
+    std::optional<int> bounces = 1; ///< reflections at most; none: all
+    bool emitters = true;           ///< emissive surfaces give light
+};
+
+/// What every path of a scene needs; several threads may trace at once. Refers to its arguments.
+class Paths {
+public:
+    /// `unit` is the length of a frame unit in metres.
+    Paths(const Scene& scene, const Visibility& visibility, const Frame& frame,
+          const PathRules& rules);
+
+    /// An unbiased estimate of the light (RGB, nits) that arrives at `origin` (frame units), of
+    /// punctual lights after one reflection to PathRules::bounces and of emitters after none to
+    /// PathRules::bounces, in two parts: the mean over the sphere of luminance times f(direction)
+    /// is the expectation of luminance(towards) f(towards), `towards` uniform over the sphere, plus
+    /// that of glimpse().luminance f(glimpse().direction). Surfaces reflect as Lambert. At each the
+    /// punctual lights' illuminance is summed in full; emitters count where a path meets them and,
+    /// by a ray of their own, where it aims at one (multiple importance sampling, balance
+    /// heuristic: Veach and Guibas 1995). Adds the rays it took to `rays`. Throws Error (invalid)
+    /// where a path does not end: a closed scene of albedo 1.
+    glm::dvec3 luminance(glm::vec3 origin, glm::dvec3 towards, PathSampler& sampler,
+                         uint64_t& rays) const;
+
+    struct Glimpse {
+        glm::dvec3 direction{0.0, 1.0, 0.0};
+        glm::dvec3 luminance{0.0}; ///< weighted by the share that luminance() leaves
+    };
+    /// Looks from `origin` at a point of an emitter; dark where there are none.
+    Glimpse glimpse(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const;
+
+private:
+    /// A light as a surface point sees it, positions in frame units.
+    struct Source {
+        LightType type;
+        glm::dvec3 color; ///< colour times intensity, lux or cd
+        glm::dvec3 position, direction;
+        double range; ///< metres; 0: unlimited
+        double cos_inner, cos_outer;
+    };
+
+    /// Illuminance (lux) of all punctual lights on a surface at `point` with unit normal `n`.
+    glm::dvec3 illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays) const;
+
+    /// Looks at an emitter; `density` of a direction is that with which a path would go there.
+    template <class Density>
+    Glimpse aim(glm::vec3 origin, const Density& density, PathSampler& sampler,
+                uint64_t& rays) const;
+    /// What a surface emits where a ray meets it, of the share alpha that is there.
+    glm::dvec3 emission(const Hit& hit) const;
+
+    const Scene& scene_;
+    const Visibility& visibility_;
+    PathRules rules_;
+    double unit_;
+    double across_; ///< longer than the way from any surface out of the scene, frame units
+    std::vector<Source> sources_;
+    Emitters emitters_;
+};
+
+} // namespace lpvbake

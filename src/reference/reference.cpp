@@ -1,0 +1,337 @@
+#include "reference/reference.h"
+
+#include "error.h"
+#include "visibility/validity.h"
+#include "volume/compare.h"
+#include "volume/sh.h"
+
+#include <glm/gtc/constants.hpp>
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <numeric>
+
+#include <unistd.h>
+
+namespace lpvbake {
+namespace {
+
+constexpr int max_coefficients = sh_count(2);
+/// Coefficients of one batch or their sums.
+using Field = std::array<glm::dvec3, max_coefficients>;
+
+/// Rays of the first pass towards a wanted noise; each further one doubles what there is.
+constexpr uint64_t first_pass = 4 * ray_batches;
+
+std::string short_number(double value) {
+    char text[32];
+    std::snprintf(text, sizeof text, "%.6g", value);
+    return text;
+}
+
+/// A direction of uniform density over the sphere, 1 / (4 pi).
+glm::dvec3 on_sphere(glm::dvec2 sample) {
+    const double z = 1.0 - 2.0 * sample.x, turn = glm::two_pi<double>() * sample.y;
+    const double radius = std::sqrt(std::max(0.0, 1.0 - z * z));
+    return {radius * std::cos(turn), radius * std::sin(turn), z};
+}
+
+struct Batch {
+    Field mean{};
+    uint64_t traced = 0;
+};
+
+Batch trace_batch(const Paths& paths, glm::vec3 point, uint64_t key, uint32_t rays, int order) {
+    Batch batch;
+    const auto add = [&](glm::dvec3 direction, glm::dvec3 luminance) {
+        if (luminance == glm::dvec3(0.0))
+            return;
+        const std::array<float, 9> basis = sh_basis(order, glm::vec3(direction));
+        for (int k = 0; k < sh_count(order); ++k)
+            batch.mean[size_t(k)] += double(basis[size_t(k)]) * luminance;
+    };
+    for (uint32_t i = 0; i < rays; ++i) {
+        PathSampler sampler(key, i);
+        const glm::dvec3 towards = on_sphere(sampler.pair());
+        const Paths::Glimpse seen = paths.glimpse(point, sampler, batch.traced);
+        add(towards, paths.luminance(point, towards, sampler, batch.traced));
+        add(seen.direction, seen.luminance);
+    }
+    for (glm::dvec3& c : batch.mean)
+        c *= 4.0 * glm::pi<double>() / double(rays);
+    return batch;
+}
+
+/// Irradiance on a plane that faces each of the 26 normals as weights of the coefficients.
+std::vector<std::array<double, max_coefficients>> irradiance_weights(int order) {
+    const double band[] = {glm::pi<double>(), 2.0 * glm::pi<double>() / 3.0,
+                           glm::pi<double>() / 4.0};
+    std::vector<std::array<double, max_coefficients>> all;
+    for (const glm::dvec3& normal : neighbour_normals()) {
+        const std::array<float, 9> basis = sh_basis(order, glm::vec3(normal));
+        std::array<double, max_coefficients> weights{};
+        for (int l = 0, k = 0; l <= order; ++l)
+            for (; k < sh_count(l); ++k)
+                weights[size_t(k)] = band[l] * double(basis[size_t(k)]);
+        all.push_back(weights);
+    }
+    return all;
+}
+
+/// Running sums over the passes of a point: n m, n^2 var(m), n^2 var(E).
+struct Totals {
+    Field mean{};
+    Field variance{};
+    double irradiance_variance = 0.0;
+};
+
+/// Adds a pass of `rays` rays whose batches are given, in their order.
+void add_pass(std::span<const Batch> batches, double rays, int order,
+              const std::vector<std::array<double, max_coefficients>>& weights, Totals& totals) {
+    const size_t coefficients = size_t(sh_count(order));
+    const double count = double(batches.size());
+    Field mean{};
+    for (const Batch& batch : batches)
+        for (size_t k = 0; k < coefficients; ++k)
+            mean[k] += batch.mean[k] / count;
+    // Of the mean of independent batches: sum of squares over count (count - 1).
+    const double weight = rays * rays / (count * (count - 1.0));
+    for (const Batch& batch : batches) {
+        Field off{};
+        for (size_t k = 0; k < coefficients; ++k) {
+            off[k] = batch.mean[k] - mean[k];
+            totals.variance[k] += weight * off[k] * off[k];
+        }
+        for (const auto& of_normal : weights) {
+            glm::dvec3 irradiance{0.0};
+            for (size_t k = 0; k < coefficients; ++k)
+                irradiance += of_normal[k] * off[k];
+            totals.irradiance_variance +=
+                weight * glm::dot(irradiance, irradiance) / (3.0 * double(weights.size()));
+        }
+    }
+    for (size_t k = 0; k < coefficients; ++k)
+        totals.mean[k] += rays * mean[k];
+}
+
+/// Mean over all normals and RGB: only the constant band does not cancel.
+double mean_irradiance(glm::dvec3 c0) {
+    return 0.5 * std::sqrt(glm::pi<double>()) * (c0.x + c0.y + c0.z) / 3.0;
+}
+
+/// `count` of the valid cells in rising order, all where there are no more.
+std::vector<size_t> draw_cells(const std::vector<float>& validity, uint64_t count, uint64_t seed) {
+    std::vector<size_t> cells;
+    for (size_t i = 0; i < validity.size(); ++i)
+        if (validity[i] > 0.0f)
+            cells.push_back(i);
+    if (count >= cells.size())
+        return cells;
+    // The cells of the lowest ranks, which are a bijection of the index: no ties.
+    const auto rank = [&](size_t cell) { return mix_bits(mix_bits(seed ^ 0x70726f6265u) + cell); };
+    std::nth_element(cells.begin(), cells.begin() + std::ptrdiff_t(count), cells.end(),
+                     [&](size_t a, size_t b) { return rank(a) < rank(b); });
+    cells.resize(size_t(count));
+    std::sort(cells.begin(), cells.end());
+    return cells;
+}
+
+/// Which light the field holds, as metadata say it; empty: none can arrive.
+std::string content_of(const Scene& scene, const PathRules& rules) {
+    const std::optional<int> limit = rules.bounces;
+    std::string content;
+    if (!scene.lights.empty() && limit != 0)
+        content = "punctual lights after "
+                  + (!limit       ? std::string("one reflection and more")
+                     : limit == 1 ? std::string("one reflection")
+                                  : "1 to " + std::to_string(*limit) + " reflections");
+    if (rules.emitters && has_emitters(scene))
+        content += std::string(content.empty() ? "" : "; ") + "emitters direct"
+                   + (!limit       ? std::string(" and after any number of reflections")
+                      : limit == 0 ? std::string()
+                      : limit == 1 ? std::string(" and after one reflection")
+                                   : " and after up to " + std::to_string(*limit) + " reflections");
+    return content;
+}
+
+/// Throws Error (memory) unless what is kept of the cells fits this machine.
+void check_memory(const Grid& grid, const ReferenceSettings& settings) {
+    const uint64_t coefficients = uint64_t(sh_count(settings.sh_order));
+    const uint64_t cells = grid.size();
+    const uint64_t points = settings.probes ? std::min<uint64_t>(settings.probes, cells) : cells;
+    const double bytes = double(cells) * double(24 * coefficients + 24)
+                         + double(points) * double(sizeof(Totals) + 24 * coefficients + 24);
+    if (bytes > double(sysconf(_SC_PHYS_PAGES)) * double(sysconf(_SC_PAGESIZE)))
+        throw Error(ExitCode::memory,
+                    "a reference on " + std::to_string(grid.dims.x) + " x "
+                        + std::to_string(grid.dims.y) + " x " + std::to_string(grid.dims.z)
+                        + " cells does not fit this machine's memory; lower --resolution");
+}
+
+} // namespace
+
+ProbeField trace_probes(const Scene& scene, const Visibility& visibility, const Frame& frame,
+                        std::span<const glm::vec3> points, std::span<const uint64_t> keys,
+                        const ReferenceSettings& settings, Progress& progress) {
+    const Paths paths(scene, visibility, frame, settings.paths);
+    const int order = settings.sh_order;
+    const size_t coefficients = size_t(sh_count(order));
+    const auto weights = irradiance_weights(order);
+    const auto whole_batches = [](uint64_t rays) {
+        return (std::max<uint64_t>(rays, 1) + ray_batches - 1) / ray_batches * ray_batches;
+    };
+    const uint64_t limit = whole_batches(settings.rays);
+    const uint64_t threads = uint64_t(tbb::this_task_arena::max_concurrency());
+
+    ProbeField field;
+    std::vector<Totals> totals(points.size());
+    std::vector<Batch> batches;
+    for (uint64_t pass = 0; field.rays < limit; ++pass) {
+        uint64_t rays = limit;
+        if (settings.noise > 0.0)
+            rays = std::min(pass == 0 ? first_pass : field.rays, limit - field.rays);
+        const uint32_t batch_rays = uint32_t(rays / ray_batches);
+        progress.begin(settings.noise > 0.0 ? "trace " + std::to_string(field.rays + rays)
+                                            : "trace",
+                       points.size());
+        // So many points at a time as take about a tenth of a second: progress is told between.
+        const size_t step = std::clamp<uint64_t>((threads << 16) / rays, 1, 256);
+        for (size_t first = 0; first < points.size(); first += step) {
+            progress.advance(first);
+            const size_t count = std::min(step, points.size() - first);
+            batches.resize(count * ray_batches);
+            tbb::parallel_for(size_t(0), batches.size(), [&](size_t i) {
+                const size_t point = first + i / ray_batches;
+                const uint64_t key = join_bits(
+                    join_bits(join_bits(settings.seed, keys[point]), pass), i % ray_batches);
+                batches[i] = trace_batch(paths, points[point], key, batch_rays, order);
+            });
+            tbb::parallel_for(size_t(0), count, [&](size_t i) {
+                add_pass({&batches[i * ray_batches], ray_batches}, double(rays), order, weights,
+                         totals[first + i]);
+            });
+            for (const Batch& batch : batches)
+                field.traced += batch.traced;
+        }
+        field.rays += rays;
+
+        double error = 0.0, irradiance = 0.0;
+        for (const Totals& t : totals) {
+            error += std::sqrt(t.irradiance_variance);
+            irradiance += mean_irradiance(t.mean[0]);
+        }
+        field.noise = irradiance > 0.0 ? error / irradiance : 0.0;
+        if (settings.noise > 0.0 && irradiance > 0.0 && field.noise <= settings.noise)
+            break;
+    }
+    field.converged = !(settings.noise > 0.0) || field.noise <= settings.noise;
+
+    field.sh.assign(coefficients, std::vector<glm::vec3>(points.size()));
+    field.error = field.sh;
+    field.point_noise.resize(points.size());
+    const double n = double(field.rays);
+    for (size_t i = 0; i < points.size(); ++i) {
+        for (size_t k = 0; k < coefficients; ++k) {
+            field.sh[k][i] = glm::vec3(totals[i].mean[k] / n);
+            field.error[k][i] = glm::vec3(glm::sqrt(totals[i].variance[k]) / n);
+        }
+        const double irradiance = mean_irradiance(totals[i].mean[0]);
+        field.point_noise[i] =
+            irradiance > 0.0 ? float(std::sqrt(totals[i].irradiance_variance) / irradiance) : 0.0f;
+    }
+    return field;
+}
+
+Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSettings& settings,
+                         Progress& progress) {
+    if (triangle_count(scene) == 0)
+        throw Error(ExitCode::invalid, scene.path + ": no triangles to light");
+    const std::string content = content_of(scene, settings.paths);
+    if (content.empty())
+        throw Error(ExitCode::invalid,
+                    scene.path
+                        + (scene.lights.empty()
+                               ? ": no light and no emissive surface; add one with --sun "
+                                 "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD or --lights FILE"
+                               : ": without reflections no light of its lights is in the field; "
+                                 "set --bounces 1 or more"));
+    check_memory(grid, settings);
+
+    progress.begin("visibility", 0);
+    const Frame frame{grid.origin, grid.cell, glm::dvec3(grid.dims)};
+    const Visibility visibility(scene, frame);
+    const std::vector<float> validity = trace_validity(visibility, grid.dims);
+
+    std::vector<size_t> cells;
+    if (settings.probes > 0) {
+        cells = draw_cells(validity, settings.probes, settings.seed);
+        if (cells.empty())
+            throw Error(ExitCode::invalid,
+                        scene.path + ": no cell of the grid has its centre outside geometry");
+    } else {
+        cells.resize(grid.size());
+        std::iota(cells.begin(), cells.end(), size_t(0));
+    }
+    std::vector<glm::vec3> points;
+    std::vector<uint64_t> keys;
+    const auto nx = size_t(grid.dims.x), ny = size_t(grid.dims.y);
+    for (const size_t cell : cells) {
+        points.push_back(glm::vec3(cell % nx, cell / nx % ny, cell / (nx * ny)) + 0.5f);
+        keys.push_back(cell);
+    }
+    const ProbeField field =
+        trace_probes(scene, visibility, frame, points, keys, settings, progress);
+
+    Reference reference;
+    reference.noise = field.noise;
+    reference.rays = field.rays;
+    reference.traced = field.traced;
+    reference.probes = cells.size();
+    if (!field.converged)
+        reference.warnings.push_back("the noise is still " + short_number(100.0 * field.noise)
+                                     + " % after " + std::to_string(field.rays)
+                                     + " rays a cell; raise --rays");
+    if (settings.probes > cells.size())
+        reference.warnings.push_back("only " + std::to_string(cells.size())
+                                     + " cells are valid; all of them are probes");
+
+    Volume& volume = reference.volume;
+    volume.grid = grid;
+    volume.sh_order = settings.sh_order;
+    volume.validity.assign(grid.size(), 0.0f);
+    volume.sh.assign(field.sh.size(), std::vector<glm::vec3>(grid.size(), glm::vec3(0.0f)));
+    for (const size_t cell : cells)
+        volume.validity[cell] = validity[cell];
+    volume.metadata = {
+        {"solver", "reference"},
+        {"content", content},
+        {"bounces", settings.paths.bounces ? std::to_string(*settings.paths.bounces) : "inf"},
+        {"rays", std::to_string(field.rays)},
+        {"seed", std::to_string(settings.seed)},
+        {"noise", short_number(field.noise)},
+    };
+    if (settings.probes > 0)
+        volume.metadata["probes"] = std::to_string(cells.size());
+    reference.error = volume;
+    std::string errors;
+    for (size_t k = 0; k < field.sh.size(); ++k) {
+        double squares = 0.0;
+        for (size_t i = 0; i < cells.size(); ++i) {
+            volume.sh[k][cells[i]] = field.sh[k][i];
+            reference.error.sh[k][cells[i]] = field.error[k][i];
+            const glm::dvec3 e{field.error[k][i]};
+            squares += glm::dot(e, e);
+        }
+        reference.standard_error.push_back(std::sqrt(squares / (3.0 * double(cells.size()))));
+        errors += (k ? " " : "") + short_number(reference.standard_error.back());
+    }
+    volume.metadata["standard_error"] = errors;
+    reference.error.metadata["quantity"] = "standard error";
+    return reference;
+}
+
+} // namespace lpvbake

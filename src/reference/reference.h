@@ -1,0 +1,73 @@
+// Ground truth: incident luminance by path tracing, with its standard error.
+#pragma once
+
+#include "progress.h"
+#include "reference/paths.h"
+#include "volume/volume.h"
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace lpvbake {
+
+struct ReferenceSettings {
+    PathRules paths;
+    int sh_order = 1;     ///< 1 or 2
+    uint64_t rays = 1024; ///< from each point, rounded up to a multiple of ray_batches
+    double noise = 0.0;   ///< above 0: stop at this ProbeField::noise, `rays` at the latest
+    uint64_t seed = 1;    ///< another one gives an independent estimate
+    uint64_t probes = 0;  ///< cells to evaluate, drawn from the valid ones; 0: all cells
+};
+
+/// The rays of a point come in this many independent batches, each stratified in itself; how far
+/// their means scatter tells the standard error. With fewer the tails of Student's distribution
+/// put more than 0.5 % of the values beyond three standard errors.
+inline constexpr int ray_batches = 64;
+
+/// What arrives at a set of points.
+struct ProbeField {
+    /// sh[k][point]: coefficient k of incident luminance, RGB, nits, canonical (see sh.h).
+    std::vector<std::vector<glm::vec3>> sh;
+    /// Their standard errors, nits.
+    std::vector<std::vector<glm::vec3>> error;
+    /// A point's standard error of irradiance (root mean square over 26 normals and RGB) relative
+    /// to its mean irradiance over them; 0 where no light arrives.
+    std::vector<float> point_noise;
+    /// The same for all points: mean standard error over mean irradiance.
+    double noise = 0.0;
+    uint64_t rays = 0;     ///< from each point
+    uint64_t traced = 0;   ///< in all, reflected and shadow rays included
+    bool converged = true; ///< false: settings.noise was not reached
+};
+
+/// Traces paths from `points` (frame units). `keys` are one a point and choose its random numbers:
+/// a point of the same place and key gives the same bits in whatever set it is, on any number of
+/// threads. Directions are uniform over the sphere, stratified within a batch; sums are in double.
+/// Throws Error (invalid: see Paths::luminance), and whatever `progress` throws.
+ProbeField trace_probes(const Scene& scene, const Visibility& visibility, const Frame& frame,
+                        std::span<const glm::vec3> points, std::span<const uint64_t> keys,
+                        const ReferenceSettings& settings, Progress& progress);
+
+struct Reference {
+    /// Cells that were not evaluated are 0 and not valid. metadata: solver, content, bounces, rays,
+    /// seed, probes (with ReferenceSettings::probes), noise, and standard_error: the root mean
+    /// square of each grid's over the evaluated cells and RGB.
+    Volume volume;
+    Volume error;                       ///< sh holds the standard errors
+    std::vector<double> standard_error; ///< nits, a number a grid of sh: see metadata
+    double noise = 0.0;                 ///< as in ProbeField
+    uint64_t rays = 0;
+    uint64_t traced = 0;
+    uint64_t probes = 0; ///< cells evaluated
+    std::vector<std::string> warnings;
+};
+
+/// The reference on a grid: trace_probes at the centres of its cells. Throws Error: invalid (no
+/// triangles; no light that paths.bounces lets arrive; `probes` asked for where no cell is valid),
+/// memory, and what trace_probes throws.
+Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSettings& settings,
+                         Progress& progress);
+
+} // namespace lpvbake

@@ -1,0 +1,135 @@
+// lpvbake reference from outside: command, status, standard output, standard error, files.
+//
+// LPVBAKE_BINARY is the program's path, LPVBAKE_EXAMPLES the folder of examples/. No device needed.
+
+#include "error.h"
+#include "io/io.h"
+#include "unit/volumes.h"
+
+#include <nlohmann/json.hpp>
+
+#include <algorithm>
+#include <cstdlib>
+
+#include <sys/wait.h>
+
+namespace lpvbake {
+namespace {
+
+using nlohmann::json;
+
+struct Result {
+    int status = -1;
+    std::string out;
+    std::string err;
+};
+
+class ReferenceCli : public ::testing::Test {
+protected:
+    /// Runs `lpvbake reference ARGUMENTS` in the folder; the arguments are words of a shell, in
+    /// which $ROOM is the Cornell box.
+    Result run(const std::string& arguments) {
+        const std::string command = "cd '" + folder_.path().string()
+                                    + "' && ROOM='" LPVBAKE_EXAMPLES
+                                      "/cornell_box.gltf' && '" LPVBAKE_BINARY "' reference "
+                                    + arguments + " > stdout 2> stderr";
+        const int status = std::system(command.c_str());
+        return {WIFEXITED(status) ? WEXITSTATUS(status) : 1000, slurp(folder_ / "stdout"),
+                slurp(folder_ / "stderr")};
+    }
+
+    json run_json(const std::string& arguments) {
+        const Result result = run(arguments + " --format json");
+        EXPECT_EQ(result.status, 0) << arguments << "\n" << result.err;
+        return json::parse(result.out);
+    }
+
+    /// Expects a status and one line on standard error that contains `text`, and no result.
+    void expect_error(const std::string& arguments, ExitCode code, const std::string& text) {
+        const Result result = run(arguments);
+        EXPECT_EQ(result.status, int(code)) << arguments << "\n" << result.err;
+        EXPECT_EQ(result.out, "") << arguments;
+        EXPECT_EQ(result.err.find("lpvbake: error: "), 0u) << arguments << "\n" << result.err;
+        EXPECT_EQ(std::ranges::count(result.err, '\n'), 1) << result.err;
+        EXPECT_NE(result.err.find(text), std::string::npos) << arguments << "\n" << result.err;
+    }
+
+    TemporaryFolder folder_;
+};
+
+TEST_F(ReferenceCli, WritesTheVolumeAndItsErrors) {
+    const json document =
+        run_json("\"$ROOM\" -o a.vdb -e e.vdb -o b.exr --resolution 8 --rays 200");
+    EXPECT_EQ(document["command"], "reference");
+    EXPECT_EQ(document["grid"]["dims"], json({8, 8, 8}));
+    EXPECT_EQ(document["probes"], 512);
+    EXPECT_EQ(document["rays"], 256); // whole batches
+    EXPECT_EQ(document["bounces"], 1);
+    EXPECT_EQ(document["outputs"].size(), 3u);
+    EXPECT_GT(document["noise"], 0.0);
+    EXPECT_EQ(document["warnings"], json::array());
+    const Volume volume = read_volume(folder_ / "a.vdb"), error = read_volume(folder_ / "e.vdb");
+    EXPECT_EQ(volume.metadata.at("solver"), "reference");
+    EXPECT_EQ(volume.metadata.at("bounces"), "1");
+    EXPECT_NE(volume.metadata.at("settings").find("rays = 200"), std::string::npos);
+    EXPECT_EQ(error.metadata.at("quantity"), "standard error");
+    double squares = 0; // of the constant band's errors: what the document says of it
+    for (const glm::vec3& e : error.sh[0])
+        squares += double(glm::dot(e, e)) / 3 / 512;
+    EXPECT_NEAR(std::sqrt(squares) / double(document["standard_error"][0]), 1.0, 1e-5);
+    EXPECT_EQ(read_volume(folder_ / "b.exr").sh.size(), 4u);
+}
+
+TEST_F(ReferenceCli, SameBytesForAnyNumberOfThreads) {
+    const std::string common = "\"$ROOM\" --resolution 6 --rays 128 --bounces inf --sh-order 2";
+    ASSERT_EQ(run(common + " --threads 1 -o a.vdb").status, 0);
+    ASSERT_EQ(run(common + " --threads 3 -o b.vdb").status, 0);
+    EXPECT_EQ(slurp(folder_ / "a.vdb"), slurp(folder_ / "b.vdb"));
+    EXPECT_EQ(read_volume(folder_ / "a.vdb").sh.size(), 9u);
+}
+
+TEST_F(ReferenceCli, StopsAtTheNoise) {
+    const json percent =
+        run_json("\"$ROOM\" -o a.vdb --resolution 6 --probes 20 --noise 8% --max-albedo 0.5");
+    EXPECT_LE(percent["noise"], 0.08);
+    EXPECT_EQ(percent["probes"], 20);
+    const Volume volume = read_volume(folder_ / "a.vdb");
+    EXPECT_EQ(std::ranges::count(volume.validity, 1.0f), 20);
+    EXPECT_EQ(volume.metadata.at("probes"), "20");
+    const Result cut = run("\"$ROOM\" -o a.vdb --resolution 6 --rays 64 --noise 0.0001");
+    EXPECT_EQ(cut.status, 0);
+    EXPECT_NE(cut.err.find("warning: the noise is still"), std::string::npos) << cut.err;
+}
+
+TEST_F(ReferenceCli, ConfigFileRoundTrips) {
+    const std::string given = "\"$ROOM\" -o a.vdb -e e.vdb --cell-size 0.3 --margin 2 --sun 1,2,3"
+                              " --no-emitters --sh-order 2 --bounces inf --rays 100 --noise 2%"
+                              " --probes 7 --seed 9 --threads 2 --format json";
+    const Result first = run(given + " --print-config > a.toml; cat a.toml");
+    ASSERT_EQ(first.status, 0) << first.err;
+    const Result second = run("--config a.toml --print-config");
+    EXPECT_EQ(second.err, "");
+    EXPECT_EQ(second.out, slurp(folder_ / "a.toml"));
+    for (const char* line : {"noise = 0.02\n", "bounces = \"inf\"\n", "cell-size = 0.3\n",
+                             "seed = 9\n", "error-output = \"e.vdb\"\n"})
+        EXPECT_NE(second.out.find(line), std::string::npos) << line << second.out;
+}
+
+TEST_F(ReferenceCli, WrongCommandLinesAreRefused) {
+    expect_error("", ExitCode::usage, "no scene");
+    expect_error("\"$ROOM\"", ExitCode::usage, "-o FILE.vdb");
+    expect_error("\"$ROOM\" -o a.vdb -e a.vdb", ExitCode::usage, "given twice");
+    expect_error("\"$ROOM\" -o a.vdb -e a.txt", ExitCode::usage, "a.txt");
+    expect_error("\"$ROOM\" -o none/a.vdb", ExitCode::file, "none/a.vdb");
+    expect_error("none.gltf -o a.vdb", ExitCode::file, "none.gltf");
+    for (const char* bad :
+         {"--sh-order=4", "--bounces=-1", "--bounces=x", "--bounces=1.5", "--bounces=10001",
+          "--rays=-1", "--rays=1e3", "--rays=9999999999", "--noise=0", "--noise=x", "--noise=200%",
+          "--noise=%", "--noise=nan", "--probes=-1", "--seed=-1", "--seed=4294967296"})
+        expect_error(std::string("\"$ROOM\" -o a.vdb ") + bad, ExitCode::usage, "");
+    expect_error("\"$ROOM\" -o a.vdb --no-scene-lights --no-emitters", ExitCode::invalid, "--sun");
+    expect_error("\"$ROOM\" -o a.vdb --no-emitters --bounces 0", ExitCode::invalid, "--bounces");
+}
+
+} // namespace
+} // namespace lpvbake
