@@ -1,18 +1,14 @@
-// Without these GCC keeps comparisons in the inner loop, where the clamps could be vector maxima.
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC optimize("no-trapping-math", "no-signed-zeros", "finite-math-only")
-#define LPVBAKE_INDEPENDENT_ITERATIONS _Pragma("GCC ivdep")
-#elif defined(__clang__)
-#define LPVBAKE_INDEPENDENT_ITERATIONS _Pragma("clang loop vectorize(assume_safety)")
-#else
-#define LPVBAKE_INDEPENDENT_ITERATIONS
-#endif
-
 #include "propagate_loop.h"
 
+#include <algorithm>
+#include <barrier>
 #include <cmath>
+#include <new>
 #include <thread>
-#include <vector>
+
+#ifdef __linux__
+#include <sys/mman.h>
+#endif
 
 namespace lpvbake::bench {
 namespace {
@@ -57,42 +53,54 @@ inline float side_pairs(float constant, float along, float u, float v) {
     return (larger(b0, u) + larger(b0, v)) + (larger(b1, u) + larger(b1, v));
 }
 
-// One row of one channel. The arrays point at the first cell of the row; plane, row and layer are
-// the distances to the next coefficient, to the next row and to the next layer of a front.
+// One channel of a row: the light that arrives, as four runs of `pitch` floats. Every pointer is at
+// the first cell of the row; `row` and `link_row` lead to the next one.
 template <bool occluded>
-void propagate_row(const float* __restrict front, float* __restrict next,
-                   float* __restrict accumulator, const float* __restrict links,
-                   float* __restrict flux, std::ptrdiff_t plane, std::ptrdiff_t row, int nx) {
-    const std::ptrdiff_t layer = LoopGrid::front_planes * plane;
-    const std::ptrdiff_t link_layer = LoopGrid::link_planes * plane;
-    const float* const c0 = front;
-    const float* const cy = front + plane;
-    const float* const cz = front + 2 * plane;
-    const float* const cx = front + 3 * plane;
+[[gnu::noinline]] void gather(const float* __restrict below, const float* __restrict here,
+                              const float* __restrict above, const float* __restrict links,
+                              const float* __restrict links_below, float* __restrict received,
+                              std::ptrdiff_t pitch, std::ptrdiff_t row, std::ptrdiff_t link_row,
+                              int nx) {
+    // Pointers to the runs: the coefficients of 1, y, z and x.
+    const float *const c0 = here, *const b0 = below, *const a0 = above;
+    const float *const cy = c0 + pitch, *const by = b0 + pitch, *const ay = a0 + pitch;
+    const float *const cz = cy + pitch, *const bz = by + pitch, *const az = ay + pitch;
+    const float *const cx = cz + pitch, *const bx = bz + pitch, *const ax = az + pitch;
     const float* const link_x = links;
-    const float* const link_y = links + (occluded ? plane : 0);
-    const float* const link_z = links + (occluded ? 2 * plane : 0);
+    const float* const link_y = links + (occluded ? pitch : 0);
+    const float* const link_z = links + (occluded ? 2 * pitch : 0);
+    const float* const link_z_below = links_below + (occluded ? 2 * pitch : 0);
 
-    // Planes never overlap within a row.
-    LPVBAKE_INDEPENDENT_ITERATIONS
+#pragma omp simd
     for (int x = 0; x < nx; ++x) {
         // Flux by normal, in units of side_0.
         float px = 0.0F, mx = 0.0F, py = 0.0F, my = 0.0F, pz = 0.0F, mz = 0.0F;
-        const std::ptrdiff_t w = x - 1, e = x + 1, s = x - row, n = x + row, b = x - layer,
-                             a = x + layer;
+        const std::ptrdiff_t w = x - 1, e = x + 1, s = x - row, n = x + row;
         receive(c0[w], cx[w], cy[w], cz[w], occluded ? link_x[w] : 1.0F, px, py, my, pz, mz);
         receive(c0[e], -cx[e], cy[e], cz[e], occluded ? link_x[x] : 1.0F, mx, py, my, pz, mz);
-        receive(c0[s], cy[s], cz[s], cx[s], occluded ? link_y[s] : 1.0F, py, pz, mz, px, mx);
+        receive(c0[s], cy[s], cz[s], cx[s], occluded ? link_y[x - link_row] : 1.0F, py, pz, mz, px,
+                mx);
         receive(c0[n], -cy[n], cz[n], cx[n], occluded ? link_y[x] : 1.0F, my, pz, mz, px, mx);
-        receive(c0[b], cz[b], cx[b], cy[b], occluded ? link_z[x - link_layer] : 1.0F, pz, px, mx,
-                py, my);
-        receive(c0[a], -cz[a], cx[a], cy[a], occluded ? link_z[x] : 1.0F, mz, px, mx, py, my);
+        receive(b0[x], bz[x], bx[x], by[x], occluded ? link_z_below[x] : 1.0F, pz, px, mx, py, my);
+        receive(a0[x], -az[x], ax[x], ay[x], occluded ? link_z[x] : 1.0F, mz, px, mx, py, my);
 
-        const float f0 = (side_0 * lobe_0) * (((px + mx) + (py + my)) + (pz + mz));
-        const float fy = (side_0 * lobe_1) * (py - my);
-        const float fz = (side_0 * lobe_1) * (pz - mz);
-        const float fx = (side_0 * lobe_1) * (px - mx);
+        received[x] = (side_0 * lobe_0) * (((px + mx) + (py + my)) + (pz + mz));
+        received[x + pitch] = (side_0 * lobe_1) * (py - my);
+        received[x + 2 * pitch] = (side_0 * lobe_1) * (pz - mz);
+        received[x + 3 * pitch] = (side_0 * lobe_1) * (px - mx);
+    }
+}
 
+// The rest of that row: adds what has arrived to the total and makes the new front of it.
+[[gnu::noinline]] void emit(const float* __restrict received, float* __restrict next,
+                            float* __restrict total, float* __restrict flux, std::ptrdiff_t pitch,
+                            int nx) {
+#pragma omp simd
+    for (int x = 0; x < nx; ++x) {
+        const float f0 = received[x];
+        const float fy = received[x + pitch];
+        const float fz = received[x + 2 * pitch];
+        const float fx = received[x + 3 * pitch];
         // Flux of the new front through its 30 faces, two opposite faces at a time:
         // max(0, b + t) + max(0, b - t) = b + max(|b|, |t|).
         const float constant = side_0 * f0;
@@ -109,54 +117,136 @@ void propagate_row(const float* __restrict front, float* __restrict next,
         // Nothing goes out only where nothing has come in, and f0 is 0 then.
         const float budget = sqrt_4pi * f0 / (outgoing > 0.0F ? outgoing : 1.0F);
 
-        accumulator[x] += f0;
-        accumulator[x + plane] += fy;
-        accumulator[x + 2 * plane] += fz;
-        accumulator[x + 3 * plane] += fx;
+        total[x] += f0;
+        total[x + pitch] += fy;
+        total[x + 2 * pitch] += fz;
+        total[x + 3 * pitch] += fx;
         next[x] = budget * f0;
-        next[x + plane] = budget * fy;
-        next[x + 2 * plane] = budget * fz;
-        next[x + 3 * plane] = budget * fx;
+        next[x + pitch] = budget * fy;
+        next[x + 2 * pitch] = budget * fz;
+        next[x + 3 * pitch] = budget * fx;
         flux[x] += f0;
     }
 }
 
 } // namespace
 
-double propagate_loop(const LoopGrid& grid, const float* front, float* next, float* accumulator,
-                      const float* links, int threads) {
-    std::vector<double> layer_flux(static_cast<std::size_t>(grid.nz), 0.0);
-    const auto run = [&](int z_begin, int z_end) {
-        std::vector<float> flux(static_cast<std::size_t>(grid.nx));
-        for (int z = z_begin; z < z_end; ++z) {
-            flux.assign(flux.size(), 0.0F);
-            for (int y = 0; y < grid.ny; ++y) {
-                for (int channel = 0; channel < 3; ++channel) {
-                    const std::ptrdiff_t cell = grid.index(0, y, z, 4 * channel);
-                    if (links != nullptr)
-                        propagate_row<true>(front + cell, next + cell, accumulator + cell,
-                                            links + grid.index(0, y, z, 0, LoopGrid::link_planes),
-                                            flux.data(), grid.plane(), grid.row(), grid.nx);
-                    else
-                        propagate_row<false>(front + cell, next + cell, accumulator + cell, nullptr,
-                                             flux.data(), grid.plane(), grid.row(), grid.nx);
-                }
+PropagateLoop::PropagateLoop(int nx, int ny, int nz, bool occluded, int threads)
+    : nx_(nx),
+      ny_(ny),
+      nz_(nz),
+      occluded_(occluded),
+      threads_(std::clamp(threads, 1, nz)),
+      pitch_((nx + 7) / 8 * 8 + margin),
+      layer_flux_(static_cast<std::size_t>(nz)) {
+    for (int t = 0; t < threads_; ++t)
+        slab_.resize(static_cast<std::size_t>(nz * (t + 1) / threads_), t);
+    // Room for the slabs to move: a layer at each end, two where sweeps begin side by side.
+    const int slots = nz + 2 + 2 * ((threads_ - 1) / 2);
+    // Past the last layer, a cell's neighbour in +x still is one float away.
+    front_ = zeros(slots * layer(coefficients) + margin);
+    total_ = zeros(nz * layer(coefficients) + margin);
+    border_ = zeros(layer(coefficients) + margin);
+    links_ = zeros(occluded ? (nz + 1) * layer(axes) + margin : margin);
+}
+
+PropagateLoop::Array PropagateLoop::zeros(std::ptrdiff_t count) {
+    constexpr std::size_t page = std::size_t(2) << 20;
+    const std::size_t bytes =
+        (static_cast<std::size_t>(count) * sizeof(float) + page - 1) / page * page;
+    Array array(static_cast<float*>(std::aligned_alloc(page, bytes)));
+    if (!array)
+        throw std::bad_alloc();
+#ifdef __linux__
+    madvise(array.get(), bytes, MADV_HUGEPAGE);
+#endif
+    std::fill_n(array.get(), bytes / sizeof(float), 0.0F);
+    return array;
+}
+
+float* PropagateLoop::layer_of_front(int z) {
+    if (z < 0 || z >= nz_)
+        return border_.get();
+    const int slab = slab_[static_cast<std::size_t>(z)];
+    const int shift = !moved_ ? 0 : slab % 2 == 0 ? -1 : 1;
+    return front_.get() + (z + 1 + slab / 2 * 2 + shift) * layer(coefficients);
+}
+
+float& PropagateLoop::front(int x, int y, int z, int k) {
+    return layer_of_front(z)[cell(x, y, k, coefficients)];
+}
+
+float& PropagateLoop::total(int x, int y, int z, int k) {
+    return total_[static_cast<std::size_t>(z * layer(coefficients) + cell(x, y, k, coefficients))];
+}
+
+float& PropagateLoop::link(int x, int y, int z, int axis) {
+    return links_[static_cast<std::size_t>((z + 1) * layer(axes) + cell(x, y, axis, axes))];
+}
+
+template <bool occluded>
+void PropagateLoop::sweep_layer(int z, float* target, std::vector<float>& scratch) {
+    float* const received = scratch.data();
+    float* const flux = received + 4 * pitch_;
+    std::fill_n(flux, nx_, 0.0F);
+    const float* const below = layer_of_front(z - 1);
+    const float* const here = layer_of_front(z);
+    const float* const above = layer_of_front(z + 1);
+    float* const total = total_.get() + z * layer(coefficients);
+    // Layer -1 of the links is the first one in the array.
+    const float* const links = links_.get() + (occluded ? (z + 1) * layer(axes) : 0);
+    const float* const links_below = links - (occluded ? layer(axes) : 0);
+    for (int y = 0; y < ny_; ++y) {
+        const std::ptrdiff_t link = occluded ? cell(0, y, 0, axes) : 0;
+        for (int k = 0; k < coefficients; k += 4) {
+            const std::ptrdiff_t start = cell(0, y, k, coefficients);
+            // The same channel of the next row: what comes from main memory.
+            for (std::ptrdiff_t i = 0; i < 4 * pitch_; i += 16) {
+                __builtin_prefetch(above + start + row(coefficients) + i);
+                __builtin_prefetch(total + start + row(coefficients) + i, 1);
             }
-            double sum = 0.0;
-            for (const float f : flux)
-                sum += f;
-            layer_flux[static_cast<std::size_t>(z)] = sqrt_4pi * sum;
+            gather<occluded>(below + start, here + start, above + start, links + link,
+                             links_below + link, received, pitch_, row(coefficients), row(axes),
+                             nx_);
+            emit(received, target + start, total + start, flux, pitch_, nx_);
+        }
+    }
+    double sum = 0.0;
+    for (int x = 0; x < nx_; ++x)
+        sum += double(flux[x]);
+    layer_flux_[static_cast<std::size_t>(z)] = double(sqrt_4pi) * sum;
+}
+
+double PropagateLoop::run(int steps) {
+    std::barrier first_layers(threads_);
+    std::barrier layers(threads_, [this]() noexcept { moved_ = !moved_; });
+    const auto work = [&](int slab) {
+        const int begin = nz_ * slab / threads_, end = nz_ * (slab + 1) / threads_;
+        std::vector<float> scratch(static_cast<std::size_t>(5 * pitch_));
+        for (int step = 0; step < steps; ++step) {
+            const bool up = (slab % 2 == 0) != moved_;
+            for (int i = 0; i < end - begin; ++i) {
+                const int z = up ? begin + i : end - 1 - i;
+                float* const target = layer_of_front(z) + (up ? -1 : 1) * layer(coefficients);
+                if (occluded_)
+                    sweep_layer<true>(z, target, scratch);
+                else
+                    sweep_layer<false>(z, target, scratch);
+                if (i == 0)
+                    first_layers.arrive_and_wait();
+            }
+            layers.arrive_and_wait();
         }
     };
-    std::vector<std::jthread> workers;
-    for (int t = 1; t < threads; ++t)
-        workers.emplace_back(run, grid.nz * t / threads, grid.nz * (t + 1) / threads);
-    run(0, grid.nz / threads);
-    workers.clear();
-
+    {
+        std::vector<std::jthread> workers;
+        for (int slab = 1; slab < threads_; ++slab)
+            workers.emplace_back(work, slab);
+        work(0);
+    }
     double sum = 0.0;
-    for (const double f : layer_flux)
-        sum += f;
+    for (const double flux : layer_flux_)
+        sum += flux;
     return sum;
 }
 

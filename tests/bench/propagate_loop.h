@@ -1,36 +1,72 @@
-// The propagation step of src/solver/lpv/propagate.comp as a plain loop over arrays, to compare the
+// The propagation step of src/solver/lpv/propagate.comp as plain loops over arrays, to compare the
 // kernel with. It shares no code with the solver.
+//
+// What makes it fast on a CPU: a row's coefficients lie one after the other, so that a step reads
+// and writes long runs; receiving and re-emitting are two loops, short enough for the compiler's
+// registers and the core's window; and the new front takes the place of the old one.
 #pragma once
 
 #include <cstddef>
+#include <cstdlib>
+#include <memory>
+#include <vector>
 
 namespace lpvbake::bench {
 
-// Layout of the arrays. Coefficients are apart: plane k of a layer holds coefficient k % 4 (1, y,
-// z, x) of channel k / 4. Every row, plane and grid has a border of zeros around it.
-struct LoopGrid {
-    int nx, ny, nz;
+/// A field of light on nx * ny * nz cells that is propagated in place.
+///
+/// Each thread owns a slab of layers and stores the new layer z where the layer behind it was,
+/// which no cell needs any more once its row is done; so a slab moves by a layer a step, to and
+/// fro. Neighbouring slabs are swept in opposite directions: where two sweeps end, the layers that
+/// they read from each other stay in place, and where two begin, both threads wait until the first
+/// layers are done.
+class PropagateLoop {
+public:
+    /// `occluded`: light is scaled by the links. All values are zero at first. `threads` is at
+    /// most nz.
+    PropagateLoop(int nx, int ny, int nz, bool occluded, int threads);
 
-    static constexpr std::ptrdiff_t front_planes = 12; // of a front and of the accumulator
-    static constexpr std::ptrdiff_t link_planes = 3;   // transmittances towards +x, +y, +z
-    static constexpr std::ptrdiff_t margin = 8;        // floats before and after a row
+    /// Coefficient k % 4 (in the order 1, y, z, x) of channel k / 4 of what a cell sends out next.
+    float& front(int x, int y, int z, int k);
+    /// The same of all light that a cell has received.
+    float& total(int x, int y, int z, int k);
+    /// Transmittance towards the neighbour in +x, +y or +z (axis 0, 1, 2).
+    float& link(int x, int y, int z, int axis);
 
-    constexpr std::ptrdiff_t row() const { return (nx + 7) / 8 * 8 + 2 * margin; }
-    constexpr std::ptrdiff_t plane() const { return row() * (ny + 2); }
-    constexpr std::ptrdiff_t size(std::ptrdiff_t planes) const {
-        return plane() * planes * (nz + 2);
+    /// Propagates `steps` times. Returns the flux that arrived in the last step in all cells and
+    /// channels together, summed up in an order that does not depend on the number of threads.
+    double run(int steps);
+
+private:
+    struct Free {
+        void operator()(float* p) const { std::free(p); }
+    };
+    using Array = std::unique_ptr<float[], Free>;
+    /// Zeros, in huge pages where the system has them.
+    static Array zeros(std::ptrdiff_t count);
+
+    std::ptrdiff_t row(int runs) const { return runs * pitch_; }
+    std::ptrdiff_t layer(int runs) const { return row(runs) * (ny_ + 2); }
+    std::ptrdiff_t cell(int x, int y, int k, int runs) const {
+        return (y + 1) * row(runs) + k * pitch_ + margin + x;
     }
-    constexpr std::ptrdiff_t index(int x, int y, int z, std::ptrdiff_t k,
-                                   std::ptrdiff_t planes = front_planes) const {
-        return ((z + 1) * planes + k) * plane() + (y + 1) * row() + margin + x;
-    }
+    /// The layer of the front, which may lie outside of the grid and is zero there.
+    float* layer_of_front(int z);
+    template <bool occluded>
+    void sweep_layer(int z, float* target, std::vector<float>& received);
+
+    static constexpr int coefficients = 12; ///< of a cell
+    static constexpr int axes = 3;          ///< with a link each
+    static constexpr int margin = 8;        ///< zeros before each run of a row
+
+    int nx_, ny_, nz_;
+    bool occluded_;
+    int threads_;
+    std::ptrdiff_t pitch_;  ///< floats from a run of nx values to the next one
+    bool moved_ = false;    ///< even slabs lie a layer lower, odd ones a layer higher than at first
+    std::vector<int> slab_; ///< of a layer
+    std::vector<double> layer_flux_;
+    Array front_, total_, links_, border_;
 };
-
-// One step: reads front, writes the cells of next (not its border, which must be zero already) and
-// adds to accumulator. links may be null: nothing stands between the cells then. Each thread takes
-// a run of layers. Returns the flux that has arrived in all cells and channels, summed up in an
-// order that does not depend on the number of threads.
-double propagate_loop(const LoopGrid& grid, const float* front, float* next, float* accumulator,
-                      const float* links, int threads);
 
 } // namespace lpvbake::bench
