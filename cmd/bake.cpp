@@ -178,7 +178,7 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, uint64_t 
     if (o.format == "json") {
         Json document = describe(o, device, triangles, grid, stages, warnings);
         for (const Written& output : outputs)
-            document["outputs"].push_back({{"path", output.path}, {"bytes", output.bytes}});
+            document["outputs"].push_back(output.json());
         document["seconds"] = seconds;
         document["peak_memory"] = peak_memory();
         print_json(document);
@@ -192,8 +192,7 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, uint64_t 
     std::printf("%-12s  %7.3f s  peak memory %s\n", "total", seconds,
                 bytes_text(peak_memory()).c_str());
     for (const Written& output : outputs)
-        std::printf("wrote         %s (%s)\n", output.path.c_str(),
-                    bytes_text(output.bytes).c_str());
+        output.print();
 }
 
 void run(const BakeOptions& o) {

@@ -183,7 +183,7 @@ void print_result(const ReferenceOptions& o, const Scene& scene, const Reference
         if (o.bounces != "inf")
             document["bounces"] = std::atoi(o.bounces.c_str());
         for (const Written& output : outputs)
-            document["outputs"].push_back({{"path", output.path}, {"bytes", output.bytes}});
+            document["outputs"].push_back(output.json());
         for (const Stage& stage : stages)
             document["stages"].push_back({{"name", stage.name}, {"seconds", stage.seconds}});
         print_json(document);
@@ -200,8 +200,7 @@ void print_result(const ReferenceOptions& o, const Scene& scene, const Reference
     std::printf("%-12s  %7.3f s  peak memory %s\n", "total", seconds,
                 bytes_text(peak_memory()).c_str());
     for (const Written& output : outputs)
-        std::printf("wrote         %s (%s)\n", output.path.c_str(),
-                    bytes_text(output.bytes).c_str());
+        output.print();
 }
 
 void run(const ReferenceOptions& o) {

@@ -7,6 +7,7 @@
 #include "scene_hash.h"
 
 #include <cerrno>
+#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
@@ -213,7 +214,23 @@ Written write_output(const OutputOptions& o, const std::string& path, const Volu
     const WriteReport report = write_volume(path, volume, precision, packing);
     for (const std::string& warning : report.warnings)
         progress.warn(warning);
-    return {path, report.bytes};
+    return {path, report.files};
+}
+
+Json Written::json() const {
+    Json document{{"path", path}, {"bytes", 0}, {"files", Json::array()}};
+    uint64_t bytes = 0;
+    for (const WriteReport::File& file : files) {
+        document["files"].push_back({{"path", file.path}, {"bytes", file.bytes}});
+        bytes += file.bytes;
+    }
+    document["bytes"] = bytes;
+    return document;
+}
+
+void Written::print() const {
+    for (const WriteReport::File& file : files)
+        std::printf("wrote         %s (%s)\n", file.path.c_str(), bytes_text(file.bytes).c_str());
 }
 
 std::unique_ptr<tbb::global_control> limit_threads(int threads) {

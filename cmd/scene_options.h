@@ -3,6 +3,7 @@
 
 #include "command_line.h"
 #include "io/io.h"
+#include "result.h"
 #include "scene/scene.h"
 #include "terminal.h"
 #include "volume/grid.h"
@@ -66,8 +67,11 @@ struct OutputOptions {
 };
 
 struct Written {
-    std::string path;
-    uint64_t bytes = 0;
+    std::string path; ///< as it was asked for
+    std::vector<WriteReport::File> files;
+
+    Json json() const;
+    void print() const;
 };
 
 /// All that can be known to be wrong before any work is done: no scene, an output that is no

@@ -12,4 +12,4 @@ lpvbake=build/default/lpvbake
 
 "$lpvbake" bake examples/cornell_box.gltf -o build/cornell_box.vdb -o build/cornell_box.exr "$@"
 echo
-"$lpvbake" info build/cornell_box.vdb --slice z=16 -o build/cornell_box.png
+"$lpvbake" info build/cornell_box.vdb --slice z=12 -o build/cornell_box.png

@@ -309,23 +309,23 @@ WriteReport write_exr(const std::string& path, const Volume& volume, Precision p
                                  {"units", units},
                                  {"channels", channels}});
         files.emplace_back(file);
+        report.files.push_back({file, 0});
     }
     json["metadata"] = metadata;
     files.emplace_back(stem + ".json");
+    report.files.push_back({stem + ".json", 0});
     // Names and metadata may come from anywhere; what is not UTF-8 is replaced.
     files.back().write(json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 
-    std::vector<uint64_t> sizes(files.size());
     tbb::parallel_for(size_t(0), textures.size(), [&](size_t t) {
         const auto bytes = encode_exr(picture_of(textures[t], dims, layout),
                                       precision == Precision::half, headers[t], path);
         files[t].write({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
     });
-    tbb::parallel_for(size_t(0), files.size(), [&](size_t f) { sizes[f] = files[f].seal(); });
+    tbb::parallel_for(size_t(0), files.size(),
+                      [&](size_t f) { report.files[f].bytes = files[f].seal(); });
     for (AtomicFile& file : files)
         file.publish();
-    for (uint64_t size : sizes)
-        report.bytes += size;
     return report;
 }
 

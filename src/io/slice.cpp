@@ -16,7 +16,7 @@ float srgb_encode(float x) {
     return x <= 0.0031308f ? 12.92f * x : 1.055f * std::pow(x, 1 / 2.4f) - 0.055f;
 }
 
-/// What is drawn as white: the 99th percentile of the luminances above zero, but at most six times
+/// What is drawn as white: the 99th percentile of the luminances above zero, but at most ten times
 /// their median, so that a bright spot by the lamp leaves the rest visible. 1 if there are none.
 float white_point(const std::vector<glm::vec3>& colours) {
     std::vector<float> lit;
@@ -30,7 +30,7 @@ float white_point(const std::vector<glm::vec3>& colours) {
         std::nth_element(lit.begin(), rank, lit.end());
         return *rank;
     };
-    return std::min(quantile(99), 6 * quantile(50));
+    return std::min(quantile(99), 10 * quantile(50));
 }
 
 } // namespace

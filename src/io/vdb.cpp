@@ -336,7 +336,7 @@ WriteReport write_vdb(const std::string& path, const Volume& volume, Precision p
     AtomicFile file(path);
     file.write([&](std::ostream& out) { SeekableArchive().write(out, grids, metadata); });
     file.patch(uuid_offset, identify(file.temporary(), path).computed);
-    report.bytes = file.seal();
+    report.files.push_back({path, file.seal()});
     file.publish();
     return report;
 }

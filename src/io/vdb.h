@@ -13,9 +13,20 @@ enum class Precision { full, half };
 
 /// What became of a request that could not be met to the letter.
 struct WriteReport {
-    std::vector<std::string>
-        warnings; ///< e.g. half asked for, but values exceed 65504: wrote float
-    uint64_t bytes = 0;
+    struct File {
+        std::string path;
+        uint64_t bytes = 0;
+    };
+    /// Such as: half asked for, but values exceed 65504, wrote float.
+    std::vector<std::string> warnings;
+    std::vector<File> files;
+
+    uint64_t bytes() const {
+        uint64_t sum = 0;
+        for (const File& file : files)
+            sum += file.bytes;
+        return sum;
+    }
 };
 
 /// Writes sh_l0, sh_l1_y, ... (Vec3S, canonical coefficients, cd/m^2), occlusion_l0, ..., validity

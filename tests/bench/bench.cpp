@@ -378,7 +378,7 @@ void write(benchmark::State& state, const char* extension) {
     // The first write of a process loads what it needs.
     write_volume(path, smooth_volume(8), Precision::full);
     for (auto _ : state)
-        bytes = write_volume(path, volume, Precision::full).bytes;
+        bytes = write_volume(path, volume, Precision::full).bytes();
     state.counters["bytes"] = benchmark::Counter(double(bytes), benchmark::Counter::kDefaults,
                                                  benchmark::Counter::kIs1024);
     state.counters["per_cell"] = time_per(double(volume.grid.size()));

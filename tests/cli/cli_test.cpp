@@ -449,7 +449,8 @@ TEST_F(Cli, BakeWritesWhatItSaysAndIsSilentInAPipe) {
     EXPECT_NE(result.out.find("8 x 8 x 8 cells"), std::string::npos) << result.out;
     EXPECT_NE(result.out.find("peak memory"), std::string::npos);
     EXPECT_NE(result.out.find("wrote         a.vdb ("), std::string::npos);
-    EXPECT_NE(result.out.find("wrote         b.exr ("), std::string::npos);
+    for (const char* file : {"b_sh_l0.exr", "b_validity.exr", "b.json"})
+        EXPECT_NE(result.out.find(std::string("wrote         ") + file + " ("), std::string::npos);
     for (const char* name : {"a.vdb", "b.json"})
         EXPECT_GT(fs::file_size(folder_ / name), 100u) << name;
     for (const std::string& name : entries()) // no temporary names left
@@ -467,6 +468,7 @@ TEST_F(Cli, BakeInJson) {
     EXPECT_EQ(document["grid"]["cells"], 512);
     EXPECT_EQ(document["outputs"][0]["path"], "a.vdb");
     EXPECT_EQ(document["outputs"][0]["bytes"], fs::file_size(folder_ / "a.vdb"));
+    EXPECT_EQ(document["outputs"][0]["files"][0]["path"], "a.vdb");
     double sum = 0;
     for (const json& stage : document["stages"]) {
         EXPECT_GE(stage["seconds"].get<double>(), 0.0) << stage;

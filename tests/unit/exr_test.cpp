@@ -47,7 +47,7 @@ TEST(Exr, FullPrecisionRoundTripsExactly) {
                 uint64_t bytes = 0;
                 for (const auto& entry : std::filesystem::directory_iterator(folder.path()))
                     bytes += entry.file_size();
-                EXPECT_EQ(report.bytes, bytes);
+                EXPECT_EQ(report.bytes(), bytes);
             }
 }
 

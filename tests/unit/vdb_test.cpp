@@ -42,7 +42,7 @@ TEST(Vdb, FullPrecisionRoundTripsExactly) {
                 const std::string path = folder / "a.vdb";
                 const WriteReport report = write_vdb(path, volume, Precision::full);
                 EXPECT_TRUE(report.warnings.empty());
-                EXPECT_EQ(report.bytes, std::filesystem::file_size(path));
+                EXPECT_EQ(report.bytes(), std::filesystem::file_size(path));
                 expect_equal(read_vdb(path), volume);
             }
     EXPECT_EQ(folder.count(), 1);
@@ -62,7 +62,7 @@ TEST(Vdb, HalfRoundTripsWithinHalf) {
     const WriteReport full = write_vdb(folder / "full.vdb", volume, Precision::full);
     const WriteReport half = write_vdb(folder / "half.vdb", volume, Precision::half);
     EXPECT_TRUE(half.warnings.empty());
-    EXPECT_LT(double(half.bytes), 0.7 * double(full.bytes));
+    EXPECT_LT(double(half.bytes()), 0.7 * double(full.bytes()));
     const Volume back = read_vdb(folder / "half.vdb");
     for (size_t i = 0; i < volume.grid.size(); ++i) {
         for (size_t k = 0; k < 4; ++k) {
@@ -196,12 +196,12 @@ TEST(Vdb, EmptySpaceCostsNothing) {
     volume.grid = {{0, 0, 0}, 1, {64, 64, 64}};
     volume.sh.assign(4, std::vector<glm::vec3>(volume.grid.size()));
     volume.validity.assign(volume.grid.size(), 0);
-    const uint64_t none = write_vdb(folder / "a.vdb", volume, Precision::full).bytes;
+    const uint64_t none = write_vdb(folder / "a.vdb", volume, Precision::full).bytes();
     EXPECT_LT(none, 20000u);
     expect_equal(read_vdb(folder / "a.vdb").sh == volume.sh ? volume : Volume(), volume);
     // Uniform space becomes tiles.
     volume.validity.assign(volume.grid.size(), 1);
-    EXPECT_LT(write_vdb(folder / "a.vdb", volume, Precision::full).bytes, 2 * none + 100000);
+    EXPECT_LT(write_vdb(folder / "a.vdb", volume, Precision::full).bytes(), 2 * none + 100000);
     EXPECT_EQ(read_vdb(folder / "a.vdb").validity, volume.validity);
 }
 
