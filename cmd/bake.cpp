@@ -49,7 +49,7 @@ With --dry-run, "outputs" have no bytes, "seconds" is an estimate, "peak_memory"
 "rsm": {"maps", "size"}, "device_bytes" and "host_bytes" say what it takes.)";
 
 /// Options as given; `to_settings` makes them the core's enums and structs.
-struct BakeOptions : SceneOptions {
+struct BakeOptions : SceneOptions, RunOptions {
     OutputOptions outputs;
     int rsm_size = 0;
     int rsm_kernel = 4;
@@ -57,13 +57,8 @@ struct BakeOptions : SceneOptions {
     double tolerance = 1e-2;
     std::string occlusion = "face";
     std::string device;
-    int threads = 0;
     bool validation = false;
-    std::string format = "text";
-    std::string progress = "auto";
     bool dry_run = false;
-    bool print_config = false;
-    std::string config;
 };
 
 /// In the order of --help.
@@ -290,25 +285,14 @@ void add_bake(CLI::App& root, Action& action) {
                 "Blocking between cells: none, sh (SH geometry volume), face (a\n"
                 "scalar a face, does not leak)");
 
-    list.group("Output");
-    list.choice("--precision", o.outputs.precision, "float|half", "Of stored numbers");
-    list.choice("--exr-packing", o.outputs.exr_packing, "band|channel",
-                "An RGB file a coefficient, or an RGBA file a colour channel");
+    add_output_options(list, o.outputs);
 
     list.group("Run");
     list.text("--device", o.device, "NAME", "Index, UUID or part of the name; default: the first");
-    list.number("--threads", o.threads, 0, 1024, "CPU threads; 0: one a core")
-        ->capture_default_str();
     list.flag("--validation", o.validation, "Load Vulkan's validation layer; messages are errors");
-    list.choice("--format", o.format, "text|json", "Form of the result");
-    list.choice("--progress", o.progress, "auto|bar|plain|none",
-                "On standard error; auto: a bar on a terminal");
     list.flag("--dry-run", o.dry_run, "Print grid, memory, outputs and an estimate of the time")
         ->configurable(false);
-    list.text("--config", o.config, "FILE", "TOML file of options; the command line comes first")
-        ->configurable(false);
-    list.flag("--print-config", o.print_config, "Print every option as --config reads it")
-        ->configurable(false);
+    add_run_options(list, o);
 
     app->callback([app, resolution, options, &action] {
         const bool both = settle(*app, *resolution, options->config, *options);

@@ -54,7 +54,7 @@ JSON (--format json), one object; sizes in bytes, times in seconds:
 /// Rays a cell where --rays leaves the number open.
 constexpr uint64_t usual_rays = 1024, most_rays = 1 << 20;
 
-struct ReferenceOptions : SceneOptions {
+struct ReferenceOptions : SceneOptions, RunOptions {
     OutputOptions outputs;
     std::string error_output;
     std::string sh_order = "1";
@@ -63,11 +63,6 @@ struct ReferenceOptions : SceneOptions {
     double noise = 0;
     uint64_t probes = 0;
     uint64_t seed = 1;
-    int threads = 0;
-    std::string format = "text";
-    std::string progress = "auto";
-    bool print_config = false;
-    std::string config;
 };
 
 /// In the order of --help.
@@ -283,21 +278,10 @@ void add_reference(CLI::App& root, Action& action) {
     list.number("--seed", o.seed, 0, 4294967295, "Another one gives an independent estimate")
         ->capture_default_str();
 
-    list.group("Output");
-    list.choice("--precision", o.outputs.precision, "float|half", "Of stored numbers");
-    list.choice("--exr-packing", o.outputs.exr_packing, "band|channel",
-                "An RGB file a coefficient, or an RGBA file a colour channel");
+    add_output_options(list, o.outputs);
 
     list.group("Run");
-    list.number("--threads", o.threads, 0, 1024, "CPU threads; 0: one a core")
-        ->capture_default_str();
-    list.choice("--format", o.format, "text|json", "Form of the result");
-    list.choice("--progress", o.progress, "auto|bar|plain|none",
-                "On standard error; auto: a bar on a terminal");
-    list.text("--config", o.config, "FILE", "TOML file of options; the command line comes first")
-        ->configurable(false);
-    list.flag("--print-config", o.print_config, "Print every option as --config reads it")
-        ->configurable(false);
+    add_run_options(list, o);
 
     app->callback([app, resolution, options, &action] {
         const bool both = settle(*app, *resolution, options->config, *options);

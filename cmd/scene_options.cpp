@@ -58,6 +58,25 @@ CLI::Option* add_grid_options(OptionList& list, SceneOptions& o) {
     return resolution;
 }
 
+void add_output_options(OptionList& list, OutputOptions& o) {
+    list.group("Output");
+    list.choice("--precision", o.precision, "float|half", "Of stored numbers");
+    list.choice("--exr-packing", o.exr_packing, "band|channel",
+                "An RGB file a coefficient, or an RGBA file a colour channel");
+}
+
+void add_run_options(OptionList& list, RunOptions& o) {
+    list.number("--threads", o.threads, 0, 1024, "CPU threads; 0: one a core")
+        ->capture_default_str();
+    list.choice("--format", o.format, "text|json", "Form of the result");
+    list.choice("--progress", o.progress, "auto|bar|plain|none",
+                "On standard error; auto: a bar on a terminal");
+    list.text("--config", o.config, "FILE", "TOML file of options; the command line comes first")
+        ->configurable(false);
+    list.flag("--print-config", o.print_config, "Print every option as --config reads it")
+        ->configurable(false);
+}
+
 void add_light_options(OptionList& list, SceneOptions& o) {
     list.group("Light");
     list.list("--sun", o.suns, "AZIMUTH,ELEVATION,LUX[,COLOUR]",

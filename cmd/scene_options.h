@@ -65,6 +65,18 @@ struct OutputOptions {
     std::string precision = "float";
     std::string exr_packing = "band";
 };
+void add_output_options(OptionList& list, OutputOptions& o);
+
+/// How a command that computes runs and reports.
+struct RunOptions {
+    int threads = 0;
+    std::string format = "text";
+    std::string progress = "auto";
+    bool print_config = false;
+    std::string config;
+};
+/// Goes on with the group that is open.
+void add_run_options(OptionList& list, RunOptions& o);
 
 struct Written {
     std::string path; ///< as it was asked for

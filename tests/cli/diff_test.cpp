@@ -2,52 +2,38 @@
 //
 // LPVBAKE_BINARY is the program's path. Volumes are written by the library, so no device is needed.
 
+#include "cli/run.h"
 #include "image/image.h"
 #include "io/io.h"
-#include "unit/volumes.h"
 
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <numbers>
 #include <span>
-
-#include <sys/wait.h>
 
 namespace lpvbake {
 namespace {
 
 using nlohmann::json;
 
-struct Result {
-    int status = -1;
-    std::string out;
-    std::string err;
-};
-
 class Diff : public ::testing::Test {
 protected:
     /// Runs `lpvbake diff ARGUMENTS` in the folder; the arguments are words of a shell.
-    Result run(const std::string& arguments) {
-        const std::string command = "cd '" + folder_.path().string()
-                                    + "' && '" LPVBAKE_BINARY "' diff " + arguments
-                                    + " > stdout 2> stderr";
-        const int status = std::system(command.c_str());
-        return {WIFEXITED(status) ? WEXITSTATUS(status) : 1000, slurp(folder_ / "stdout"),
-                slurp(folder_ / "stderr")};
+    CliResult run(const std::string& arguments) {
+        return run_lpvbake(folder_, "diff " + arguments);
     }
 
     json run_json(const std::string& arguments, ExitCode code) {
-        const Result result = run(arguments + " --format json");
+        const CliResult result = run(arguments + " --format json");
         EXPECT_EQ(result.status, int(code)) << arguments << "\n" << result.err;
         return json::parse(result.out);
     }
 
     /// Expects a status and one line on standard error that contains `text`, and no result.
     void expect_error(const std::string& arguments, ExitCode code, const std::string& text) {
-        const Result result = run(arguments);
+        const CliResult result = run(arguments);
         EXPECT_EQ(result.status, int(code)) << arguments << "\n" << result.err;
         EXPECT_EQ(result.out, "") << arguments;
         EXPECT_EQ(result.err.find("lpvbake: error: "), 0u) << arguments << "\n" << result.err;
@@ -87,7 +73,7 @@ TEST_F(Diff, AVolumeAndItselfAreIdentical) {
     write("a.vdb", volume);
     write("b.exr", volume);
     for (const char* arguments : {"a.vdb a.vdb", "b.exr b.exr", "a.vdb b.exr", "b.json a.vdb"}) {
-        const Result result = run(arguments);
+        const CliResult result = run(arguments);
         EXPECT_EQ(result.status, 0) << arguments << result.err;
         EXPECT_EQ(result.err, "");
         EXPECT_NE(result.out.find("result     identical\n"), std::string::npos) << result.out;
@@ -137,7 +123,7 @@ TEST_F(Diff, OnePerturbedCoefficientIsFoundAndLocated) {
     EXPECT_EQ(grid["worst"]["a"], 0.25);
     EXPECT_EQ(grid["worst"]["b"], 0.0);
 
-    const Result text = run("a.vdb b.vdb");
+    const CliResult text = run("a.vdb b.vdb");
     EXPECT_EQ(text.status, int(ExitCode::difference));
     EXPECT_EQ(text.err, "lpvbake: error: a.vdb differs from b.vdb in sh_l1_z\n");
     EXPECT_NE(text.out.find("(3, 1, 2) at (0.75, 0.75, 11.25) m"), std::string::npos) << text.out;
@@ -151,7 +137,7 @@ TEST_F(Diff, WhatNoSampleSeesStillCountsWithoutThresholds) {
         Volume a = b;
         change(a);
         write("a.vdb", a);
-        const Result result = run("a.vdb b.vdb");
+        const CliResult result = run("a.vdb b.vdb");
         EXPECT_EQ(result.status, int(ExitCode::difference)) << text;
         EXPECT_NE(result.err.find(text), std::string::npos) << result.err;
     };
@@ -162,7 +148,7 @@ TEST_F(Diff, WhatNoSampleSeesStillCountsWithoutThresholds) {
     Volume inside = b;
     inside.sh[1][5].x += 1;
     write("a.vdb", inside);
-    const Result judged = run("a.vdb b.vdb --fail 0");
+    const CliResult judged = run("a.vdb b.vdb --fail 0");
     EXPECT_EQ(judged.status, 0) << "with a threshold the samples alone decide";
     EXPECT_NE(judged.out.find("result     pass\n"), std::string::npos);
 }
@@ -195,7 +181,7 @@ TEST_F(Diff, ThresholdsMeanWhatTheyMeanToIdiff) {
         {"--warn 0.5", 7, "fail"}, // a threshold for warnings does not let differences pass
     };
     for (const auto& [options, status, verdict] : cases) {
-        const Result result = run(std::string("a.vdb b.vdb --format json ") + options);
+        const CliResult result = run(std::string("a.vdb b.vdb --format json ") + options);
         EXPECT_EQ(result.status, status) << options << "\n" << result.err;
         EXPECT_EQ(json::parse(result.out)["result"], verdict) << options;
         const std::string stderr_starts = status != 0 ? "lpvbake: error: a.vdb"
@@ -302,12 +288,12 @@ TEST_F(Diff, MetadataAreToldAndDecideNothingUnlessAsked) {
     EXPECT_EQ(metadata["only_b"], json({{"yours", "2"}}));
     EXPECT_EQ(metadata["different"],
               json({{"settings", {"iterations = 3; size = 4", "iterations = 5; size = 4"}}}));
-    const Result text = run("a.vdb b.vdb");
+    const CliResult text = run("a.vdb b.vdb");
     EXPECT_NE(text.out.find("A  iterations = 3\n    B  iterations = 5\n"), std::string::npos)
         << text.out;
     EXPECT_NE(text.out.find("result     identical"), std::string::npos);
     for (const char* options : {"--metadata", "--metadata --fail 1"}) {
-        const Result asked = run(std::string("a.vdb b.vdb ") + options);
+        const CliResult asked = run(std::string("a.vdb b.vdb ") + options);
         EXPECT_EQ(asked.status, int(ExitCode::difference));
         EXPECT_EQ(asked.err, "lpvbake: error: a.vdb differs from b.vdb in its metadata\n");
     }
@@ -323,7 +309,7 @@ TEST_F(Diff, ABlackReferenceIsNoDivisionByZero) {
     EXPECT_EQ(document["irradiance"]["relative_l1"], nullptr);
     EXPECT_EQ(document["energy"]["ratio"], nullptr);
     EXPECT_NEAR(document["irradiance"]["rms"], std::numbers::pi, 1e-5);
-    const Result text = run("lit.vdb black.vdb --slice z=0 -o a.png");
+    const CliResult text = run("lit.vdb black.vdb --slice z=0 -o a.png");
     EXPECT_EQ(text.status, int(ExitCode::difference));
     EXPECT_EQ(text.out.find("nan"), std::string::npos) << text.out;
     EXPECT_NE(text.out.find("inf %"), std::string::npos) << text.out;
@@ -339,7 +325,7 @@ TEST_F(Diff, WritesTheDifferenceAndAPictureOfIt) {
     a.sh[0][a.grid.index({3, 0, 3})] *= 2.0f;
     write("a.vdb", a);
     write("b.vdb", b);
-    const Result result =
+    const CliResult result =
         run("a.vdb b.vdb -o d.vdb -o d2.exr -o e.png --slice z=3 --slice-max 120%");
     EXPECT_EQ(result.status, int(ExitCode::difference)) << result.err;
     EXPECT_NE(result.out.find("wrote      d.vdb\n"), std::string::npos) << result.out;
@@ -390,7 +376,7 @@ TEST_F(Diff, ListsAsManyCellsAsAsked) {
 }
 
 TEST_F(Diff, HelpTellsWhatIsCompared) {
-    const Result help = run("--help");
+    const CliResult help = run("--help");
     EXPECT_EQ(help.status, 0);
     for (const char* word : {"--fail", "--fail-percent", "--hard-fail", "--warn", "--slice",
                              "mean irradiance of B", "Examples:\n  lpvbake diff", "JSON"})

@@ -2,51 +2,36 @@
 //
 // LPVBAKE_BINARY is the program's path, LPVBAKE_EXAMPLES the folder of examples/. No device needed.
 
+#include "cli/run.h"
 #include "error.h"
 #include "io/io.h"
-#include "unit/volumes.h"
 
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
-#include <cstdlib>
-
-#include <sys/wait.h>
 
 namespace lpvbake {
 namespace {
 
 using nlohmann::json;
 
-struct Result {
-    int status = -1;
-    std::string out;
-    std::string err;
-};
-
 class ReferenceCli : public ::testing::Test {
 protected:
     /// Runs `lpvbake reference ARGUMENTS` in the folder; the arguments are words of a shell, in
     /// which $ROOM is the Cornell box.
-    Result run(const std::string& arguments) {
-        const std::string command = "cd '" + folder_.path().string()
-                                    + "' && ROOM='" LPVBAKE_EXAMPLES
-                                      "/cornell_box.gltf' && '" LPVBAKE_BINARY "' reference "
-                                    + arguments + " > stdout 2> stderr";
-        const int status = std::system(command.c_str());
-        return {WIFEXITED(status) ? WEXITSTATUS(status) : 1000, slurp(folder_ / "stdout"),
-                slurp(folder_ / "stderr")};
+    CliResult run(const std::string& arguments) {
+        return run_lpvbake(folder_, "reference " + arguments);
     }
 
     json run_json(const std::string& arguments) {
-        const Result result = run(arguments + " --format json");
+        const CliResult result = run(arguments + " --format json");
         EXPECT_EQ(result.status, 0) << arguments << "\n" << result.err;
         return json::parse(result.out);
     }
 
     /// Expects a status and one line on standard error that contains `text`, and no result.
     void expect_error(const std::string& arguments, ExitCode code, const std::string& text) {
-        const Result result = run(arguments);
+        const CliResult result = run(arguments);
         EXPECT_EQ(result.status, int(code)) << arguments << "\n" << result.err;
         EXPECT_EQ(result.out, "") << arguments;
         EXPECT_EQ(result.err.find("lpvbake: error: "), 0u) << arguments << "\n" << result.err;
@@ -96,7 +81,7 @@ TEST_F(ReferenceCli, StopsAtTheNoise) {
     const Volume volume = read_volume(folder_ / "a.vdb");
     EXPECT_EQ(std::ranges::count(volume.validity, 1.0f), 20);
     EXPECT_EQ(volume.metadata.at("probes"), "20");
-    const Result cut = run("\"$ROOM\" -o a.vdb --resolution 6 --rays 64 --noise 0.0001");
+    const CliResult cut = run("\"$ROOM\" -o a.vdb --resolution 6 --rays 64 --noise 0.0001");
     EXPECT_EQ(cut.status, 0);
     EXPECT_NE(cut.err.find("warning: the noise is still"), std::string::npos) << cut.err;
 }
@@ -105,9 +90,9 @@ TEST_F(ReferenceCli, ConfigFileRoundTrips) {
     const std::string given = "\"$ROOM\" -o a.vdb -e e.vdb --cell-size 0.3 --margin 2 --sun 1,2,3"
                               " --no-emitters --sh-order 2 --bounces inf --rays 100 --noise 2%"
                               " --probes 7 --seed 9 --threads 2 --format json";
-    const Result first = run(given + " --print-config > a.toml; cat a.toml");
+    const CliResult first = run(given + " --print-config > a.toml; cat a.toml");
     ASSERT_EQ(first.status, 0) << first.err;
-    const Result second = run("--config a.toml --print-config");
+    const CliResult second = run("--config a.toml --print-config");
     EXPECT_EQ(second.err, "");
     EXPECT_EQ(second.out, slurp(folder_ / "a.toml"));
     for (const char* line : {"noise = 0.02\n", "bounces = \"inf\"\n", "cell-size = 0.3\n",
