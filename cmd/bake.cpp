@@ -22,8 +22,8 @@ using Clock = std::chrono::steady_clock;
 const char summary[] = "Bakes the light that a scene's surfaces send on into volume files.";
 
 const char manual[] =
-    R"(The field holds light after at least one reflection from directional, point and spot lights, and
-all light of emissive surfaces. Lengths are metres, +Y is up. Lights come from the file
+    R"(The field holds the light of directional, point and spot lights after one reflection, and the
+direct light of emissive surfaces. Lengths are metres, +Y is up. Lights come from the file
 (KHR_lights_punctual), from --sun, --point and --lights; at least one light or emitter is needed.
 
 Examples:
@@ -43,7 +43,7 @@ CPU driver llvmpipe. 0 takes every core, and leaves LP_NUM_THREADS as the enviro
 JSON (--format json), one object; sizes in bytes, times in seconds:
   {"command": "bake", "version", "scene", "triangles", "device": {"index", "name", "type", "uuid", "driver",
    "api"}, "grid": {"dims": [x, y, z], "cell", "origin": [x, y, z], "cells"}, "dry_run",
-   "outputs": [{"path", "bytes"}], "stages": [{"name", "seconds", "detail"}], "seconds",
+   "outputs": [{"path", "bytes", "files": [{"path", "bytes"}]}], "stages": [{"name", "seconds", "detail"}], "seconds",
    "peak_memory", "warnings": [...]}
 With --dry-run, "outputs" have no bytes, "seconds" is an estimate, "peak_memory" is absent, and
 "rsm": {"maps", "size"}, "device_bytes" and "host_bytes" say what it takes.)";
@@ -194,8 +194,7 @@ void run(const BakeOptions& o) {
     const Clock::time_point begin = Clock::now();
     const BakeSettings settings = to_settings(o);
     const std::vector<Light> lights = command_line_lights(o);
-    if (!o.dry_run)
-        probe_outputs(o.outputs.paths);
+    probe_outputs(o.outputs.paths);
     probe_scene(o);
     const auto thread_limit = limit_threads(o.threads);
     ImageModulePreload preload;
@@ -220,7 +219,8 @@ void run(const BakeOptions& o) {
 
     const Clock::time_point waiting = Clock::now();
     const std::unique_ptr<gpu::Device> device = opening.get();
-    stages.push_back({"device", seconds_since(waiting), "opened while the scene was loaded"});
+    stages.push_back(
+        {"open", seconds_since(waiting), "the device, opened while the scene was loaded"});
 
     if (o.dry_run) {
         const BakePlan plan = plan_bake(scene, settings, device->info());
@@ -264,7 +264,8 @@ void add_bake(CLI::App& root, Action& action) {
     OptionList list(*app);
     list.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb");
     list.list("-o,--output", o.outputs.paths, "FILE",
-              "Volume to write, .vdb or .exr; may be repeated");
+              "Volume to write: NAME.vdb, or NAME.exr, which becomes\nNAME_sh_l0.exr, ... and "
+              "NAME.json; may be repeated");
     CLI::Option* resolution = add_grid_options(list, o);
     add_light_options(list, o);
 
@@ -283,7 +284,7 @@ void add_bake(CLI::App& root, Action& action) {
         ->capture_default_str();
     list.choice("--occlusion", o.occlusion, "none|sh|face",
                 "Blocking between cells: none, sh (SH geometry volume), face (a\n"
-                "scalar a face, does not leak)");
+                "transmittance a face; does not leak)");
 
     add_output_options(list, o.outputs);
 

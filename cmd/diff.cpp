@@ -543,6 +543,12 @@ void run(const DiffOptions& o) {
         throw Error(ExitCode::invalid,
                     both + " are not on one grid: " + *why
                         + "; bake both with the same --bounds, --resolution and --margin");
+    for (const char* key : {"content", "quantity"}) {
+        const auto of_a = a.metadata.find(key), of_b = b.metadata.find(key);
+        if (of_a != a.metadata.end() && of_b != b.metadata.end() && of_a->second != of_b->second)
+            std::fprintf(stderr, "lpvbake: warning: the two hold different light: %s against %s\n",
+                         of_a->second.c_str(), of_b->second.c_str());
+    }
     const Comparison comparison = compare(a, b, {{o.fail.limit, o.warn.limit}, o.worst});
     if (comparison.samples == 0 && !comparison.identical)
         throw Error(ExitCode::invalid,

@@ -304,6 +304,8 @@ void draw_slice(const InfoOptions& o, const Volume& volume) {
 void run(const InfoOptions& o) {
     if (o.slice.empty() != o.output.empty())
         throw Error(ExitCode::usage, "--slice and -o belong together: --slice z=16 -o slice.png");
+    if (!o.output.empty() && !o.output.ends_with(".png"))
+        throw Error(ExitCode::usage, o.output + ": the name of a picture ends in .png");
     std::string extension = std::filesystem::path(o.file).extension().string();
     for (char& c : extension)
         c = char(std::tolower(static_cast<unsigned char>(c)));
@@ -336,7 +338,8 @@ void add_info(CLI::App& root, Action& action) {
     app->add_option("--slice", options->slice,
                     "Layer of cells to draw, AXIS=INDEX such as z=16; needs -o");
     app->add_option("--white", options->white,
-                    "Mean luminance drawn white, nits; default: the slice's 99th percentile")
+                    "Mean luminance drawn white, nits; default: the slice's 99th percentile,\n"
+                    "at most ten times its median")
         ->type_name("X")
         ->check(CLI::PositiveNumber);
     app->add_option("-o,--output", options->output, "PNG to write")->type_name("FILE");

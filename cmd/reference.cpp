@@ -22,9 +22,9 @@ const char summary[] = "Path-traces the volume that a bake of the same options s
 
 const char manual[] =
     R"(Incident luminance at the centre of each cell, projected to spherical harmonics, on the grid that
-bake makes of the same scene and options, with the light that bake's field holds: of directional,
-point and spot lights after 1 to --bounces reflections, of emissive surfaces after none to
---bounces. All surfaces count, also outside the grid. Needs no GPU.
+bake makes of the same scene and options: the light of directional, point and spot lights after 1 to
+--bounces reflections, and of emissive surfaces after none to --bounces (bake's lpv solver holds only
+their direct light: compare with --no-emitters on both sides, or mind the difference). All surfaces count, also outside the grid. Needs no GPU.
 
 The estimate has no systematic error, and its random one is known. Rays come in 64 independent
 batches, each stratified; from their scatter come the standard error of every coefficient (-e
@@ -48,7 +48,7 @@ JSON (--format json), one object; sizes in bytes, times in seconds:
   {"command": "reference", "version", "scene", "triangles", "grid": {"dims": [x, y, z], "cell",
    "origin": [x, y, z], "cells"}, "sh_order", "bounces": N or null (all), "seed", "probes" (cells
    evaluated), "rays" (from each), "noise", "standard_error": [nits, a number a grid], "traced"
-   (rays in all), "outputs": [{"path", "bytes"}], "stages": [{"name", "seconds"}], "seconds",
+   (rays in all), "outputs": [{"path", "bytes", "files": [{"path", "bytes"}]}], "stages": [{"name", "seconds"}], "seconds",
    "peak_memory", "warnings": [...]})";
 
 /// Rays a cell where --rays leaves the number open.
@@ -255,7 +255,8 @@ void add_reference(CLI::App& root, Action& action) {
     OptionList list(*app);
     list.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb");
     list.list("-o,--output", o.outputs.paths, "FILE",
-              "Volume to write, .vdb or .exr; may be repeated");
+              "Volume to write: NAME.vdb, or NAME.exr, which becomes\nNAME_sh_l0.exr, ... and "
+              "NAME.json; may be repeated");
     list.text("-e,--error-output", o.error_output, "FILE",
               "Volume of the standard errors to write, .vdb or .exr");
     CLI::Option* resolution = add_grid_options(list, o);

@@ -60,9 +60,9 @@ CLI::Option* add_grid_options(OptionList& list, SceneOptions& o) {
 
 void add_output_options(OptionList& list, OutputOptions& o) {
     list.group("Output");
-    list.choice("--precision", o.precision, "float|half", "Of stored numbers");
+    list.choice("--precision", o.precision, "float|half", "Type of the stored numbers");
     list.choice("--exr-packing", o.exr_packing, "band|channel",
-                "An RGB file a coefficient, or an RGBA file a colour channel");
+                "One RGB file per coefficient, or one RGBA file per colour channel");
 }
 
 void add_run_options(OptionList& list, RunOptions& o) {

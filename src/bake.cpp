@@ -99,7 +99,7 @@ Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& 
     stages.begin("inject");
     const Injection injection = inject(vpls, visibility, grid);
     const double reflected = injection.power + injection.lost;
-    stages.end(format("%.6g lm, %.2g %% outside the grid or walled in", injection.power,
+    stages.end(format("%.6g lm, %.1f %% outside the grid or walled in", injection.power,
                       reflected > 0.0 ? 100.0 * injection.lost / reflected : 0.0));
     if (injection.power == 0.0)
         baked.warnings.push_back(scene.path
@@ -108,7 +108,13 @@ Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& 
     stages.begin("propagate", 100);
     const LpvField field =
         program.get().propagate(injection, transmittance, settings.lpv, progress);
-    stages.end(format("%d iterations, %.3g of the power left", field.iterations, field.residual));
+    stages.end(format("%d iterations, %.3g %% of the power left", field.iterations,
+                      100.0 * field.residual));
+    if (field.residual > 0.1)
+        baked.warnings.push_back(
+            format("propagation stopped after %d iterations with %.3g %% of the power under way: "
+                   "the field is too dark; raise --iterations, or leave it out",
+                   field.iterations, 100.0 * field.residual));
 
     baked.volume.grid = grid;
     to_luminance(field, baked.volume);

@@ -68,6 +68,12 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
     const Bounds box = settings.bounds.value_or(scene_bounds);
     if (!settings.bounds)
         warn_of_empty_bounds(scene, scene_bounds, plan.warnings);
+    if (glm::any(glm::greaterThan(box.lo, scene_bounds.hi))
+        || glm::any(glm::lessThan(box.hi, scene_bounds.lo)))
+        plan.warnings.push_back(
+            format("--bounds do not meet the scene's, %.6g,%.6g,%.6g to %.6g,%.6g,%.6g",
+                   scene_bounds.lo.x, scene_bounds.lo.y, scene_bounds.lo.z, scene_bounds.hi.x,
+                   scene_bounds.hi.y, scene_bounds.hi.z));
     plan.grid = fit_grid(box.lo, box.hi, settings.grid);
     plan.frame = {plan.grid.origin, plan.grid.cell, glm::dvec3(plan.grid.dims)};
     const uint64_t cells = plan.grid.size();
@@ -116,9 +122,9 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
                                                     : "validity");
     stage("inject", 0.01, "virtual point lights into cells");
     stage("propagate", 0.2 + 3e-8 * double(cells) * steps,
-          settings.lpv.iterations
-              ? format("%d iterations", settings.lpv.iterations)
-              : format("until %.3g of the power is left", double(settings.lpv.tolerance)));
+          settings.lpv.iterations ? format("%d iterations", settings.lpv.iterations)
+                                  : format("until %.3g %% of the power is left",
+                                           100.0 * double(settings.lpv.tolerance)));
     return plan;
 }
 

@@ -79,6 +79,9 @@ AtomicFile::AtomicFile(const std::string& target) : target_(target) {
     const fs::path path(target_);
     if (!path.has_filename() || fs::is_directory(path, error))
         fail(target, "written", EISDIR);
+    // A rename would put a file in the place of a device or a pipe.
+    if (fs::exists(path, error) && !fs::is_regular_file(path, error))
+        throw Error(ExitCode::file, target + ": cannot be written: it is not a regular file");
     remove_stale(path);
     temporary_ = folder_of(path)
                  / (prefix_of(path) + std::to_string(getpid()) + "." + std::to_string(count++)

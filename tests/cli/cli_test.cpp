@@ -486,14 +486,14 @@ TEST_F(Cli, DryRunTellsTheGridAndWritesNothing) {
     std::vector<std::string> before = entries();
     std::erase(before, "stdout");
     std::erase(before, "stderr");
-    const Result result = run({"bake", "room.gltf", "--resolution", "20", "-o", "none/a.vdb",
+    const Result result = run({"bake", "room.gltf", "--resolution", "20", "-o", "a.vdb",
                                "--dry-run", "--format", "json"});
     ASSERT_EQ(result.status, 0) << result.err;
     const json document = json::parse(result.out);
     EXPECT_EQ(document["grid"]["dims"], json({20, 20, 20}));
     EXPECT_EQ(document["triangles"], 10);
     EXPECT_EQ(document["rsm"]["maps"], 6);
-    EXPECT_EQ(document["outputs"][0]["path"], "none/a.vdb");
+    EXPECT_EQ(document["outputs"][0]["path"], "a.vdb");
     EXPECT_GT(document["device_bytes"].get<uint64_t>(), 20u * 20 * 20 * 12 * 4);
     EXPECT_GT(document["seconds"].get<double>(), 0.0);
     std::vector<std::string> after = entries();
@@ -501,6 +501,7 @@ TEST_F(Cli, DryRunTellsTheGridAndWritesNothing) {
     std::erase(after, "stderr");
     EXPECT_EQ(after, before);
     EXPECT_NE(run({"bake", "room.gltf", "--dry-run"}).out.find("cells"), std::string::npos);
+    EXPECT_EQ(run({"bake", "room.gltf", "-o", "none/a.vdb", "--dry-run"}).status, 2);
 }
 
 TEST_F(Cli, ProgressGoesToStandardErrorInTheFormAskedFor) {

@@ -168,3 +168,20 @@ TEST(AtomicFile, ReadsWholeFiles) {
     EXPECT_EQ(error_of(folder / "", [&] { read_file(folder / "", 4); }).code, ExitCode::file);
     EXPECT_EQ(error_of("/dev/zero", [&] { read_file("/dev/zero", 4); }).code, ExitCode::file);
 }
+TEST(AtomicFile, LeavesDevicesAndPipesAlone) {
+    const TemporaryFolder folder;
+    const std::string pipe = folder / "pipe";
+    ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+    std::filesystem::create_symlink("/dev/null", folder / "device");
+    for (const std::string& target : {pipe, std::string(folder / "device")}) {
+        try {
+            AtomicFile file(target);
+            ADD_FAILURE() << target;
+        } catch (const Error& error) {
+            EXPECT_EQ(error.code, ExitCode::file);
+            EXPECT_NE(std::string(error.what()).find("regular file"), std::string::npos);
+        }
+    }
+    EXPECT_TRUE(std::filesystem::is_fifo(pipe));
+    EXPECT_TRUE(std::filesystem::is_character_file("/dev/null"));
+}
