@@ -57,7 +57,11 @@ Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<fl
             colours.push_back(sh_y0 * volume.sh[0][i]);
             inside.push_back(!volume.validity.empty() && volume.validity[i] == 0);
         }
-    const float exposure = 1 / white.value_or(white_point(colours));
+    std::vector<glm::vec3> outside;
+    for (size_t i = 0; i < colours.size(); ++i)
+        if (!inside[i])
+            outside.push_back(colours[i]);
+    const float exposure = 1 / white.value_or(white_point(outside));
 
     const int block = std::max(1, (255 + std::max(width, height)) / std::max(width, height));
     const int stripe = std::max(1, block / 4);

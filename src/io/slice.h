@@ -11,8 +11,8 @@ namespace lpvbake {
 
 /// Draws the cells with index `index` along `axis` (0 x, 1 y, 2 z): the mean luminance over all
 /// directions (c_0 / (2 sqrt(pi)), nits), colour by colour, divided by `white`, clipped and
-/// sRGB-encoded. Without `white` it is the 99th percentile of the slice's luminances above
-/// zero, at most ten times their median.
+/// sRGB-encoded. Without `white` it is the 99th percentile of the luminances above zero
+/// of the slice's cells outside geometry, at most ten times their median.
 /// Every cell is a square of equal pixels, as large as it takes for a longer side of 256 pixels.
 /// Cells inside geometry are hatched in dark magenta.
 ///
