@@ -1,13 +1,18 @@
 #include "surface/patches.h"
 
+#include "error.h"
 #include "scene/material.h"
 
 #include <tbb/parallel_for.h>
 
 #include <array>
+#include <atomic>
 
 namespace lpvbake {
 namespace {
+
+/// 2 GiB of them. Many sheets that lie on each other could ask for any number.
+constexpr uint64_t most_patches = 1 << 25;
 
 /// A corner of a piece: where it is, and its weights in the triangle that it was cut from.
 struct Corner {
@@ -43,6 +48,7 @@ struct Source {
     float max_edge;
     bool textured;
     bool emissive;
+    std::atomic<uint64_t>& made; ///< patches so far, of the whole scene
     Patch patch; ///< normal, origin, sidedness; alpha and emission where they are constant
 };
 
@@ -96,8 +102,13 @@ void cut(const Source& source, const Piece& triangle, std::vector<Patch>& patche
             0.5f * glm::length(glm::cross(b.position - a.position, c.position - a.position));
         if (source.textured)
             shade(source, piece, patch);
-        if (patch.area > 0.0f && patch.alpha > 0.0f)
-            patches.push_back(patch);
+        if (!(patch.area > 0.0f && patch.alpha > 0.0f))
+            continue;
+        if (++source.made > most_patches)
+            throw Error(ExitCode::memory,
+                        source.scene.path + ": more than " + std::to_string(most_patches)
+                            + " patches of surface lie in the grid; lower --resolution");
+        patches.push_back(patch);
     }
 }
 
@@ -105,6 +116,7 @@ void cut(const Source& source, const Piece& triangle, std::vector<Patch>& patche
 
 std::vector<Patch> make_patches(const Scene& scene, const Frame& frame, float max_edge) {
     std::vector<std::vector<Patch>> parts(scene.instances.size());
+    std::atomic<uint64_t> made = 0;
     tbb::parallel_for(size_t(0), scene.instances.size(), [&](size_t i) {
         const Instance& instance = scene.instances[i];
         const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
@@ -117,6 +129,7 @@ std::vector<Patch> make_patches(const Scene& scene, const Frame& frame, float ma
                       max_edge,
                       material.alpha_mode != AlphaMode::opaque || material.emission_texture >= 0,
                       material.emission != glm::vec3(0.0f),
+                      made,
                       {}};
         source.patch.instance = uint32_t(i);
         source.patch.double_sided = material.double_sided;

@@ -22,7 +22,8 @@ struct Patch {
 };
 
 /// Cuts every placed triangle into patches whose edges are at most `max_edge` units long and drops
-/// those outside the grid. Zero-area triangles give none.
+/// those outside the grid. Zero-area triangles give none. Throws Error (memory) beyond 2^26
+/// patches.
 std::vector<Patch> make_patches(const Scene& scene, const Frame& frame, float max_edge);
 
 } // namespace lpvbake
