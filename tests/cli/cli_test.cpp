@@ -431,6 +431,19 @@ TEST_F(Cli, SceneWithoutLightNamesTheOptions) {
                  ExitCode::invalid, "--sun");
 }
 
+TEST_F(Cli, AProgramWithoutItsImageModuleFailsWhileRunning) {
+    need_device();
+    ASSERT_EQ(run({"bake", "room.gltf", "--resolution", "8", "-o", "a.vdb"}).status, 0);
+    fs::copy_file(LPVBAKE_BINARY, folder_ / "alone");
+    const std::string command =
+        "cd '" + folder_.string() + "' && ./alone info a.vdb --slice z=2 -o s.png > out 2> err";
+    const int status = std::system(command.c_str());
+    ASSERT_TRUE(WIFEXITED(status));
+    EXPECT_EQ(WEXITSTATUS(status), int(ExitCode::failure));
+    EXPECT_NE(read_file(folder_ / "err").find("image module"), std::string::npos);
+    EXPECT_FALSE(fs::exists(folder_ / "s.png"));
+}
+
 TEST_F(Cli, GridTooLargeForMemory) {
     need_device();
     const auto begin = std::chrono::steady_clock::now();
