@@ -7,6 +7,7 @@
 #include "io/layout.h"
 #include "io/slice.h"
 #include "result.h"
+#include "slice_option.h"
 #include "terminal.h"
 #include "volume/compare.h"
 #include "volume/sh.h"
@@ -14,7 +15,6 @@
 #include <CLI/CLI.hpp>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -142,26 +142,6 @@ Volume read(const std::string& path) {
 }
 
 // ---------------------------------------------------------------- outputs
-
-struct Slice {
-    int axis = 0;
-    int index = 0;
-};
-
-Slice parse_slice(const std::string& text, const Grid& grid) {
-    Slice slice;
-    const std::size_t axis = std::string("xyz").find(text[0]);
-    const char* end = text.data() + text.size();
-    if (text.size() < 3 || axis == std::string::npos || text[1] != '='
-        || std::from_chars(text.data() + 2, end, slice.index).ptr != end)
-        throw Error(ExitCode::usage, "--slice: '" + text + "' is not AXIS=INDEX, such as z=16");
-    slice.axis = int(axis);
-    const int last = grid.dims[slice.axis] - 1;
-    if (slice.index < 0 || slice.index > last)
-        throw Error(ExitCode::usage, "--slice: '" + text + "' is outside the grid, whose last is "
-                                         + text[0] + "=" + std::to_string(last));
-    return slice;
-}
 
 /// What is drawn as white: the 99th percentile of the errors above zero, but at most six times
 /// their median, so that one bad spot leaves the rest visible. 1 if there are none.

@@ -5,6 +5,7 @@
 #include "io/io.h"
 #include "io/slice.h"
 #include "scene/gltf/load.h"
+#include "slice_option.h"
 #include "terminal.h"
 
 #include <CLI/CLI.hpp>
@@ -12,7 +13,6 @@
 
 #include <algorithm>
 #include <cctype>
-#include <charconv>
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
@@ -285,19 +285,8 @@ void print_volume(const InfoOptions& o, const Volume& volume) {
 // ---------------------------------------------------------------- running
 
 void draw_slice(const InfoOptions& o, const Volume& volume) {
-    const std::size_t axis = std::string("xyz").find(o.slice[0]);
-    int index = 0;
-    const char* end = o.slice.data() + o.slice.size();
-    const char* digits = o.slice.data() + 2;
-    if (o.slice.size() < 3 || axis == std::string::npos || o.slice[1] != '='
-        || std::from_chars(digits, end, index).ptr != end)
-        throw Error(ExitCode::usage, "--slice: '" + o.slice + "' is not AXIS=INDEX, such as z=16");
-    const int last = volume.grid.dims[int(axis)] - 1;
-    if (index < 0 || index > last)
-        throw Error(ExitCode::usage, "--slice: '" + o.slice
-                                         + "' is outside the grid, whose last is " + o.slice[0]
-                                         + "=" + std::to_string(last));
-    write_png(o.output, slice_picture(volume, int(axis), index,
+    const Slice slice = parse_slice(o.slice, volume.grid);
+    write_png(o.output, slice_picture(volume, slice.axis, slice.index,
                                       o.white > 0 ? std::optional(o.white) : std::nullopt));
 }
 

@@ -33,12 +33,7 @@ protected:
 
     /// Expects a status and one line on standard error that contains `text`, and no result.
     void expect_error(const std::string& arguments, ExitCode code, const std::string& text) {
-        const CliResult result = run(arguments);
-        EXPECT_EQ(result.status, int(code)) << arguments << "\n" << result.err;
-        EXPECT_EQ(result.out, "") << arguments;
-        EXPECT_EQ(result.err.find("lpvbake: error: "), 0u) << arguments << "\n" << result.err;
-        EXPECT_EQ(std::ranges::count(result.err, '\n'), 1) << result.err;
-        EXPECT_NE(result.err.find(text), std::string::npos) << arguments << "\n" << result.err;
+        expect_one_error(run(arguments), arguments, code, text);
     }
 
     void write(const std::string& name, const Volume& volume) {

@@ -1,8 +1,12 @@
 // Runs the program as a shell does.
 #pragma once
 
+#include "error.h"
 #include "unit/volumes.h"
 
+#include <gtest/gtest.h>
+
+#include <algorithm>
 #include <cstdlib>
 #include <string>
 
@@ -26,6 +30,16 @@ inline CliResult run_lpvbake(const TemporaryFolder& folder, const std::string& a
     const int status = std::system(command.c_str());
     return {WIFEXITED(status) ? WEXITSTATUS(status) : 1000, slurp(folder / "stdout"),
             slurp(folder / "stderr")};
+}
+
+/// Expects a status and one line on standard error that contains `text`, and no result.
+inline void expect_one_error(const CliResult& result, const std::string& arguments, ExitCode code,
+                             const std::string& text) {
+    EXPECT_EQ(result.status, int(code)) << arguments << "\n" << result.err;
+    EXPECT_EQ(result.out, "") << arguments;
+    EXPECT_EQ(result.err.find("lpvbake: error: "), 0u) << arguments << "\n" << result.err;
+    EXPECT_EQ(std::ranges::count(result.err, '\n'), 1) << result.err;
+    EXPECT_NE(result.err.find(text), std::string::npos) << arguments << "\n" << result.err;
 }
 
 } // namespace lpvbake

@@ -110,7 +110,7 @@ TEST_F(Bake, FieldFallsWithTheSquareOfTheScaleWhereverTheSceneStands) {
         double scale, offset;
     };
     for (const Place place :
-         {Place{1e-4, 0.0}, Place{1e4, 0.0}, Place{1.0, 1e3}, Place{1.0, 1e6}}) {
+         {Place{1e-4, 0.0}, Place{1e4, 0.0}, Place{5e5, 0.0}, Place{1.0, 1e3}, Place{1.0, 1e6}}) {
         Scene scene = scenes::cornell_box_with_point();
         const glm::dmat4 move = glm::translate(glm::dmat4(1.0), glm::dvec3(place.offset))
                                 * glm::scale(glm::dmat4(1.0), glm::dvec3(place.scale));

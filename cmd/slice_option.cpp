@@ -1,0 +1,24 @@
+#include "slice_option.h"
+
+#include "error.h"
+
+#include <charconv>
+
+namespace lpvbake {
+
+Slice parse_slice(const std::string& text, const Grid& grid) {
+    Slice slice;
+    const std::size_t axis = std::string("xyz").find(text[0]);
+    const char* end = text.data() + text.size();
+    if (text.size() < 3 || axis == std::string::npos || text[1] != '='
+        || std::from_chars(text.data() + 2, end, slice.index).ptr != end)
+        throw Error(ExitCode::usage, "--slice: '" + text + "' is not AXIS=INDEX, such as z=16");
+    slice.axis = int(axis);
+    const int last = grid.dims[slice.axis] - 1;
+    if (slice.index < 0 || slice.index > last)
+        throw Error(ExitCode::usage, "--slice: '" + text + "' is outside the grid, whose last is "
+                                         + text[0] + "=" + std::to_string(last));
+    return slice;
+}
+
+} // namespace lpvbake
