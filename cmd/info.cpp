@@ -3,6 +3,7 @@
 #include "commands.h"
 #include "error.h"
 #include "io/io.h"
+#include "io/layout.h"
 #include "io/slice.h"
 #include "scene/gltf/load.h"
 #include "slice_option.h"
@@ -208,17 +209,13 @@ Range range_of(std::string name, const float* values, std::size_t cells, std::si
 }
 
 std::vector<Range> ranges_of(const Volume& volume) {
-    static const char* const sh_names[] = {"sh_l0",    "sh_l1_y",  "sh_l1_z",
-                                           "sh_l1_x",  "sh_l2_xy", "sh_l2_yz",
-                                           "sh_l2_z2", "sh_l2_xz", "sh_l2_x2y2"};
-    static const char* const occlusion_names[] = {"occlusion_l0", "occlusion_l1_y",
-                                                  "occlusion_l1_z", "occlusion_l1_x"};
     std::vector<Range> ranges;
-    for (std::size_t k = 0; k < volume.sh.size() && k < std::size(sh_names); ++k)
-        ranges.push_back(range_of(sh_names[k], &volume.sh[k].data()->x, volume.sh[k].size(), 3));
-    for (std::size_t k = 0; k < volume.occlusion.size() && k < std::size(occlusion_names); ++k)
-        ranges.push_back(range_of(occlusion_names[k], volume.occlusion[k].data(),
-                                  volume.occlusion[k].size(), 1));
+    for (std::size_t k = 0; k < volume.sh.size(); ++k)
+        ranges.push_back(range_of(std::string("sh_") + coefficient_name(int(k)),
+                                  &volume.sh[k].data()->x, volume.sh[k].size(), 3));
+    for (std::size_t k = 0; k < volume.occlusion.size(); ++k)
+        ranges.push_back(range_of(std::string("occlusion_") + coefficient_name(int(k)),
+                                  volume.occlusion[k].data(), volume.occlusion[k].size(), 1));
     if (!volume.validity.empty())
         ranges.push_back(range_of("validity", volume.validity.data(), volume.validity.size(), 1));
     return ranges;

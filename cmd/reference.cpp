@@ -263,7 +263,7 @@ void add_reference(CLI::App& root, Action& action) {
     add_light_options(list, o);
 
     list.group("Paths");
-    list.choice("--sh-order", o.sh_order, "1|2", "Highest band of the spherical harmonics");
+    list.choice("--sh-order", o.sh_order, "1|2|4", "Highest band of the spherical harmonics");
     list.text("--bounces", o.bounces, "N|inf", "Reflections of light at most, 0 to 10000, or all")
         ->check(bounces_or_inf())
         ->capture_default_str();

@@ -194,7 +194,7 @@ Volume read_sidecar(const std::string& path, const Json& json) {
     }
     const glm::ivec3 dims = volume.grid.dims;
     volume.grid.cell = grid.at("cell").get<double>();
-    volume.sh_order = integer(json.at("sh_order"), 0, 2);
+    volume.sh_order = integer(json.at("sh_order"), 0, sh_max_order);
     check_dims(dims, 3 * sh_count(volume.sh_order) + 5, path);
     const Layout layout{
         integer(json.at("layout").at("columns"), 1, max_side / std::min(dims.x, max_side)),
@@ -219,7 +219,7 @@ Volume read_sidecar(const std::string& path, const Json& json) {
         const std::string& name = entries.back().file;
         if (name.empty() || name.find('/') != std::string::npos)
             reject(path, "file \"" + name + "\" is not the name of a file beside the sidecar");
-        if (entries.back().channels.size() > 4 || entries.size() > 16)
+        if (entries.back().channels.size() > 4 || entries.size() > 32)
             reject(path, "lists too many files or channels");
     }
     const size_t cells = volume.grid.size();

@@ -21,7 +21,7 @@ enum class Packing { band, channel };
 ///       "format": "lpvbake flipbook", "version": 1,
 ///       "grid": { "dims": [x, y, z], "origin": [x, y, z] (metres), "cell": metres },
 ///       "layout": { "columns": tiles a row, "rows": rows, "tile": [width, height], "slices": z },
-///       "packing": "band" | "channel", "precision": "float" | "half", "sh_order": 0 | 1 | 2,
+///       "packing": "band" | "channel", "precision": "float" | "half", "sh_order": 0 to 4,
 ///       "convention": "radiance", "direction": "incident", "axes": "gltf",
 ///       "probe_position": "center",
 ///       "files": [ { "file": name beside the sidecar, "quantity": what it holds, "units": unit,

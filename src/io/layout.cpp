@@ -1,5 +1,7 @@
 #include "io/layout.h"
 
+#include "volume/sh.h"
+
 #include <unistd.h>
 
 #include <algorithm>
@@ -11,8 +13,11 @@
 namespace lpvbake {
 namespace {
 
-constexpr const char* coefficient_names[] = {"l0",    "l1_y",  "l1_z",  "l1_x",   "l2_xy",
-                                             "l2_yz", "l2_z2", "l2_xz", "l2_x2y2"};
+constexpr const char* coefficient_names[] = {
+    "l0",    "l1_y",  "l1_z",  "l1_x",  "l2_xy", "l2_yz", "l2_z2", "l2_xz", "l2_x2y2",
+    "l3_n3", "l3_n2", "l3_n1", "l3_0",  "l3_p1", "l3_p2", "l3_p3", "l4_n4", "l4_n3",
+    "l4_n2", "l4_n1", "l4_0",  "l4_p1", "l4_p2", "l4_p3", "l4_p4"};
+static_assert(std::size(coefficient_names) == sh_count(sh_max_order));
 
 /// Calls visit(name, cells) for each grid of the volume; RGB cells come as three floats.
 template <typename Visit>
@@ -67,9 +72,9 @@ void check_volume(const Volume& volume, const std::string& path, ExitCode code) 
         || !std::isfinite(grid.origin.z))
         reject("the lattice of ", dims.x, " x ", dims.y, " x ", dims.z, " cells of ", grid.cell,
                " m is not valid");
-    if (volume.sh_order < 0 || volume.sh_order > 2)
-        reject("the SH order ", volume.sh_order, " is not 0, 1 or 2");
-    const size_t coefficients = size_t((volume.sh_order + 1) * (volume.sh_order + 1));
+    if (volume.sh_order < 0 || volume.sh_order > sh_max_order)
+        reject("the SH order ", volume.sh_order, " is not 0 to ", sh_max_order);
+    const size_t coefficients = size_t(sh_count(volume.sh_order));
     if (volume.sh.size() != coefficients)
         reject(volume.sh.size(), " coefficients are given, SH order ", volume.sh_order, " has ",
                coefficients);

@@ -11,8 +11,10 @@
 
 namespace lpvbake {
 
-/// Band and polynomial of coefficient k (0 to 8): l0, l1_y, l1_z, l1_x, l2_xy, l2_yz, l2_z2, l2_xz,
-/// l2_x2y2. Grids are called `sh_` or `occlusion_` and this.
+/// Band of coefficient k (0 to 24), and its polynomial: l0, l1_y, l1_z, l1_x, l2_xy, l2_yz, l2_z2,
+/// l2_xz, l2_x2y2; from band 3 on its m, with n for minus and p for plus, as programs that read
+/// grids take letters, digits and underscores alone: l3_n3, l3_n2, l3_n1, l3_0, l3_p1, l3_p2,
+/// l3_p3, l4_n4, ..., l4_p4. Grids are called `sh_` or `occlusion_` and this.
 const char* coefficient_name(int k);
 
 /// What is true of every volume, as text, keys without the `lpv:` prefix: convention, direction,
@@ -23,7 +25,7 @@ const std::vector<std::pair<std::string, std::string>>& field_facts();
 std::pair<std::string, std::string> grid_quantity(const std::string& grid_name);
 
 /// Throws Error with `code`, naming `path`, the grid and the cell, unless all grids fit the
-/// lattice, the number of coefficients fits the order (0 to 2) and every value is finite.
+/// lattice, the number of coefficients fits the order (0 to 4) and every value is finite.
 void check_volume(const Volume& volume, const std::string& path, ExitCode code);
 
 /// Throws Error (invalid, memory) unless a volume of these dims and so many floats a cell is one

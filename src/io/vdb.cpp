@@ -259,8 +259,9 @@ Volume read_grids(openvdb::io::File& file, const std::string& path) {
                    required<double>(*metadata, "lpv:cell_size", path),
                    {dims.x(), dims.y(), dims.z()}};
     volume.sh_order = required<int32_t>(*metadata, "lpv:sh_order", path);
-    if (volume.sh_order < 0 || volume.sh_order > 2)
-        reject(path, "lpv:sh_order is " + std::to_string(volume.sh_order) + ", not 0, 1 or 2");
+    if (volume.sh_order < 0 || volume.sh_order > sh_max_order)
+        reject(path, "lpv:sh_order is " + std::to_string(volume.sh_order) + ", not 0 to "
+                         + std::to_string(sh_max_order));
     const int coefficients = sh_count(volume.sh_order);
     check_dims(volume.grid.dims, 3 * coefficients + 5, path);
     for (const auto& [key, value] : field_facts())

@@ -29,9 +29,10 @@ struct WriteReport {
     }
 };
 
-/// Writes sh_l0, sh_l1_y, ... (Vec3S, canonical coefficients, cd/m^2), occlusion_l0, ..., validity
-/// and density (float; luminance of the mean over all directions, cd/m^2, for viewers), all with
-/// one transform (index i at the centre of cell i, metres).
+/// Writes sh_l0, sh_l1_y, ... (Vec3S, canonical coefficients, cd/m^2; all names: coefficient_name
+/// in layout.h), occlusion_l0, ..., validity and density (float; luminance of the mean over all
+/// directions, cd/m^2, for viewers), all with one transform (index i at the centre of cell i,
+/// metres).
 ///
 /// Metadata, of the file and of each grid: lpv:convention, lpv:direction, lpv:axes,
 /// lpv:probe_position (text), lpv:grid_dims (vec3i), lpv:grid_origin (vec3d, metres), lpv:cell_size

@@ -20,7 +20,7 @@
 namespace lpvbake {
 namespace {
 
-constexpr int max_coefficients = sh_count(2);
+constexpr int max_coefficients = sh_count(sh_max_order);
 /// Coefficients of one batch or their sums.
 using Field = std::array<glm::dvec3, max_coefficients>;
 
@@ -50,7 +50,7 @@ Batch trace_batch(const Paths& paths, glm::vec3 point, uint64_t key, uint32_t ra
     const auto add = [&](glm::dvec3 direction, glm::dvec3 luminance) {
         if (luminance == glm::dvec3(0.0))
             return;
-        const std::array<float, 9> basis = sh_basis(order, glm::vec3(direction));
+        const ShValues basis = sh_basis(order, glm::vec3(direction));
         for (int k = 0; k < sh_count(order); ++k)
             batch.mean[size_t(k)] += double(basis[size_t(k)]) * luminance;
     };
@@ -68,15 +68,13 @@ Batch trace_batch(const Paths& paths, glm::vec3 point, uint64_t key, uint32_t ra
 
 /// Irradiance on a plane that faces each of the 26 normals as weights of the coefficients.
 std::vector<std::array<double, max_coefficients>> irradiance_weights(int order) {
-    const double band[] = {glm::pi<double>(), 2.0 * glm::pi<double>() / 3.0,
-                           glm::pi<double>() / 4.0};
     std::vector<std::array<double, max_coefficients>> all;
     for (const glm::dvec3& normal : neighbour_normals()) {
-        const std::array<float, 9> basis = sh_basis(order, glm::vec3(normal));
+        const ShValues basis = sh_basis(order, glm::vec3(normal));
         std::array<double, max_coefficients> weights{};
         for (int l = 0, k = 0; l <= order; ++l)
             for (; k < sh_count(l); ++k)
-                weights[size_t(k)] = band[l] * double(basis[size_t(k)]);
+                weights[size_t(k)] = sh_cosine_factor(l) * double(basis[size_t(k)]);
         all.push_back(weights);
     }
     return all;

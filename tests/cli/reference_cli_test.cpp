@@ -68,6 +68,15 @@ TEST_F(ReferenceCli, SameBytesForAnyNumberOfThreads) {
     EXPECT_EQ(read_volume(folder_ / "a.vdb").sh.size(), 9u);
 }
 
+TEST_F(ReferenceCli, FourthOrderHasItsGrids) {
+    const json document =
+        run_json("\"$ROOM\" --resolution 5 --rays 64 --sh-order 4 -o a.vdb -o b.exr");
+    EXPECT_EQ(document["sh_order"], 4);
+    EXPECT_EQ(document["standard_error"].size(), 25u);
+    EXPECT_EQ(read_volume(folder_ / "a.vdb").sh, read_volume(folder_ / "b.exr").sh);
+    EXPECT_TRUE(std::filesystem::exists(folder_ / "b_sh_l4_n3.exr"));
+}
+
 TEST_F(ReferenceCli, StopsAtTheNoise) {
     const json percent =
         run_json("\"$ROOM\" -o a.vdb --resolution 6 --probes 20 --noise 8% --max-albedo 0.5");
@@ -103,7 +112,7 @@ TEST_F(ReferenceCli, WrongCommandLinesAreRefused) {
     expect_error("\"$ROOM\" -o none/a.vdb", ExitCode::file, "none/a.vdb");
     expect_error("none.gltf -o a.vdb", ExitCode::file, "none.gltf");
     for (const char* bad :
-         {"--sh-order=4", "--bounces=-1", "--bounces=x", "--bounces=1.5", "--bounces=10001",
+         {"--sh-order=3", "--bounces=-1", "--bounces=x", "--bounces=1.5", "--bounces=10001",
           "--rays=-1", "--rays=1e3", "--rays=9999999999", "--noise=0", "--noise=x", "--noise=200%",
           "--noise=%", "--noise=nan", "--probes=-1", "--seed=-1", "--seed=4294967296"})
         expect_error(std::string("\"$ROOM\" -o a.vdb ") + bad, ExitCode::usage, "");

@@ -35,7 +35,7 @@ glm::vec3 random_direction(std::mt19937& random) {
     return glm::normalize(glm::vec3(normal(random), normal(random), normal(random)));
 }
 
-double evaluate(const std::array<float, 9>& c, int order, glm::vec3 w) {
+double evaluate(const ShValues& c, int order, glm::vec3 w) {
     const auto y = sh_basis(order, w);
     double sum = 0;
     for (int k = 0; k < sh_count(order); ++k)
@@ -43,9 +43,9 @@ double evaluate(const std::array<float, 9>& c, int order, glm::vec3 w) {
     return sum;
 }
 
-std::array<float, 9> random_coefficients(std::mt19937& random) {
+ShValues random_coefficients(std::mt19937& random) {
     std::normal_distribution<float> normal;
-    std::array<float, 9> c;
+    ShValues c;
     for (float& x : c)
         x = normal(random);
     return c;
@@ -62,14 +62,17 @@ TEST(Sh, ConstantsAreTheirFormulas) {
 }
 
 TEST(Sh, BasisIsOrthonormal) {
-    for (size_t i = 0; i < 9; ++i)
-        for (size_t j = 0; j <= i; ++j) {
-            const double product = integrate([&](glm::dvec3 w) {
-                const auto y = sh_basis(2, glm::vec3(w));
-                return double(y[i]) * double(y[j]);
-            });
-            EXPECT_NEAR(product, i == j ? 1.0 : 0.0, 5e-5) << i << ' ' << j;
-        }
+    std::array<std::array<double, 25>, 25> products{};
+    integrate([&](glm::dvec3 w) {
+        const auto y = sh_basis(4, glm::vec3(w));
+        for (size_t i = 0; i < 25; ++i)
+            for (size_t j = 0; j <= i; ++j)
+                products[i][j] += double(y[i]) * double(y[j]) * 2 * pi / (400.0 * 400.0);
+        return 0.0;
+    });
+    for (size_t i = 0; i < 25; ++i)
+        for (size_t j = 0; j <= i; ++j)
+            EXPECT_NEAR(products[i][j], i == j ? 1.0 : 0.0, 2e-4) << i << ' ' << j;
 }
 
 TEST(Sh, OrderOfTheBasis) {
@@ -93,33 +96,66 @@ TEST(Sh, OrderOfTheBasis) {
     EXPECT_EQ(sh_basis(1, w)[4], 0.0f);
 }
 
+// By the definition over the polar angle from z and the azimuth from x, with the standard library's
+// associated Legendre functions, which have no Condon-Shortley sign.
+TEST(Sh, HighBandsRunFromMinusLToL) {
+    std::mt19937 random(6);
+    for (int i = 0; i < 20; ++i) {
+        const glm::vec3 w = random_direction(random);
+        const auto y = sh_basis(4, w);
+        const double phi = std::atan2(double(w.y), double(w.x));
+        for (unsigned l = 3; l <= 4; ++l)
+            for (int m = -int(l); m <= int(l); ++m) {
+                const auto order = unsigned(std::abs(m));
+                const double scale = std::sqrt((2 * l + 1) / (4 * pi) * std::tgamma(l - order + 1)
+                                               / std::tgamma(l + order + 1) * (m ? 2 : 1));
+                const double turn = m < 0 ? std::sin(order * phi) : std::cos(order * phi);
+                EXPECT_NEAR(y[size_t(int(l * l + l) + m)],
+                            scale * turn * std::assoc_legendre(l, order, double(w.z)), 2e-6)
+                    << l << ' ' << m;
+            }
+        EXPECT_EQ(sh_basis(3, w)[16], 0.0f);
+        EXPECT_EQ(sh_basis(2, w)[9], 0.0f);
+    }
+}
+
+TEST(Sh, OrderFollowsFromTheCount) {
+    for (int order = 0; order <= sh_max_order; ++order)
+        EXPECT_EQ(sh_order_of(size_t(sh_count(order))), order);
+    for (const size_t count : {0u, 2u, 8u, 10u, 36u})
+        EXPECT_EQ(sh_order_of(count), -1) << count;
+}
+
 TEST(Sh, ProjectionRecoversABandLimitedField) {
     std::mt19937 random(1);
     const auto c = random_coefficients(random);
-    for (size_t k = 0; k < 9; ++k) {
-        const double projected = integrate([&](glm::dvec3 w) {
-            return evaluate(c, 2, glm::vec3(w)) * double(sh_basis(2, glm::vec3(w))[k]);
-        });
-        EXPECT_NEAR(projected, c[k], 5e-5) << k;
-    }
+    std::array<double, 25> projected{};
+    integrate([&](glm::dvec3 w) {
+        const auto y = sh_basis(4, glm::vec3(w));
+        const double value = evaluate(c, 4, glm::vec3(w)) * 2 * pi / (400.0 * 400.0);
+        for (size_t k = 0; k < 25; ++k)
+            projected[k] += value * double(y[k]);
+        return 0.0;
+    });
+    for (size_t k = 0; k < 25; ++k)
+        EXPECT_NEAR(projected[k], c[k], 2e-4) << k;
 }
 
 // A convolution with max(0, cos) scales band l by A_l, the integral over the sphere of the
 // clamped cosine times the Legendre polynomial P_l (Funk and Hecke).
 TEST(Sh, ClampedCosineConstants) {
-    const double a[] = {pi, 2 * pi / 3, pi / 4};
-    for (size_t l = 0; l < 3; ++l) {
-        const double integral = integrate([&](glm::dvec3 w) {
-            const double legendre[] = {1, w.z, (3 * w.z * w.z - 1) / 2};
-            return std::max(0.0, w.z) * legendre[l];
-        });
+    const double a[] = {pi, 2 * pi / 3, pi / 4, 0, -pi / 24};
+    for (int l = 0; l < 5; ++l) {
+        const double integral = integrate(
+            [&](glm::dvec3 w) { return std::max(0.0, w.z) * std::legendre(unsigned(l), w.z); });
         EXPECT_NEAR(integral, a[l], 1e-4) << l;
+        EXPECT_NEAR(sh_cosine_factor(l), integral, 1e-4) << l;
     }
 }
 
 TEST(Sh, IrradianceIsTheCosineIntegral) {
     std::mt19937 random(2);
-    for (int order : {0, 1, 2}) {
+    for (int order : {0, 1, 2, 3, 4}) {
         const auto c = random_coefficients(random);
         const glm::vec3 n = random_direction(random);
         const double expected = integrate([&](glm::dvec3 w) {
@@ -131,7 +167,7 @@ TEST(Sh, IrradianceIsTheCosineIntegral) {
 
 TEST(Sh, FurnaceGivesPiTimesLuminance) {
     const float luminance = 123.0f;
-    std::array<float, 9> c{};
+    ShValues c{};
     c[0] = float(integrate([&](glm::dvec3) { return double(luminance * sh_y0); }));
     std::mt19937 random(3);
     for (int i = 0; i < 10; ++i)
@@ -149,12 +185,12 @@ TEST(Sh, TurnedFieldEqualsFieldAtTurnedDirection) {
                 * glm::mat3(
                     glm::scale(identity, glm::vec3(-1, i % 4 == 1 ? 1 : -1, i % 4 == 1 ? 1 : -1)));
         const auto before = random_coefficients(random);
-        for (int order : {0, 1, 2}) {
+        for (int order : {0, 1, 2, 3, 4}) {
             auto after = before;
             sh_rotate(m, std::span(after).first(size_t(sh_count(order))));
             const glm::vec3 w = random_direction(random);
-            EXPECT_NEAR(evaluate(after, order, m * w), evaluate(before, order, w), 3e-6);
-            for (size_t k = size_t(sh_count(order)); k < 9; ++k)
+            EXPECT_NEAR(evaluate(after, order, m * w), evaluate(before, order, w), 1e-5);
+            for (size_t k = size_t(sh_count(order)); k < 25; ++k)
                 EXPECT_EQ(after[k], before[k]);
         }
     }
@@ -167,7 +203,7 @@ TEST(Sh, FlipLooksTheOtherWay) {
     sh_flip(after);
     for (int i = 0; i < 20; ++i) {
         const glm::vec3 w = random_direction(random);
-        EXPECT_NEAR(evaluate(after, 2, -w), evaluate(before, 2, w), 1e-6);
+        EXPECT_NEAR(evaluate(after, 4, -w), evaluate(before, 4, w), 4e-6);
     }
     sh_flip(after);
     EXPECT_EQ(after, before);

@@ -34,7 +34,7 @@ void expect_half(float expected, float found) {
 
 TEST(Vdb, FullPrecisionRoundTripsExactly) {
     const TemporaryFolder folder;
-    for (int order : {0, 1, 2})
+    for (int order : {0, 1, 2, 4})
         for (bool occlusion : {false, true})
             for (glm::ivec3 dims : {glm::ivec3(1), glm::ivec3(7, 13, 9), glm::ivec3(33, 1, 2)}) {
                 const Volume volume =
