@@ -10,7 +10,6 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
 #include <numeric>
@@ -19,10 +18,6 @@
 
 namespace lpvbake {
 namespace {
-
-constexpr int max_coefficients = sh_count(sh_max_order);
-/// Coefficients of one batch or their sums.
-using Field = std::array<glm::dvec3, max_coefficients>;
 
 /// Rays of the first pass towards a wanted noise; each further one doubles what there is.
 constexpr uint64_t first_pass = 4 * ray_batches;
@@ -40,38 +35,53 @@ glm::dvec3 on_sphere(glm::dvec2 sample) {
     return {radius * std::cos(turn), radius * std::sin(turn), z};
 }
 
-struct Batch {
-    Field mean{};
-    uint64_t traced = 0;
+/// What is estimated at a point, as a row of RGB numbers: its coefficients, then its irradiance on
+/// planes of given normals. Each is the integral over the sphere of luminance times a weight.
+struct Row {
+    int order;
+    std::span<const glm::dvec3> normals;
+    const glm::dvec3* own = nullptr; ///< one more normal
+
+    size_t coefficients() const { return size_t(sh_count(order)); }
+    size_t size() const { return coefficients() + normals.size() + (own != nullptr); }
+
+    void add(glm::dvec3 direction, glm::dvec3 luminance, glm::dvec3* sums) const {
+        const ShValues basis = sh_basis(order, glm::vec3(direction));
+        for (size_t k = 0; k < coefficients(); ++k)
+            *sums++ += double(basis[k]) * luminance;
+        for (const glm::dvec3& n : normals)
+            *sums++ += std::max(0.0, glm::dot(n, direction)) * luminance;
+        if (own)
+            *sums += std::max(0.0, glm::dot(*own, direction)) * luminance;
+    }
 };
 
-Batch trace_batch(const Paths& paths, glm::vec3 point, uint64_t key, uint32_t rays, int order) {
-    Batch batch;
+/// Fills the row `mean`, which is 0; returns the number of rays.
+uint64_t trace_batch(const Paths& paths, glm::vec3 point, uint64_t key, uint32_t rays,
+                     const Row& row, glm::dvec3* mean) {
+    uint64_t traced = 0;
     const auto add = [&](glm::dvec3 direction, glm::dvec3 luminance) {
-        if (luminance == glm::dvec3(0.0))
-            return;
-        const ShValues basis = sh_basis(order, glm::vec3(direction));
-        for (int k = 0; k < sh_count(order); ++k)
-            batch.mean[size_t(k)] += double(basis[size_t(k)]) * luminance;
+        if (luminance != glm::dvec3(0.0))
+            row.add(direction, luminance, mean);
     };
     for (uint32_t i = 0; i < rays; ++i) {
         PathSampler sampler(key, i);
         const glm::dvec3 towards = on_sphere(sampler.pair());
-        const Paths::Glimpse seen = paths.glimpse(point, sampler, batch.traced);
-        add(towards, paths.luminance(point, towards, sampler, batch.traced));
+        const Paths::Glimpse seen = paths.glimpse(point, sampler, traced);
+        add(towards, paths.luminance(point, towards, sampler, traced));
         add(seen.direction, seen.luminance);
     }
-    for (glm::dvec3& c : batch.mean)
-        c *= 4.0 * glm::pi<double>() / double(rays);
-    return batch;
+    for (size_t i = 0; i < row.size(); ++i)
+        mean[i] *= 4.0 * glm::pi<double>() / double(rays);
+    return traced;
 }
 
 /// Irradiance on a plane that faces each of the 26 normals as weights of the coefficients.
-std::vector<std::array<double, max_coefficients>> irradiance_weights(int order) {
-    std::vector<std::array<double, max_coefficients>> all;
+std::vector<std::vector<double>> irradiance_weights(int order) {
+    std::vector<std::vector<double>> all;
     for (const glm::dvec3& normal : neighbour_normals()) {
         const ShValues basis = sh_basis(order, glm::vec3(normal));
-        std::array<double, max_coefficients> weights{};
+        std::vector<double> weights(size_t(sh_count(order)));
         for (int l = 0, k = 0; l <= order; ++l)
             for (; k < sh_count(l); ++k)
                 weights[size_t(k)] = sh_cosine_factor(l) * double(basis[size_t(k)]);
@@ -80,39 +90,37 @@ std::vector<std::array<double, max_coefficients>> irradiance_weights(int order) 
     return all;
 }
 
-/// Running sums over the passes of a point: n m, n^2 var(m), n^2 var(E).
+/// Running sums over the passes of a point: n m, n^2 var(m) of each number m of its row.
 struct Totals {
-    Field mean{};
-    Field variance{};
-    double irradiance_variance = 0.0;
+    std::span<glm::dvec3> mean, variance;
+    double& irradiance_variance; ///< n^2 var(E), from the coefficients
 };
 
-/// Adds a pass of `rays` rays whose batches are given, in their order.
-void add_pass(std::span<const Batch> batches, double rays, int order,
-              const std::vector<std::array<double, max_coefficients>>& weights, Totals& totals) {
-    const size_t coefficients = size_t(sh_count(order));
-    const double count = double(batches.size());
-    Field mean{};
-    for (const Batch& batch : batches)
-        for (size_t k = 0; k < coefficients; ++k)
-            mean[k] += batch.mean[k] / count;
+/// Adds a pass of `rays` rays whose batches' rows are given, in their order.
+void add_pass(std::span<const glm::dvec3> rows, double rays,
+              const std::vector<std::vector<double>>& weights, const Totals& totals) {
+    const size_t row = totals.mean.size();
+    const double count = ray_batches;
+    std::vector<glm::dvec3> mean(row, glm::dvec3(0.0)), off(row);
+    for (size_t batch = 0; batch < ray_batches; ++batch)
+        for (size_t k = 0; k < row; ++k)
+            mean[k] += rows[batch * row + k] / count;
     // Of the mean of independent batches: sum of squares over count (count - 1).
     const double weight = rays * rays / (count * (count - 1.0));
-    for (const Batch& batch : batches) {
-        Field off{};
-        for (size_t k = 0; k < coefficients; ++k) {
-            off[k] = batch.mean[k] - mean[k];
+    for (size_t batch = 0; batch < ray_batches; ++batch) {
+        for (size_t k = 0; k < row; ++k) {
+            off[k] = rows[batch * row + k] - mean[k];
             totals.variance[k] += weight * off[k] * off[k];
         }
         for (const auto& of_normal : weights) {
             glm::dvec3 irradiance{0.0};
-            for (size_t k = 0; k < coefficients; ++k)
+            for (size_t k = 0; k < of_normal.size(); ++k)
                 irradiance += of_normal[k] * off[k];
             totals.irradiance_variance +=
                 weight * glm::dot(irradiance, irradiance) / (3.0 * double(weights.size()));
         }
     }
-    for (size_t k = 0; k < coefficients; ++k)
+    for (size_t k = 0; k < row; ++k)
         totals.mean[k] += rays * mean[k];
 }
 
@@ -162,7 +170,7 @@ void check_memory(const Grid& grid, const ReferenceSettings& settings) {
     const uint64_t cells = grid.size();
     const uint64_t points = settings.probes ? std::min<uint64_t>(settings.probes, cells) : cells;
     const double bytes = double(cells) * double(24 * coefficients + 24)
-                         + double(points) * double(sizeof(Totals) + 24 * coefficients + 24);
+                         + double(points) * double(72 * coefficients + 32);
     if (bytes > double(sysconf(_SC_PHYS_PAGES)) * double(sysconf(_SC_PAGESIZE)))
         throw Error(ExitCode::memory,
                     "a reference on " + std::to_string(grid.dims.x) + " x "
@@ -174,11 +182,16 @@ void check_memory(const Grid& grid, const ReferenceSettings& settings) {
 
 ProbeField trace_probes(const Scene& scene, const Visibility& visibility, const Frame& frame,
                         std::span<const glm::vec3> points, std::span<const uint64_t> keys,
-                        const ReferenceSettings& settings, Progress& progress) {
+                        const ReferenceSettings& settings, Progress& progress,
+                        const ProbeNormals& normals) {
     const Paths paths(scene, visibility, frame, settings.paths);
-    const int order = settings.sh_order;
-    const size_t coefficients = size_t(sh_count(order));
-    const auto weights = irradiance_weights(order);
+    const auto row_of = [&](size_t point) {
+        return Row{settings.sh_order, normals.common,
+                   normals.own.empty() ? nullptr : &normals.own[point]};
+    };
+    const size_t coefficients = size_t(sh_count(settings.sh_order));
+    const size_t row = coefficients + normals.common.size() + !normals.own.empty();
+    const auto weights = irradiance_weights(settings.sh_order);
     const auto whole_batches = [](uint64_t rays) {
         return (std::max<uint64_t>(rays, 1) + ray_batches - 1) / ray_batches * ray_batches;
     };
@@ -186,8 +199,10 @@ ProbeField trace_probes(const Scene& scene, const Visibility& visibility, const 
     const uint64_t threads = uint64_t(tbb::this_task_arena::max_concurrency());
 
     ProbeField field;
-    std::vector<Totals> totals(points.size());
-    std::vector<Batch> batches;
+    std::vector<glm::dvec3> means(points.size() * row, glm::dvec3(0.0)), variances(means);
+    std::vector<double> irradiance_variances(points.size());
+    std::vector<glm::dvec3> batches; // rows
+    std::vector<uint64_t> traced;
     for (uint64_t pass = 0; field.rays < limit; ++pass) {
         uint64_t rays = limit;
         if (settings.noise > 0.0)
@@ -201,26 +216,31 @@ ProbeField trace_probes(const Scene& scene, const Visibility& visibility, const 
         for (size_t first = 0; first < points.size(); first += step) {
             progress.advance(first);
             const size_t count = std::min(step, points.size() - first);
-            batches.resize(count * ray_batches);
-            tbb::parallel_for(size_t(0), batches.size(), [&](size_t i) {
+            batches.assign(count * ray_batches * row, glm::dvec3(0.0));
+            traced.resize(count * ray_batches);
+            tbb::parallel_for(size_t(0), traced.size(), [&](size_t i) {
                 const size_t point = first + i / ray_batches;
                 const uint64_t key = join_bits(
                     join_bits(join_bits(settings.seed, keys[point]), pass), i % ray_batches);
-                batches[i] = trace_batch(paths, points[point], key, batch_rays, order);
+                traced[i] = trace_batch(paths, points[point], key, batch_rays, row_of(point),
+                                        &batches[i * row]);
             });
             tbb::parallel_for(size_t(0), count, [&](size_t i) {
-                add_pass({&batches[i * ray_batches], ray_batches}, double(rays), order, weights,
-                         totals[first + i]);
+                const size_t point = first + i;
+                add_pass({&batches[i * ray_batches * row], ray_batches * row}, double(rays),
+                         weights,
+                         {{&means[point * row], row},
+                          {&variances[point * row], row},
+                          irradiance_variances[point]});
             });
-            for (const Batch& batch : batches)
-                field.traced += batch.traced;
+            field.traced += std::accumulate(traced.begin(), traced.end(), uint64_t(0));
         }
         field.rays += rays;
 
         double error = 0.0, irradiance = 0.0;
-        for (const Totals& t : totals) {
-            error += std::sqrt(t.irradiance_variance);
-            irradiance += mean_irradiance(t.mean[0]);
+        for (size_t i = 0; i < points.size(); ++i) {
+            error += std::sqrt(irradiance_variances[i]);
+            irradiance += mean_irradiance(means[i * row]);
         }
         field.noise = irradiance > 0.0 ? error / irradiance : 0.0;
         if (settings.noise > 0.0 && irradiance > 0.0 && field.noise <= settings.noise)
@@ -228,18 +248,28 @@ ProbeField trace_probes(const Scene& scene, const Visibility& visibility, const 
     }
     field.converged = !(settings.noise > 0.0) || field.noise <= settings.noise;
 
-    field.sh.assign(coefficients, std::vector<glm::vec3>(points.size()));
-    field.error = field.sh;
-    field.point_noise.resize(points.size());
     const double n = double(field.rays);
-    for (size_t i = 0; i < points.size(); ++i) {
-        for (size_t k = 0; k < coefficients; ++k) {
-            field.sh[k][i] = glm::vec3(totals[i].mean[k] / n);
-            field.error[k][i] = glm::vec3(glm::sqrt(totals[i].variance[k]) / n);
+    const auto take = [&](size_t number, std::vector<glm::vec3>& mean,
+                          std::vector<glm::vec3>& error) {
+        for (size_t i = number; i < means.size(); i += row) {
+            mean.push_back(glm::vec3(means[i] / n));
+            error.push_back(glm::vec3(glm::sqrt(variances[i]) / n));
         }
-        const double irradiance = mean_irradiance(totals[i].mean[0]);
-        field.point_noise[i] =
-            irradiance > 0.0 ? float(std::sqrt(totals[i].irradiance_variance) / irradiance) : 0.0f;
+    };
+    field.sh.resize(coefficients);
+    field.error.resize(coefficients);
+    field.irradiance.resize(normals.common.size());
+    field.irradiance_error.resize(normals.common.size());
+    for (size_t k = 0; k < coefficients; ++k)
+        take(k, field.sh[k], field.error[k]);
+    for (size_t k = 0; k < normals.common.size(); ++k)
+        take(coefficients + k, field.irradiance[k], field.irradiance_error[k]);
+    if (!normals.own.empty())
+        take(row - 1, field.own_irradiance, field.own_irradiance_error);
+    for (size_t i = 0; i < points.size(); ++i) {
+        const double irradiance = mean_irradiance(means[i * row]);
+        field.point_noise.push_back(
+            irradiance > 0.0 ? float(std::sqrt(irradiance_variances[i]) / irradiance) : 0.0f);
     }
     return field;
 }

@@ -14,7 +14,7 @@ namespace lpvbake {
 
 struct ReferenceSettings {
     PathRules paths;
-    int sh_order = 1;     ///< 1 or 2
+    int sh_order = 1;     ///< 0 to 4
     uint64_t rays = 1024; ///< from each point, rounded up to a multiple of ray_batches
     double noise = 0.0;   ///< above 0: stop at this ProbeField::noise, `rays` at the latest
     uint64_t seed = 1;    ///< another one gives an independent estimate
@@ -26,14 +26,25 @@ struct ReferenceSettings {
 /// put more than 0.5 % of the values beyond three standard errors.
 inline constexpr int ray_batches = 64;
 
+/// Planes on which irradiance is wanted beside the coefficients, by their unit normals.
+struct ProbeNormals {
+    std::span<const glm::dvec3> common; ///< at every point, such as neighbour_normals()
+    std::span<const glm::dvec3> own;    ///< empty, or one a point
+};
+
 /// What arrives at a set of points.
 struct ProbeField {
     /// sh[k][point]: coefficient k of incident luminance, RGB, nits, canonical (see sh.h).
     std::vector<std::vector<glm::vec3>> sh;
     /// Their standard errors, nits.
     std::vector<std::vector<glm::vec3>> error;
-    /// A point's standard error of irradiance (root mean square over 26 normals and RGB) relative
-    /// to its mean irradiance over them; 0 where no light arrives.
+    /// irradiance[n][point] on the plane that faces ProbeNormals::common[n], RGB, lux, and its
+    /// standard error: summed over the same rays, and not from the coefficients.
+    std::vector<std::vector<glm::vec3>> irradiance, irradiance_error;
+    /// The same on the plane that faces a point's own normal; empty without ProbeNormals::own.
+    std::vector<glm::vec3> own_irradiance, own_irradiance_error;
+    /// A point's standard error of irradiance (from the coefficients; root mean square over 26
+    /// normals and RGB) relative to its mean irradiance over them; 0 where no light arrives.
     std::vector<float> point_noise;
     /// The same for all points: mean standard error over mean irradiance.
     double noise = 0.0;
@@ -44,11 +55,13 @@ struct ProbeField {
 
 /// Traces paths from `points` (frame units). `keys` are one a point and choose its random numbers:
 /// a point of the same place and key gives the same bits in whatever set it is, on any number of
-/// threads. Directions are uniform over the sphere, stratified within a batch; sums are in double.
-/// Throws Error (invalid: see Paths::luminance), and whatever `progress` throws.
+/// threads, whatever `normals` asks for besides. Directions are uniform over the sphere, stratified
+/// within a batch; sums are in double. Throws Error (invalid: see Paths::luminance), and whatever
+/// `progress` throws.
 ProbeField trace_probes(const Scene& scene, const Visibility& visibility, const Frame& frame,
                         std::span<const glm::vec3> points, std::span<const uint64_t> keys,
-                        const ReferenceSettings& settings, Progress& progress);
+                        const ReferenceSettings& settings, Progress& progress,
+                        const ProbeNormals& normals = {});
 
 struct Reference {
     /// Cells that were not evaluated are 0 and not valid. metadata: solver, content, bounces, rays,

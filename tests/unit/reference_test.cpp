@@ -5,6 +5,7 @@
 #include "error.h"
 #include "scenes.h"
 #include "solver/occlusion.h"
+#include "volume/compare.h"
 
 #include <glm/gtc/constants.hpp>
 #include <glm/gtc/matrix_transform.hpp>
@@ -501,6 +502,75 @@ TEST(Reference, SecondOrderAddsABand) {
     EXPECT_NEAR(half.volume.sh[1][0].x, -y1 * pi, 0.03);
     EXPECT_NEAR(half.volume.sh[6][0].x, 0.0, 0.03);
     EXPECT_NEAR(half.volume.sh[8][0].x, 0.0, 0.03);
+}
+
+// ---------------------------------------------------------------- irradiance
+
+TEST(Reference, IrradianceIsNotCutToTheBands) {
+    // Half of what a plane sees is the patch's, by its form factor; SH L1 is far from it.
+    const Scene scene = patch_scene(glm::vec3(0.5f), {7.0f, 3.0f, 1.0f});
+    const Frame frame;
+    const Visibility visibility(scene, frame);
+    std::vector<glm::vec3> points;
+    std::vector<uint64_t> keys;
+    std::vector<glm::dvec3> own;
+    for (int i = 0; i < 300; ++i) {
+        points.push_back({-1.5f + 0.01f * float(i), 0.3f + 0.002f * float(i), 0.2f});
+        keys.push_back(uint64_t(i));
+        own.push_back(neighbour_normals()[size_t(i) % 26]);
+    }
+    ReferenceSettings settings = settings_of(0, 2048);
+    Progress silent;
+    const ProbeField field = trace_probes(scene, visibility, frame, points, keys, settings, silent,
+                                          {neighbour_normals(), own});
+    ASSERT_EQ(field.irradiance.size(), 26u);
+    ASSERT_EQ(field.own_irradiance.size(), points.size());
+    const size_t down = 10; // (0, -1, 0): the patch lies wholly on its side
+    ASSERT_NEAR(neighbour_normals()[down].y, -1.0, 1e-12);
+    int beyond = 0;
+    double off_bands = 0, off_rays = 0;
+    for (size_t i = 0; i < points.size(); ++i) {
+        const std::array<double, 4> seen = patch_seen_from(points[i]);
+        const double expected = -7.0 * seen[1] / y1;
+        const double off = std::abs(double(field.irradiance[down][i].x) - expected);
+        beyond += off > 3.0 * double(field.irradiance_error[down][i].x);
+        off_rays += off;
+        off_bands += std::abs(pi * y0 * double(field.sh[0][i].x)
+                              - 2 * pi / 3 * y1 * double(field.sh[1][i].x) - expected);
+        // What is asked for alone and what is asked for everywhere are summed alike.
+        EXPECT_EQ(field.own_irradiance[i], field.irradiance[i % 26][i]);
+        EXPECT_EQ(field.own_irradiance_error[i], field.irradiance_error[i % 26][i]);
+    }
+    EXPECT_LE(beyond, 4);
+    EXPECT_LT(10 * off_rays, off_bands);
+
+    // The rest has the same bits without.
+    const ProbeField bare = trace_probes(scene, visibility, frame, points, keys, settings, silent);
+    EXPECT_TRUE(bare.irradiance.empty());
+    EXPECT_TRUE(bare.own_irradiance.empty());
+    EXPECT_EQ(bare.sh, field.sh);
+    EXPECT_EQ(bare.error, field.error);
+    EXPECT_EQ(bare.point_noise, field.point_noise);
+}
+
+TEST(Reference, FurnaceIlluminatesEveryPlaneAlike) {
+    const Scene scene = turned_furnace(0.8f);
+    const Frame frame;
+    const Visibility visibility(scene, frame);
+    const std::vector<glm::vec3> points{{0.1f, 0.2f, -0.3f}, {-0.5f, 0.0f, 0.4f}};
+    const std::vector<uint64_t> keys{1, 2};
+    const std::vector<glm::dvec3> own{glm::normalize(glm::dvec3(1, 5, -2)), glm::dvec3(0, 0, 1)};
+    Progress silent;
+    const ProbeField field =
+        trace_probes(scene, visibility, frame, points, keys, settings_of(std::nullopt, 4096),
+                     silent, {neighbour_normals(), own});
+    const double expected = pi / (1 - double(0.8f));
+    for (size_t i = 0; i < points.size(); ++i) {
+        EXPECT_LT(field.own_irradiance_error[i].x, 0.02 * expected);
+        EXPECT_NEAR(field.own_irradiance[i].x, expected, 4 * field.own_irradiance_error[i].x);
+        for (size_t n = 0; n < 26; ++n)
+            EXPECT_NEAR(field.irradiance[n][i].y, expected, 4 * field.irradiance_error[n][i].y);
+    }
 }
 
 // ---------------------------------------------------------------- refusals
