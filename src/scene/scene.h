@@ -94,6 +94,11 @@ struct MaterialRules {
     bool cull_backfaces = false; ///< light passes the back of single-sided surfaces
 };
 
+/// What surrounds the scene: the same luminance from everywhere.
+struct Sky {
+    glm::vec3 luminance{0.0f}; ///< nits
+};
+
 struct Scene {
     std::string path;
     std::vector<Image> images;
@@ -103,6 +108,7 @@ struct Scene {
     std::vector<Instance> instances;
     std::vector<Light> lights;
     std::vector<Camera> cameras;
+    Sky sky;
     MaterialRules rules;
     std::vector<std::string> warnings; ///< one line each; names the place
 };

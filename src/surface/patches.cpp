@@ -5,10 +5,16 @@
 
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 
 namespace lpvbake {
+float lift_of(glm::vec3 point) {
+    const glm::vec3 size = glm::abs(point);
+    return 1e-4f + 4e-6f * std::max({size.x, size.y, size.z});
+}
+
 namespace {
 
 /// 2 GiB of them. Many sheets that lie on each other could ask for any number.
@@ -40,118 +46,280 @@ bool outside(const Piece& piece, glm::vec3 extent) {
            || glm::any(glm::greaterThan(glm::min(a, glm::min(b, c)), extent));
 }
 
-/// What is constant over one triangle of the scene while it is cut.
-struct Source {
-    const Scene& scene;
-    const Mesh& mesh;
-    glm::vec3 extent;
-    float max_edge;
-    bool textured;
-    bool emissive;
-    std::atomic<uint64_t>& made; ///< patches so far, of the whole scene
-    Patch patch; ///< normal, origin, sidedness; alpha and emission where they are constant
-};
-
-void shade(const Source& source, const Piece& piece, Patch& patch) {
-    static const std::array<glm::vec2, 16> points = sample_points();
-    glm::vec3 emission{0.0f};
-    float alpha = 0.0f;
-    for (const glm::vec2& p : points) {
-        const glm::vec2 b = (1.0f - p.x - p.y) * piece[0].barycentric + p.x * piece[1].barycentric
-                            + p.y * piece[2].barycentric;
-        alpha += sample_surface(source.scene, source.mesh, patch.triangle, b).alpha;
-        if (source.emissive)
-            emission += sample_emission(source.scene, source.mesh, patch.triangle, b);
-    }
-    patch.alpha = alpha / float(points.size());
-    patch.emission = emission / float(points.size());
+/// From the box [0, extent] to the piece's nearest corner or centroid.
+float distance_to_grid(const Piece& piece, glm::vec3 extent) {
+    float nearest = HUGE_VALF;
+    const auto look = [&](glm::vec3 p) {
+        nearest = std::min(nearest, glm::distance(p, glm::clamp(p, glm::vec3(0.0f), extent)));
+    };
+    for (const Corner& corner : piece)
+        look(corner.position);
+    look((piece[0].position + piece[1].position + piece[2].position) / 3.0f);
+    return nearest;
 }
 
-/// Halves the longest edge until the piece is small enough.
-void cut(const Source& source, const Piece& triangle, std::vector<Patch>& patches) {
-    std::vector<Piece> stack{triangle};
-    while (!stack.empty()) {
-        const Piece piece = stack.back();
-        stack.pop_back();
-        if (outside(piece, source.extent))
-            continue;
+/// Triangles are cut in runs of this many, so that threads share a large mesh.
+constexpr size_t run_length = 256;
+
+/// Cuts one run of an instance's triangles.
+class Cutter {
+public:
+    using Node = PatchTree::Node;
+    const Scene& scene;
+    const Mesh& mesh;
+    const glm::vec3 extent;
+    const float max_edge;
+    const Visibility* walls; ///< none: only what lies in the grid, and no tree
+    const bool textured, emissive;
+    std::atomic<uint64_t>& made; ///< patches so far, of the whole scene
+    Patch source;                ///< what all pieces of a triangle share
+
+    std::vector<Patch> patches;
+    std::vector<Node> nodes;
+    std::vector<uint32_t> roots; ///< a triangle of the run
+
+    void cut(const Piece& triangle) {
+        roots.push_back(grow());
+        std::vector<std::pair<Piece, uint32_t>> stack{{triangle, roots.back()}};
+        while (!stack.empty()) {
+            const auto [piece, node] = stack.back();
+            stack.pop_back();
+            if (!walls && outside(piece, extent))
+                continue;
+            const int edge = longest_edge(piece);
+            const Corner a = piece[size_t(edge)], b = piece[size_t(edge + 1) % 3],
+                         c = piece[size_t(edge + 2) % 3];
+            const float length = glm::distance(a.position, b.position);
+            const bool large = length > limit(piece);
+            const bool crossed = !large && length > max_edge / 16.0f && is_crossed(piece);
+            if (large || (crossed && length > max_edge / 8.0f)) {
+                const Corner middle{0.5f * (a.position + b.position),
+                                    0.5f * (a.barycentric + b.barycentric)};
+                const uint32_t half = grow();
+                grow();
+                if (walls)
+                    nodes[node] = {PatchTree::none, half, uint8_t(edge)};
+                stack.push_back({{middle, b, c}, half});
+                stack.push_back({{a, middle, c}, half + 1});
+                continue;
+            }
+            keep(piece, node, crossed);
+        }
+    }
+
+private:
+    uint32_t grow() {
+        if (!walls)
+            return 0;
+        nodes.push_back({});
+        return uint32_t(nodes.size() - 1);
+    }
+
+    static int longest_edge(const Piece& piece) {
+        int at = 0;
         float longest = 0.0f;
-        size_t at = 0;
-        for (size_t i = 0; i < 3; ++i) {
-            const float length = glm::distance(piece[i].position, piece[(i + 1) % 3].position);
+        for (int i = 0; i < 3; ++i) {
+            const float length =
+                glm::distance(piece[size_t(i)].position, piece[size_t(i + 1) % 3].position);
             if (length > longest) {
                 longest = length;
                 at = i;
             }
         }
-        const Corner a = piece[at], b = piece[(at + 1) % 3], c = piece[(at + 2) % 3];
-        if (longest > source.max_edge) {
-            const Corner middle{0.5f * (a.position + b.position),
-                                0.5f * (a.barycentric + b.barycentric)};
-            stack.push_back({middle, b, c});
-            stack.push_back({a, middle, c});
-            continue;
+        return at;
+    }
+
+    float limit(const Piece& piece) const {
+        return walls ? max_edge * (1.0f + 0.25f * distance_to_grid(piece, extent)) : max_edge;
+    }
+
+    /// True if something stands on the piece between its centroid and its corners.
+    bool is_crossed(const Piece& piece) const {
+        if (!walls)
+            return false;
+        const glm::vec3 centroid =
+            (piece[0].position + piece[1].position + piece[2].position) / 3.0f;
+        for (const float side : {1.0f, -1.0f}) {
+            if (side < 0.0f && !source.double_sided)
+                continue;
+            const glm::vec3 from = centroid + side * lift_of(centroid) * source.normal;
+            for (const Corner& corner : piece)
+                if (walls->transmittance({from, 0.96f * (corner.position - centroid)}) < 0.5f)
+                    return true;
         }
-        Patch patch = source.patch;
-        patch.position = (a.position + b.position + c.position) / 3.0f;
-        if (glm::any(glm::lessThan(patch.position, glm::vec3(0.0f)))
-            || glm::any(glm::greaterThan(patch.position, source.extent)))
-            continue;
-        patch.barycentric = (a.barycentric + b.barycentric + c.barycentric) / 3.0f;
-        patch.area =
-            0.5f * glm::length(glm::cross(b.position - a.position, c.position - a.position));
-        if (source.textured)
-            shade(source, piece, patch);
+        return false;
+    }
+
+    void keep(const Piece& piece, uint32_t node, bool crossed) {
+        const glm::vec3 a = piece[0].position, b = piece[1].position, c = piece[2].position;
+        Patch patch = source;
+        patch.position = (a + b + c) / 3.0f;
+        if (!walls
+            && (glm::any(glm::lessThan(patch.position, glm::vec3(0.0f)))
+                || glm::any(glm::greaterThan(patch.position, extent))))
+            return;
+        patch.crossed = crossed;
+        patch.edge_u = b - a;
+        patch.edge_v = c - a;
+        patch.area = 0.5f * glm::length(glm::cross(patch.edge_u, patch.edge_v));
+        if (textured)
+            shade(piece, patch);
         if (!(patch.area > 0.0f && patch.alpha > 0.0f))
-            continue;
-        if (++source.made > most_patches)
+            return;
+        if (++made > most_patches)
             throw Error(ExitCode::memory,
-                        source.scene.path + ": more than " + std::to_string(most_patches)
+                        scene.path + ": more than " + std::to_string(most_patches)
                             + " patches of surface lie in the grid; lower --resolution");
+        if (walls) {
+            nodes[node].patch = uint32_t(patches.size());
+            if (is_hidden(patch))
+                patch.area = 0.0f;
+        }
         patches.push_back(patch);
     }
-}
 
-} // namespace
+    /// True if another surface lies on the patch.
+    bool is_hidden(const Patch& patch) const {
+        if (patch.alpha < 1.0f)
+            return false;
+        const glm::vec3 lift = 2.0f * lift_of(patch.position) * patch.normal;
+        const Hit hit = walls->closest({patch.position + lift, -2.0f * lift});
+        return hit.instance != no_hit
+               && (hit.instance != patch.instance || hit.triangle != patch.triangle);
+    }
 
-std::vector<Patch> make_patches(const Scene& scene, const Frame& frame, float max_edge) {
-    std::vector<std::vector<Patch>> parts(scene.instances.size());
-    std::atomic<uint64_t> made = 0;
-    tbb::parallel_for(size_t(0), scene.instances.size(), [&](size_t i) {
-        const Instance& instance = scene.instances[i];
-        const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
-        const Material& material = scene.materials[size_t(mesh.material)];
-        const std::vector<glm::vec3> placed = positions_in_frame(scene, instance, frame);
-        const float side = is_mirrored(instance) ? -1.0f : 1.0f;
-        Source source{scene,
-                      mesh,
-                      glm::vec3(frame.extent),
-                      max_edge,
-                      material.alpha_mode != AlphaMode::opaque || material.emission_texture >= 0,
-                      material.emission != glm::vec3(0.0f),
-                      made,
-                      {}};
-        source.patch.instance = uint32_t(i);
-        source.patch.double_sided = material.double_sided;
-        if (!source.textured)
-            source.patch.emission = material.emission;
-        for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+    void shade(const Piece& piece, Patch& patch) const {
+        static const std::array<glm::vec2, 16> points = sample_points();
+        glm::vec3 emission{0.0f}, albedo{0.0f};
+        float alpha = 0.0f;
+        for (const glm::vec2& p : points) {
+            const glm::vec2 b = (1.0f - p.x - p.y) * piece[0].barycentric
+                                + p.x * piece[1].barycentric + p.y * piece[2].barycentric;
+            const SurfaceSample surface = sample_surface(scene, mesh, patch.triangle, b);
+            alpha += surface.alpha;
+            albedo += surface.alpha * surface.albedo;
+            if (emissive)
+                emission += sample_emission(scene, mesh, patch.triangle, b);
+        }
+        patch.albedo = alpha > 0.0f ? albedo / alpha : glm::vec3(0.0f);
+        patch.alpha = alpha / float(points.size());
+        patch.emission = emission / float(points.size());
+    }
+};
+
+/// The pieces of an instance, by runs.
+std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const Frame& frame,
+                                 float max_edge, const Visibility* walls,
+                                 std::atomic<uint64_t>& made) {
+    const Instance& instance = scene.instances[index];
+    const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
+    const Material& material = scene.materials[size_t(mesh.material)];
+    const std::vector<glm::vec3> placed = positions_in_frame(scene, instance, frame);
+    const float side = is_mirrored(instance) ? -1.0f : 1.0f;
+    Cutter blank{scene,
+                 mesh,
+                 glm::vec3(frame.extent),
+                 max_edge,
+                 walls,
+                 material.alpha_mode != AlphaMode::opaque || material.emission_texture >= 0
+                     || material.base_color_texture >= 0 || !mesh.colors.empty(),
+                 material.emission != glm::vec3(0.0f),
+                 made,
+                 {},
+                 {},
+                 {},
+                 {}};
+    blank.source.instance = index;
+    blank.source.double_sided = material.double_sided;
+    if (!blank.textured && !mesh.triangles.empty()) {
+        blank.source.albedo = sample_surface(scene, mesh, 0, glm::vec2(1.0f / 3.0f)).albedo;
+        blank.source.emission = material.emission;
+    }
+    std::vector<Cutter> runs((mesh.triangles.size() + run_length - 1) / run_length, blank);
+    tbb::parallel_for(size_t(0), runs.size(), [&](size_t run) {
+        Cutter& cutter = runs[run];
+        const size_t end = std::min(mesh.triangles.size(), (run + 1) * run_length);
+        for (size_t t = run * run_length; t < end; ++t) {
             const glm::uvec3 v = mesh.triangles[t];
             const glm::vec3 a = placed[v.x], b = placed[v.y], c = placed[v.z];
             const glm::dvec3 normal =
                 glm::cross(glm::dvec3(b) - glm::dvec3(a), glm::dvec3(c) - glm::dvec3(a));
             const double length = glm::length(normal);
-            if (!(length > 0.0))
+            if (!(length > 0.0)) {
+                cutter.roots.push_back(PatchTree::none);
                 continue;
-            source.patch.triangle = t;
-            source.patch.normal = side * glm::vec3(normal / length);
-            cut(source, {Corner{a, {0, 0}}, Corner{b, {1, 0}}, Corner{c, {0, 1}}}, parts[i]);
+            }
+            cutter.source.triangle = uint32_t(t);
+            cutter.source.normal = side * glm::vec3(normal / length);
+            cutter.cut({Corner{a, {0, 0}}, Corner{b, {1, 0}}, Corner{c, {0, 1}}});
         }
     });
+    return runs;
+}
+
+std::vector<std::vector<Cutter>> cut_scene(const Scene& scene, const Frame& frame, float max_edge,
+                                           const Visibility* walls) {
+    std::vector<std::vector<Cutter>> parts(scene.instances.size());
+    std::atomic<uint64_t> made = 0;
+    tbb::parallel_for(size_t(0), parts.size(), [&](size_t i) {
+        parts[i] = cut_instance(scene, uint32_t(i), frame, max_edge, walls, made);
+    });
+    return parts;
+}
+
+} // namespace
+
+std::vector<Patch> make_patches(const Scene& scene, const Frame& frame, float max_edge) {
     std::vector<Patch> patches;
-    for (const std::vector<Patch>& part : parts)
-        patches.insert(patches.end(), part.begin(), part.end());
+    for (const std::vector<Cutter>& runs : cut_scene(scene, frame, max_edge, nullptr))
+        for (const Cutter& run : runs)
+            patches.insert(patches.end(), run.patches.begin(), run.patches.end());
     return patches;
+}
+
+PatchCover cover_surfaces(const Scene& scene, const Frame& frame, const Visibility& visibility,
+                          float max_edge) {
+    PatchCover cover;
+    PatchTree& tree = cover.tree;
+    for (const std::vector<Cutter>& runs : cut_scene(scene, frame, max_edge, &visibility)) {
+        tree.roots.emplace_back();
+        for (const Cutter& run : runs) {
+            const auto moved = [](uint32_t index, size_t by) {
+                return index == PatchTree::none ? index : uint32_t(index + by);
+            };
+            const size_t first_node = tree.nodes.size(), first_patch = cover.patches.size();
+            for (const uint32_t root : run.roots)
+                tree.roots.back().push_back(moved(root, first_node));
+            for (const PatchTree::Node& node : run.nodes)
+                tree.nodes.push_back({moved(node.patch, first_patch),
+                                       moved(node.first_half, first_node), node.edge});
+            cover.patches.insert(cover.patches.end(), run.patches.begin(), run.patches.end());
+        }
+    }
+    return cover;
+}
+
+uint32_t PatchTree::find(const Hit& hit, glm::vec2& weights) const {
+    if (hit.instance == no_hit)
+        return none;
+    uint32_t node = roots[hit.instance][hit.triangle];
+    if (node == none)
+        return none;
+    // Weights of the piece's three corners.
+    glm::vec3 w{1.0f - hit.barycentric.x - hit.barycentric.y, hit.barycentric};
+    while (nodes[node].first_half != none) {
+        const int a = nodes[node].edge, b = (a + 1) % 3, c = (a + 2) % 3;
+        // The halves' corners are (middle, b, c) and (a, middle, c).
+        if (w[b] >= w[a]) {
+            w = {2.0f * w[a], w[b] - w[a], w[c]};
+            node = nodes[node].first_half;
+        } else {
+            w = {w[a] - w[b], 2.0f * w[b], w[c]};
+            node = nodes[node].first_half + 1;
+        }
+    }
+    weights = {w.y, w.z};
+    return nodes[node].patch;
 }
 
 } // namespace lpvbake

@@ -1,29 +1,71 @@
-// All surfaces inside the grid as small flat patches: the one base of emission, occlusion and
-// validity.
+// Surfaces as small flat patches: the one base of emission, occlusion and lit surfaces.
 #pragma once
 
 #include "scene/frame.h"
+#include "visibility/visibility.h"
 
 #include <vector>
 
 namespace lpvbake {
 
-/// A flat piece of a triangle, at most about a cell across.
+/// A flat piece of a triangle, itself a triangle.
 struct Patch {
     glm::vec3 position; ///< centroid, frame units
     glm::vec3 normal;   ///< unit, out of the front
+    glm::vec3 edge_u;   ///< from the first corner to the second and the third, frame units;
+    glm::vec3 edge_v;   ///< the first lies at position - (edge_u + edge_v) / 3
     float area = 0;     ///< frame units squared
     float alpha = 1;    ///< mean covered share
     uint32_t instance = 0;
     uint32_t triangle = 0;
-    glm::vec2 barycentric{0}; ///< of the centroid, in the mesh's triangle
-    glm::vec3 emission{0};    ///< mean luminance of the front, its uncovered share included, nits
+    glm::vec3 albedo{0};   ///< mean of the covered part
+    glm::vec3 emission{0}; ///< mean luminance of the front, its uncovered share included, nits
     bool double_sided = false;
+    bool crossed = false; ///< something stands on it: its centroid does not see all its corners
+
+    /// The point with these weights of the second and the third corner.
+    glm::vec3 at(glm::vec2 weights) const {
+        return position + (weights.x - 1.0f / 3.0f) * edge_u
+               + (weights.y - 1.0f / 3.0f) * edge_v;
+    }
 };
 
+/// How far above a surface (frame units) rays start, so that they do not meet it.
+float lift_of(glm::vec3 point);
+
 /// Cuts every placed triangle into patches whose edges are at most `max_edge` units long and drops
-/// those outside the grid. Zero-area triangles give none. Throws Error (memory) beyond 2^26
+/// those outside the grid. Zero-area triangles give none. Throws Error (memory) beyond 2^25
 /// patches.
 std::vector<Patch> make_patches(const Scene& scene, const Frame& frame, float max_edge);
+
+/// Which patch a point of a triangle belongs to: the halvings that made the patches, kept.
+struct PatchTree {
+    static constexpr uint32_t none = ~0u;
+    /// A piece: a patch, or two halves at `first_half` and the node after it.
+    struct Node {
+        uint32_t patch = none;
+        uint32_t first_half = none;
+        uint8_t edge = 0; ///< the one that was halved: 0 between the first two corners, 1, 2
+    };
+    std::vector<Node> nodes;
+    std::vector<std::vector<uint32_t>> roots; ///< an instance, a triangle: its node, or none
+
+    /// The patch at a hit, and the weights of its second and third corner there; none for no_hit
+    /// and for what has neither area nor cover.
+    uint32_t find(const Hit& hit, glm::vec2& weights) const;
+};
+
+/// All surfaces, also those outside the grid.
+struct PatchCover {
+    /// Of two surfaces in one place only one is seen: the patches of the other have area 0.
+    std::vector<Patch> patches;
+    PatchTree tree;
+};
+
+/// Cuts every placed triangle into patches of at most `max_edge` units; outside the grid they may
+/// grow with their distance from it. One that a wall crosses, so that its centroid does not see its
+/// corners just above it, is cut further, down to an eighth. Throws Error as make_patches.
+PatchCover cover_surfaces(const Scene& scene, const Frame& frame, const Visibility& visibility,
+                          float max_edge);
 
 } // namespace lpvbake

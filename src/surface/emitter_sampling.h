@@ -1,0 +1,33 @@
+// Points on emissive patches, chosen in proportion to the light they send.
+#pragma once
+
+#include "surface/patches.h"
+
+#include <vector>
+
+namespace lpvbake {
+
+class EmitterSampling {
+public:
+    explicit EmitterSampling(const std::vector<Patch>& patches);
+    bool empty() const { return emitters_.empty(); }
+
+    struct Sample {
+        glm::vec3 point;     ///< frame units
+        glm::vec3 normal;    ///< of the front
+        bool double_sided;   ///< glows to both sides
+        glm::vec3 luminance; ///< mean of the patch, nits
+        float density;       ///< of the point, per unit of area
+    };
+    /// `pick` in [0, 1) chooses the patch, `weights` (of its second and third corner) the point.
+    Sample sample(float pick, glm::vec2 weights) const;
+    /// Density with which points of a patch are chosen, per unit of area.
+    float density(const Patch& patch) const;
+
+private:
+    std::vector<Patch> emitters_;
+    std::vector<double> cumulative_; ///< power up to and with each, over the total
+    double total_ = 0.0;
+};
+
+} // namespace lpvbake

@@ -1,0 +1,49 @@
+// Lit surfaces: every patch of the scene with the light that leaves it. The one source of light
+// for the solvers that gather.
+#pragma once
+
+#include "progress.h"
+#include "surface/patches.h"
+#include "visibility/visibility.h"
+
+#include <optional>
+#include <span>
+
+namespace lpvbake {
+
+struct LightingSettings {
+    std::optional<int> bounces = 1; ///< reflections at most; none: all
+    bool emitters = true;           ///< emissive surfaces give light
+    uint64_t rays = 1 << 21;        ///< for light between surfaces: in all, at least 16 a side
+    float tolerance = 1e-4f;        ///< all bounces: share of the light that may be missing
+};
+
+/// All surfaces, inside the grid and out.
+struct LitSurfaces {
+    std::vector<Patch> patches; ///< of area 0 where another surface lies on it
+    PatchTree tree;
+    const Visibility* visibility = nullptr; ///< of the same scene and frame; outlives this
+    /// luminance[2 * patch + side]: what leaves the covered part of the front (side 0) or the back
+    /// (1), nits: emission and reflected light. Black for the back of a single-sided surface.
+    std::vector<glm::vec3> luminance;
+    int bounces = 0;       ///< reflections that were summed
+    double residual = 0;   ///< estimated share of the light that is missing
+
+    static constexpr uint32_t no_side = ~0u;
+    /// Which side a ray of this direction sees at its hit; no_side for no_hit and for backs, and
+    /// for the part of a patch that something on it hides from its centroid, so that a patch does
+    /// not carry light through a wall.
+    uint32_t side(const Hit& hit, glm::vec3 direction) const;
+    /// Luminance (nits) that a ray of this direction sees at its hit; 0 for no_hit.
+    glm::vec3 leaving(const Hit& hit, glm::vec3 direction) const;
+};
+
+/// Lights all surfaces. Direct light of punctual lights is sampled at stratified points of each
+/// patch with shadow rays; emitters by points on them and by cosine-distributed rays together
+/// (multiple importance sampling, balance heuristic: Veach and Guibas 1995), the sky by the latter.
+/// The same rays, their hits stored, carry light from patch to patch: R = D + rho K R, iterated.
+/// Throws Error (invalid) for all bounces in a closed scene of albedo 1.
+LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, const Frame& frame,
+                           const LightingSettings& settings, Progress& progress);
+
+} // namespace lpvbake
