@@ -29,9 +29,11 @@ BUILDS_ON = {
     "io": ["volume", "image"],
     "reference": ["scene", "visibility", "volume"],
     "render": ["scene", "rsm", "volume", "gpu"],
-    "report": ["reference", "render", "solver/lpv", "io"],
+    "report": ["reference", "render", "scene/gltf", "solver/lpv", "io"],
 }
 EVERYWHERE = ["error.h", "progress.h", "text.h"]
+AFTER_DRIVER = ["report"]  # bakes: may include the driver's headers
+DRIVER_HEADERS = ["bake.h"]
 DRIVER = ["src/bake.h", "src/bake.cpp", "src/plan.cpp"]  # may include everything
 
 PACKAGES = {  # start of the header's name -> where it may be included
@@ -109,7 +111,8 @@ def offences(root):
             if path.startswith("cmd/") or path in DRIVER:
                 continue
             if target is None:
-                if header not in EVERYWHERE:
+                allowed = EVERYWHERE + (DRIVER_HEADERS if own in AFTER_DRIVER else [])
+                if header not in allowed:
                     yield f"{place}: {header} lies to the right of everything in src/"
             elif own is None or target not in reachable(own):
                 yield f"{place}: {own or 'a top-level header'} does not build on {target}"
@@ -121,6 +124,7 @@ PLANTED = {
     "src/volume/volume.h": '#include "error.h"\n',  # fine
     "src/solver/lpv/lpv.h": '#include "volume/volume.h"\n',  # fine
     "src/gpu/vulkan.h": "#include <vulkan/vulkan_raii.hpp>\n",  # fine
+    "src/report/report.h": '#include "bake.h"\n',  # fine
     "src/rsm/rsm.cpp": '#include "gpu/vulkan.h"\nvk::Format format; // fine\n',
     "src/volume/bad.h": '#include "solver/lpv/lpv.h"\n',
     "src/volume/worse.cpp": '#include "bake.h"\n',

@@ -1,0 +1,311 @@
+#include "report/suite.h"
+
+#include "error.h"
+#include "reference/sampler.h"
+#include "scene/gltf/load.h"
+#include "text.h"
+#include "visibility/validity.h"
+#include "volume/compare.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+namespace lpvbake {
+namespace {
+
+/// A field may call so large a share of the probes invalid: centres that lie on a surface.
+constexpr double most_missing = 0.02;
+
+glm::ivec3 cell_at(const Grid& grid, size_t index) {
+    const auto nx = size_t(grid.dims.x), ny = size_t(grid.dims.y);
+    return {int(index % nx), int(index / nx % ny), int(index / (nx * ny))};
+}
+
+/// True unless a surface passes the cell's centre within a thousandth of a cell: what light arrives
+/// there would not be defined.
+bool is_clear(const Visibility& visibility, glm::ivec3 cell) {
+    const glm::vec3 centre = glm::vec3(cell) + 0.5f;
+    for (int axis = 0; axis < 3; ++axis) {
+        glm::vec3 way(0.0f);
+        way[axis] = 2e-3f;
+        if (visibility.closest({centre - 0.5f * way, way, 0.0f, 1.0f}).instance != no_hit)
+            return false;
+    }
+    return true;
+}
+
+/// At most `count` of the cells, drawn by their indices, in rising order.
+std::vector<size_t> draw(std::vector<size_t> cells, uint64_t count) {
+    if (count >= cells.size())
+        return cells;
+    std::ranges::nth_element(cells, cells.begin() + std::ptrdiff_t(count), {},
+                             [](size_t cell) { return mix_bits(cell + 1); });
+    cells.resize(size_t(count));
+    std::ranges::sort(cells);
+    return cells;
+}
+
+bool is_valid(const Volume& volume, size_t cell) {
+    return volume.validity.empty() || volume.validity[cell] != 0.0f;
+}
+
+double mean_luminance(const Volume& volume, std::span<const size_t> cells) {
+    double sum = 0.0;
+    for (const size_t cell : cells)
+        sum += glm::dot(glm::dvec3(volume.sh[0][cell]), rec709_luminance);
+    return cells.empty() ? 0.0 : sum / double(cells.size());
+}
+
+uint64_t count_not_finite(const Volume& volume) {
+    uint64_t count = 0;
+    const auto look = [&](float x) { count += !std::isfinite(x); };
+    for (const auto& grid : volume.sh)
+        for (const glm::vec3& c : grid) {
+            look(c.x);
+            look(c.y);
+            look(c.z);
+        }
+    for (const auto& grid : volume.occlusion)
+        std::ranges::for_each(grid, look);
+    std::ranges::for_each(volume.validity, look);
+    return count;
+}
+
+/// See SuiteRow::same. Throws Error (invalid) where the two lattices have different dims.
+double distance_between(const Volume& baked, const Volume& other, double scale) {
+    if (baked.grid.dims != other.grid.dims)
+        throw Error(ExitCode::invalid,
+                    format("same: its grid of %d x %d x %d cells is not the other case's, "
+                           "%d x %d x %d",
+                           baked.grid.dims.x, baked.grid.dims.y, baked.grid.dims.z,
+                           other.grid.dims.x, other.grid.dims.y, other.grid.dims.z));
+    Volume moved = other;
+    moved.grid = baked.grid;
+    for (auto& grid : moved.sh)
+        for (glm::vec3& c : grid)
+            c = glm::vec3(glm::dvec3(c) * scale);
+    const Comparison c = compare(baked, moved, {});
+    return std::max(c.relative_l1,
+                    double(c.valid_only_a + c.valid_only_b) / double(baked.grid.size()));
+}
+
+/// All cells of a dark region count, else as many as there are probes.
+SuiteCells choose_cells(const SuiteCase& c, const Visibility& visibility, const Grid& grid) {
+    const std::vector<float> validity = trace_validity(visibility, grid.dims);
+    std::vector<size_t> valid, inside;
+    for (size_t i = 0; i < validity.size(); ++i)
+        if (validity[i] > 0.0f && is_clear(visibility, cell_at(grid, i))) {
+            valid.push_back(i);
+            const glm::dvec3 p = grid.center(cell_at(grid, i));
+            if (c.region && glm::all(glm::greaterThanEqual(p, c.region->box.lo))
+                && glm::all(glm::lessThanEqual(p, c.region->box.hi)))
+                inside.push_back(i);
+        }
+    if (valid.empty())
+        throw Error(ExitCode::invalid, "no cell of the grid has its centre outside geometry");
+    if (c.region && inside.empty())
+        throw Error(ExitCode::invalid, "no cell outside geometry lies in the region");
+    return {draw(std::move(valid), c.options.probes),
+            c.region && c.region->dark ? inside : draw(std::move(inside), c.options.probes)};
+}
+
+/// Bakes and finds truths of the cases, each once.
+class Runner {
+public:
+    Runner(const Suite& suite, Progress& progress) : suite_(suite), progress_(progress) {}
+
+    SuiteRow run(const SuiteCase& c, const SuiteSolver& solver) {
+        SuiteRow row;
+        try {
+            const Scene scene = load(c);
+            const Baked& baked = field(c, scene, solver);
+            const Grid& grid = baked.volume.grid;
+            const Visibility visibility(scene,
+                                        Frame{grid.origin, grid.cell, glm::dvec3(grid.dims)});
+            const SuiteCells cells = choose_cells(c, visibility, grid);
+            const TruthField truth = find_truth(c.truth, scene, visibility, grid, wanted(c, cells),
+                                                truth_settings(c, solver), progress_);
+            const Volume* other = nullptr;
+            if (c.same_as) {
+                const SuiteCase& twin =
+                    *std::ranges::find(suite_.cases, c.same_as->name, &SuiteCase::name);
+                other = &field(twin, load(twin), solver).volume;
+            }
+            row = judge(c, c.limits.at(solver.name), baked.volume, truth, cells, other);
+            row.seconds = baked.seconds;
+            if (std::ranges::none_of(suite_.cases, [&](const SuiteCase& each) {
+                    return each.same_as && each.same_as->name == c.name;
+                }))
+                baked_.erase({c.name, solver.name}); // nobody asks for it again
+        } catch (const Error& error) {
+            if (error.code == ExitCode::interrupted || error.code == ExitCode::terminated
+                || error.code == ExitCode::device)
+                throw;
+            row.failures.push_back(error.what());
+        } catch (const std::bad_alloc&) {
+            row.failures.push_back("out of memory");
+        }
+        row.name = c.name;
+        row.solver = solver.name;
+        return row;
+    }
+
+private:
+    struct Baked {
+        Volume volume;
+        double seconds = 0;
+    };
+
+    static Scene load(const SuiteCase& c) {
+        MaterialRules rules;
+        rules.max_albedo = float(c.options.max_albedo);
+        return load_gltf(c.scene, rules);
+    }
+
+    static std::vector<size_t> wanted(const SuiteCase& c, const SuiteCells& cells) {
+        if (!c.region || c.region->dark)
+            return cells.probes;
+        std::vector<size_t> both;
+        std::ranges::set_union(cells.probes, cells.region, std::back_inserter(both));
+        return both;
+    }
+
+    static SuiteTracing truth_settings(const SuiteCase& c, const SuiteSolver& solver) {
+        SuiteTracing settings{solver.light, c.options.rays, c.options.noise};
+        std::optional<int>& bounces = settings.paths.bounces;
+        if (c.options.bounces)
+            bounces = std::min(*c.options.bounces, bounces.value_or(*c.options.bounces));
+        return settings;
+    }
+
+    const Baked& field(const SuiteCase& c, const Scene& scene, const SuiteSolver& solver) {
+        const auto [found, is_new] = baked_.try_emplace({c.name, solver.name});
+        if (is_new) {
+            try {
+                const auto begin = std::chrono::steady_clock::now();
+                found->second.volume = solver.bake(scene, c.options, progress_);
+                found->second.seconds =
+                    std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+            } catch (...) {
+                baked_.erase(found);
+                throw;
+            }
+        }
+        return found->second;
+    }
+
+    const Suite& suite_;
+    Progress& progress_;
+    std::map<std::pair<std::string, std::string>, Baked> baked_;
+};
+
+/// Fails the row where the value is too large; NaN is.
+void hold_most(SuiteRow& row, const char* what, double value, double most) {
+    if (!(value <= most))
+        row.failures.push_back(format("%s is %.4g, at most %.4g", what, value, most));
+}
+
+void hold_within(SuiteRow& row, const char* what, double value, SuiteRange range) {
+    if (value < range.lo)
+        row.failures.push_back(format("%s is %.4g, at least %.4g", what, value, range.lo));
+    else
+        hold_most(row, what, value, range.hi);
+}
+
+} // namespace
+
+std::vector<std::string> suite_solver_names() {
+    return {"lpv"};
+}
+
+std::vector<SuiteSolver> suite_solvers(const gpu::Device& device) {
+    const auto settings_of = [](const SuiteOptions& o) {
+        BakeSettings settings;
+        settings.grid.resolution = o.resolution;
+        settings.grid.margin = o.margin;
+        settings.bounds = o.bounds;
+        settings.lpv.iterations = o.iterations;
+        return settings;
+    };
+    const auto lpv = [&device, settings_of](const Scene& scene, const SuiteOptions& o,
+                                            Progress& progress) {
+        return bake(scene, settings_of(o), device, progress).volume;
+    };
+    return {{"lpv", {1, false}, lpv}};
+}
+
+SuiteRow judge(const SuiteCase& c, const SuiteLimits& limits, const Volume& baked,
+               const TruthField& truth, const SuiteCells& cells, const Volume* other) {
+    SuiteRow row;
+    row.noise = truth.noise;
+    row.not_finite = count_not_finite(baked);
+    if (row.not_finite > 0) {
+        row.failures.push_back(
+            format("%llu numbers are NaN or infinite", (unsigned long long)row.not_finite));
+        return row;
+    }
+    const auto missing = double(
+        std::ranges::count_if(cells.probes, [&](size_t cell) { return !is_valid(baked, cell); }));
+    if (missing > most_missing * double(cells.probes.size()))
+        row.failures.push_back(format("%.0f of %zu cells outside geometry are called invalid",
+                                      missing, cells.probes.size()));
+
+    row.measured = true;
+    Volume expected = truth.volume;
+    expected.validity.assign(expected.grid.size(), 0.0f);
+    for (const size_t cell : cells.probes)
+        expected.validity[cell] = 1.0f;
+    const Comparison comparison = compare(baked, expected, {});
+    row.negative =
+        comparison.samples > 0 ? double(comparison.negative_a) / double(comparison.samples) : 0.0;
+    if (!std::holds_alternative<NoTruth>(c.truth)) {
+        row.error = comparison.relative_l1;
+        row.energy = comparison.energy_ratio;
+        if (c.region)
+            row.leak = mean_luminance(baked, cells.region)
+                       / mean_luminance(truth.volume, c.region->dark ? cells.probes : cells.region);
+    }
+    if (other)
+        row.same = distance_between(baked, *other, c.same_as->scale);
+
+    if (row.error && limits.error)
+        hold_most(row, "error", *row.error, *limits.error);
+    if (row.energy && limits.energy)
+        hold_within(row, "energy", *row.energy, *limits.energy);
+    if (row.leak && limits.leak)
+        hold_within(row, "leak", *row.leak, *limits.leak);
+    if (limits.negative)
+        hold_most(row, "negative", row.negative, *limits.negative);
+    if (row.same && limits.same)
+        hold_most(row, "same", *row.same, *limits.same);
+    return row;
+}
+
+std::vector<SuiteRow> run_suite(const Suite& suite, const SuiteSelection& selection,
+                                const std::vector<SuiteSolver>& solvers, Progress& progress,
+                                const std::function<void(const SuiteRow&)>& done) {
+    const auto wants = [](const std::vector<std::string>& names, const std::string& name) {
+        return names.empty() || std::ranges::find(names, name) != names.end();
+    };
+    for (const std::string& name : selection.cases)
+        if (std::ranges::find(suite.cases, name, &SuiteCase::name) == suite.cases.end())
+            throw Error(ExitCode::usage, suite.path + ": there is no case \"" + name + "\"");
+    for (const std::string& name : selection.solvers)
+        if (std::ranges::find(solvers, name, &SuiteSolver::name) == solvers.end())
+            throw Error(ExitCode::usage, "there is no solver \"" + name + "\"");
+    Runner runner(suite, progress);
+    std::vector<SuiteRow> rows;
+    for (const SuiteCase& c : suite.cases)
+        for (const SuiteSolver& solver : solvers)
+            if (c.limits.contains(solver.name) && wants(selection.cases, c.name)
+                && wants(selection.solvers, solver.name) && (c.cheap || !selection.cheap)) {
+                rows.push_back(runner.run(c, solver));
+                done(rows.back());
+            }
+    if (rows.empty())
+        throw Error(ExitCode::usage, suite.path + ": no case is selected");
+    return rows;
+}
+
+} // namespace lpvbake
