@@ -4,10 +4,13 @@
 #include "scene/material.h"
 
 #include <embree3/rtcore.h>
+#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_reduce.h>
 
 #include <algorithm>
 #include <bit>
+#include <functional>
 
 namespace lpvbake {
 namespace {
@@ -33,6 +36,7 @@ struct Visibility::Impl {
     const Scene& scene;
     std::vector<Origin> origins;
     std::vector<uint8_t> mirrored;    ///< an instance
+    std::vector<uint8_t> two_fronts;  ///< an instance
     std::vector<uint8_t> see_through; ///< a material
     bool any_see_through = false;
     glm::vec3 lo{0.0f}, hi{0.0f};
@@ -48,11 +52,8 @@ struct Visibility::Impl {
     const Mesh& mesh_of(uint32_t primitive) const {
         return scene.meshes[size_t(scene.instances[origins[primitive].instance].mesh)];
     }
-    const Material& material_of(uint32_t primitive) const {
-        return scene.materials[size_t(mesh_of(primitive).material)];
-    }
     Facing facing(uint32_t primitive, bool meets_back) const {
-        if (material_of(primitive).double_sided)
+        if (two_fronts[origins[primitive].instance])
             return Facing::both;
         return meets_back ? Facing::back : Facing::front;
     }
@@ -77,11 +78,27 @@ struct Visibility::Impl {
 
 namespace {
 
-/// A traversal that asks about every hit; the context comes first so that it can be cast back.
+/// What a traversal that asks about every hit is after.
+enum class Wanted { nearest, all, any_opaque };
+
+/// The context comes first so that it can be cast back.
 struct Query {
     RTCIntersectContext context;
     const Visibility::Impl* impl;
-    std::vector<Crossing>* crossings; ///< null: look for the nearest hit
+    Wanted wanted;
+    std::vector<Crossing>* crossings = nullptr; ///< all
+    unsigned met_others = 0; ///< any_opaque: bits, by the rays' ids: met what is not opaque
+
+    Query(const Visibility::Impl& of, Wanted what, Bundle bundle = Bundle::loose)
+        : impl(&of),
+          wanted(what) {
+        rtcInitIntersectContext(&context);
+        if (bundle == Bundle::tight)
+            context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+        if (what == Wanted::all || of.any_see_through)
+            context.filter = filter_hit;
+    }
+    static void filter_hit(const RTCFilterFunctionNArguments* args);
 };
 
 bool meets_back(RTCRayN* ray, RTCHitN* hit, unsigned n, unsigned i) {
@@ -91,8 +108,18 @@ bool meets_back(RTCRayN* ray, RTCHitN* hit, unsigned n, unsigned i) {
            > 0.0f;
 }
 
-void filter_hit(const RTCFilterFunctionNArguments* args) {
-    const Query& query = *reinterpret_cast<const Query*>(args->context);
+/// A number in [0, 1) that depends on the line of a ray and on a primitive.
+float draw(RTCRayN* ray, unsigned n, unsigned i, uint32_t primitive) {
+    uint32_t bits = mix(primitive);
+    for (const float x :
+         {RTCRayN_org_x(ray, n, i), RTCRayN_org_y(ray, n, i), RTCRayN_org_z(ray, n, i),
+          RTCRayN_dir_x(ray, n, i), RTCRayN_dir_y(ray, n, i), RTCRayN_dir_z(ray, n, i)})
+        bits = mix(bits ^ std::bit_cast<uint32_t>(x));
+    return float(bits >> 8) * 0x1p-24f;
+}
+
+void Query::filter_hit(const RTCFilterFunctionNArguments* args) {
+    Query& query = *reinterpret_cast<Query*>(args->context);
     for (unsigned i = 0; i < args->N; ++i) {
         if (args->valid[i] == 0)
             continue;
@@ -100,18 +127,21 @@ void filter_hit(const RTCFilterFunctionNArguments* args) {
         const glm::vec2 uv{RTCHitN_u(args->hit, args->N, i), RTCHitN_v(args->hit, args->N, i)};
         const bool back = meets_back(args->ray, args->hit, args->N, i);
         const float alpha = query.impl->alpha(primitive, uv, back);
-        if (query.crossings) {
+        bool stays = alpha >= 1.0f;
+        if (query.wanted == Wanted::all) {
             if (alpha > 0.0f)
                 query.crossings->push_back({RTCRayN_tfar(args->ray, args->N, i),
                                             query.impl->facing(primitive, back), 1.0f - alpha,
                                             query.impl->origins[primitive].instance});
-            args->valid[i] = 0;
-        } else if (alpha < 1.0f) {
-            const uint32_t bits = mix(std::bit_cast<uint32_t>(uv.x)
-                                      ^ mix(std::bit_cast<uint32_t>(uv.y) ^ mix(primitive)));
-            if (float(bits >> 8) * 0x1p-24f >= alpha)
-                args->valid[i] = 0;
+            stays = false;
+        } else if (query.wanted == Wanted::any_opaque) {
+            if (alpha > 0.0f && !stays)
+                query.met_others |= 1u << RTCRayN_id(args->ray, args->N, i);
+        } else if (!stays) {
+            stays = draw(args->ray, args->N, i, primitive) < alpha;
         }
+        if (!stays)
+            args->valid[i] = 0;
     }
 }
 
@@ -129,6 +159,46 @@ RTCRayHit to_embree(const Ray& ray) {
     r.hit.geomID = RTC_INVALID_GEOMETRY_ID;
     r.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
     return r;
+}
+
+constexpr size_t eight = 8;
+
+/// Eight rays of which some may be missing.
+struct alignas(32) Packet {
+    int valid[eight];
+    RTCRayHit8 r;
+
+    explicit Packet(std::span<const Ray> rays) {
+        for (size_t i = 0; i < eight; ++i) {
+            const Ray& ray = rays[std::min(i, rays.size() - 1)];
+            valid[i] = i < rays.size() ? -1 : 0;
+            r.ray.org_x[i] = ray.origin.x;
+            r.ray.org_y[i] = ray.origin.y;
+            r.ray.org_z[i] = ray.origin.z;
+            r.ray.dir_x[i] = ray.direction.x;
+            r.ray.dir_y[i] = ray.direction.y;
+            r.ray.dir_z[i] = ray.direction.z;
+            r.ray.tnear[i] = ray.t_min;
+            r.ray.tfar[i] = ray.t_max;
+            r.ray.time[i] = 0.0f;
+            r.ray.mask[i] = ~0u;
+            r.ray.id[i] = unsigned(i);
+            r.ray.flags[i] = 0;
+            r.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
+            r.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+        }
+    }
+};
+
+Hit to_hit(const Visibility::Impl& impl, glm::vec3 direction, float t, uint32_t primitive,
+           glm::vec2 uv, glm::vec3 normal) {
+    const Origin origin = impl.origins[primitive];
+    return {t,
+            origin.instance,
+            origin.triangle,
+            impl.barycentric(primitive, uv),
+            glm::normalize(normal),
+            impl.facing(primitive, glm::dot(direction, normal) > 0.0f)};
 }
 
 } // namespace
@@ -177,6 +247,7 @@ Visibility::Visibility(const Scene& scene, const Frame& frame)
             impl.hi = glm::max(impl.hi, p);
         }
         impl.mirrored.push_back(is_mirrored(instance));
+        impl.two_fronts.push_back(scene.materials[size_t(mesh.material)].double_sided);
         for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
             glm::uvec3 v = mesh.triangles[t];
             const glm::vec3 a = placed[v.x], b = placed[v.y], c = placed[v.z];
@@ -216,31 +287,19 @@ glm::vec3 Visibility::hi() const {
 }
 
 Hit Visibility::closest(const Ray& ray) const {
-    Query query{{}, impl_.get(), nullptr};
-    rtcInitIntersectContext(&query.context);
-    if (impl_->any_see_through)
-        query.context.filter = filter_hit;
+    Query query(*impl_, Wanted::nearest);
     RTCRayHit r = to_embree(ray);
     rtcIntersect1(impl_->bvh, &query.context, &r);
-    Hit hit;
     if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID)
-        return hit;
-    const Origin origin = impl_->origins[r.hit.primID];
-    const glm::vec3 normal{r.hit.Ng_x, r.hit.Ng_y, r.hit.Ng_z};
-    hit.t = r.ray.tfar;
-    hit.instance = origin.instance;
-    hit.triangle = origin.triangle;
-    hit.barycentric = impl_->barycentric(r.hit.primID, {r.hit.u, r.hit.v});
-    hit.normal = glm::normalize(normal);
-    hit.facing = impl_->facing(r.hit.primID, glm::dot(ray.direction, normal) > 0.0f);
-    return hit;
+        return {};
+    return to_hit(*impl_, ray.direction, r.ray.tfar, r.hit.primID, {r.hit.u, r.hit.v},
+                  {r.hit.Ng_x, r.hit.Ng_y, r.hit.Ng_z});
 }
 
 void Visibility::crossings(const Ray& ray, std::vector<Crossing>& out) const {
     out.clear();
-    Query query{{}, impl_.get(), &out};
-    rtcInitIntersectContext(&query.context);
-    query.context.filter = filter_hit;
+    Query query(*impl_, Wanted::all);
+    query.crossings = &out;
     RTCRayHit r = to_embree(ray);
     rtcIntersect1(impl_->bvh, &query.context, &r);
     const auto key = [](const Crossing& c) {
@@ -256,28 +315,130 @@ void Visibility::crossings(const Ray& ray, std::vector<Crossing>& out) const {
 }
 
 float Visibility::transmittance(const Ray& ray) const {
-    if (impl_->any_see_through) {
-        thread_local std::vector<Crossing> met;
-        crossings(ray, met);
-        float product = 1.0f;
-        for (const Crossing& crossing : met)
-            product *= crossing.transmittance;
-        return product;
-    }
-    RTCIntersectContext context;
-    rtcInitIntersectContext(&context);
+    Query query(*impl_, Wanted::any_opaque);
     RTCRay r = to_embree(ray).ray;
-    rtcOccluded1(impl_->bvh, &context, &r);
-    return r.tfar < 0.0f ? 0.0f : 1.0f;
+    rtcOccluded1(impl_->bvh, &query.context, &r);
+    return r.tfar < 0.0f ? 0.0f : query.met_others ? transmittance_of_others(ray) : 1.0f;
 }
 
+float Visibility::transmittance_of_others(const Ray& ray) const {
+    thread_local std::vector<Crossing> met;
+    crossings(ray, met);
+    float product = 1.0f;
+    for (const Crossing& crossing : met)
+        product *= crossing.transmittance;
+    return product;
+}
+
+void Visibility::closest_of_eights(std::span<const Ray> rays, Bundle bundle,
+                                   std::span<Hit> hits) const {
+    Query query(*impl_, Wanted::nearest, bundle);
+    for (size_t first = 0; first < rays.size(); first += eight) {
+        const std::span<const Ray> some = rays.subspan(first, std::min(eight, rays.size() - first));
+        Packet packet(some);
+        rtcIntersect8(packet.valid, impl_->bvh, &query.context, &packet.r);
+        const RTCHit8& hit = packet.r.hit;
+        for (size_t i = 0; i < some.size(); ++i)
+            hits[first + i] =
+                hit.geomID[i] == RTC_INVALID_GEOMETRY_ID
+                    ? Hit{}
+                    : to_hit(*impl_, some[i].direction, packet.r.ray.tfar[i], hit.primID[i],
+                             {hit.u[i], hit.v[i]}, {hit.Ng_x[i], hit.Ng_y[i], hit.Ng_z[i]});
+    }
+}
+
+void Visibility::transmittance_of_eights(std::span<const Ray> rays, Bundle bundle,
+                                         std::span<float> result) const {
+    Query query(*impl_, Wanted::any_opaque, bundle);
+    for (size_t first = 0; first < rays.size(); first += eight) {
+        const std::span<const Ray> some = rays.subspan(first, std::min(eight, rays.size() - first));
+        Packet packet(some);
+        query.met_others = 0;
+        rtcOccluded8(packet.valid, impl_->bvh, &query.context, &packet.r.ray);
+        for (size_t i = 0; i < some.size(); ++i)
+            result[first + i] = packet.r.ray.tfar[i] < 0.0f    ? 0.0f
+                                : query.met_others & (1u << i) ? transmittance_of_others(some[i])
+                                                               : 1.0f;
+    }
+}
+
+namespace {
+
+constexpr size_t block = 1024; ///< rays that a thread takes at a time
+
+template <typename Result, typename Trace>
+void in_blocks(std::span<const Ray> rays, std::span<Result> results, const Trace& trace) {
+    tbb::parallel_for(size_t(0), (rays.size() + block - 1) / block, [&](size_t i) {
+        const size_t count = std::min(block, rays.size() - i * block);
+        trace(rays.subspan(i * block, count), results.subspan(i * block, count));
+    });
+}
+
+} // namespace
+
 void Visibility::closest(std::span<const Ray> rays, std::span<Hit> hits) const {
-    tbb::parallel_for(size_t(0), rays.size(), [&](size_t i) { hits[i] = closest(rays[i]); });
+    in_blocks(rays, hits, [&](std::span<const Ray> some, std::span<Hit> of) {
+        closest_of_eights(some, Bundle::loose, of);
+    });
 }
 
 void Visibility::transmittance(std::span<const Ray> rays, std::span<float> result) const {
-    tbb::parallel_for(size_t(0), rays.size(),
-                      [&](size_t i) { result[i] = transmittance(rays[i]); });
+    in_blocks(rays, result, [&](std::span<const Ray> some, std::span<float> of) {
+        transmittance_of_eights(some, Bundle::loose, of);
+    });
+}
+
+struct PackedRays::Batches {
+    struct Part {
+        Packet packet;
+        Bundle bundle;
+        bool any_hit;
+    };
+    std::vector<Part> parts;
+    uint64_t rays = 0;
+};
+
+PackedRays::PackedRays() : batches_(std::make_unique<Batches>()) {}
+PackedRays::~PackedRays() = default;
+PackedRays::PackedRays(PackedRays&&) noexcept = default;
+PackedRays& PackedRays::operator=(PackedRays&&) noexcept = default;
+
+void PackedRays::add(std::span<const Ray> rays, Bundle bundle, bool any_hit) {
+    for (size_t first = 0; first < rays.size(); first += eight)
+        batches_->parts.push_back(
+            {Packet(rays.subspan(first, std::min(eight, rays.size() - first))), bundle, any_hit});
+    batches_->rays += rays.size();
+}
+
+uint64_t PackedRays::size() const {
+    return batches_->rays;
+}
+
+uint64_t PackedRays::trace(const Visibility& visibility) const {
+    const RTCScene bvh = visibility.impl_->bvh;
+    const auto met = [&](const tbb::blocked_range<size_t>& range, uint64_t sum) {
+        RTCIntersectContext loose, tight;
+        rtcInitIntersectContext(&loose);
+        rtcInitIntersectContext(&tight);
+        tight.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+        for (size_t i = range.begin(); i < range.end(); ++i) {
+            const Batches::Part& part = batches_->parts[i];
+            Packet p = part.packet;
+            RTCIntersectContext* context = part.bundle == Bundle::tight ? &tight : &loose;
+            if (part.any_hit)
+                rtcOccluded8(p.valid, bvh, context, &p.r.ray);
+            else
+                rtcIntersect8(p.valid, bvh, context, &p.r);
+            for (size_t k = 0; k < eight; ++k)
+                sum += p.valid[k]
+                       && (part.any_hit ? p.r.ray.tfar[k] < 0.0f
+                                        : p.r.hit.geomID[k] != RTC_INVALID_GEOMETRY_ID);
+        }
+        return sum;
+    };
+    return tbb::parallel_reduce(
+        tbb::blocked_range<size_t>(0, batches_->parts.size(), block / eight), uint64_t(0), met,
+        std::plus<uint64_t>());
 }
 
 } // namespace lpvbake

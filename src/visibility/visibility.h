@@ -45,6 +45,13 @@ struct Crossing {
     uint32_t instance = 0;
 };
 
+/// How rays lie to each other, eight by eight in their order. Embree walks its tree with all eight
+/// at once where they are alike, and where they are not would lose by that.
+enum class Bundle {
+    loose,
+    tight, ///< they start close together and go nearly the same way
+};
+
 class Visibility {
 public:
     /// Builds the acceleration structure over all placed triangles (zero-area ones are left out).
@@ -52,8 +59,8 @@ public:
     ~Visibility();
     Visibility(Visibility&&) noexcept;
 
-    /// Nearest surface. A blended one counts with probability alpha, drawn from the place of the
-    /// hit, so that the same ray always gives the same answer.
+    /// Nearest surface. A blended one counts with probability alpha, drawn from the ray and the
+    /// surface, so that the same ray always gives the same answer.
     Hit closest(const Ray& ray) const;
     /// Product of what all surfaces on the segment let through, 0 to 1.
     float transmittance(const Ray& ray) const;
@@ -69,10 +76,40 @@ public:
     void closest(std::span<const Ray> rays, std::span<Hit> hits) const;
     void transmittance(std::span<const Ray> rays, std::span<float> result) const;
 
+    /// The same on the calling thread, eight rays at a time. A hit's place may differ from that of
+    /// a single ray by rounding; it depends on the rays of its eight, and on nothing else.
+    void closest_of_eights(std::span<const Ray> rays, Bundle bundle, std::span<Hit> hits) const;
+    void transmittance_of_eights(std::span<const Ray> rays, Bundle bundle,
+                                 std::span<float> result) const;
+
     struct Impl;
 
 private:
+    friend class PackedRays;
+    /// Where no surface on the segment is opaque.
+    float transmittance_of_others(const Ray& ray) const;
     std::unique_ptr<Impl> impl_;
+};
+
+/// Batches of rays laid out as Embree takes them, to measure what its traversal alone costs.
+class PackedRays {
+public:
+    PackedRays();
+    ~PackedRays();
+    PackedRays(PackedRays&&) noexcept;
+    PackedRays& operator=(PackedRays&&) noexcept;
+
+    /// Takes a batch (100 bytes a ray) of which the nearest hits are wanted, or whether there is
+    /// any.
+    void add(std::span<const Ray> rays, Bundle bundle, bool any_hit);
+    uint64_t size() const; ///< rays
+    /// Traces all batches eight rays at a time on all threads, as if every surface were opaque, and
+    /// keeps nothing but the number of rays that met one.
+    uint64_t trace(const Visibility& visibility) const;
+
+private:
+    struct Batches;
+    std::unique_ptr<Batches> batches_;
 };
 
 } // namespace lpvbake

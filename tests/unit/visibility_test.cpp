@@ -190,9 +190,101 @@ TEST(Visibility, FrameMakesTinyAndFarScenesAlike) {
         }
 }
 
+TEST(Visibility, EightsAnswerAsSingleRays) {
+    for (const bool cull : {false, true})
+        for (const Bundle bundle : {Bundle::loose, Bundle::tight}) {
+            // Opaque, blended, cut out by a vertex's alpha, and double-sided triangles.
+            Scene scene = random_soup(150, 4);
+            scene.rules.cull_backfaces = cull;
+            scene.materials.resize(4, scene.materials[0]);
+            scene.materials[1].alpha_mode = AlphaMode::blend;
+            scene.materials[1].base_color.a = 0.3f;
+            scene.materials[2].alpha_mode = AlphaMode::mask;
+            scene.materials[3].double_sided = true;
+            for (int m = 1; m < 4; ++m) {
+                scene.meshes.push_back(random_soup(150, uint32_t(4 + m)).meshes[0]);
+                scene.meshes.back().material = m;
+                if (m == 2)
+                    for (size_t i = 0; i < 450; ++i)
+                        scene.meshes.back().colors.push_back({1, 1, 1, i % 3 ? 0.0f : 1.0f});
+                scene.instances.push_back({m, glm::dmat4(1.0)});
+            }
+            const Visibility visibility(scene, Frame{});
+            std::mt19937 random(6);
+            std::uniform_real_distribution<float> at(0.0f, 10.0f);
+            std::vector<Ray> rays(4003); // the last eight are not full
+            for (Ray& ray : rays)
+                ray = {{at(random), at(random), at(random)}, {}, 0.01f, 0.5f};
+            for (Ray& ray : rays)
+                ray.direction = glm::vec3(at(random), at(random), at(random)) - ray.origin;
+            std::vector<Hit> hits(rays.size()), on_all_threads(rays.size());
+            std::vector<float> open(rays.size()), open_on_all_threads(rays.size());
+            visibility.closest_of_eights(rays, bundle, hits);
+            visibility.transmittance_of_eights(rays, bundle, open);
+            visibility.closest(rays, on_all_threads);
+            visibility.transmittance(rays, open_on_all_threads);
+            std::array<int, 4> met{};
+            int missed = 0, different = 0, partly = 0, on_threads = 0;
+            for (size_t i = 0; i < rays.size(); ++i) {
+                const Hit hit = visibility.closest(rays[i]);
+                const float through = visibility.transmittance(rays[i]);
+                on_threads += on_all_threads[i].triangle != hits[i].triangle
+                              || open_on_all_threads[i] != open[i];
+                if (hit.instance != hits[i].instance || hit.triangle != hits[i].triangle
+                    || through != open[i]) {
+                    ++different;
+                    continue;
+                }
+                partly += through > 0.0f && through < 1.0f;
+                if (hit.instance == no_hit) {
+                    ++missed;
+                    continue;
+                }
+                ++met[hit.instance];
+                EXPECT_NEAR(hit.t, hits[i].t, 1e-5f);
+                EXPECT_LT(glm::distance(hit.barycentric, hits[i].barycentric), 1e-4f);
+                EXPECT_LT(glm::distance(hit.normal, hits[i].normal), 1e-5f);
+                EXPECT_EQ(hit.facing, hits[i].facing);
+            }
+            EXPECT_LE(different, 4); // within rounding of an edge
+            EXPECT_LE(on_threads, 4);
+            EXPECT_GT(missed, 100);
+            EXPECT_GT(partly, 100);
+            for (const int count : met)
+                EXPECT_GT(count, 30);
+        }
+}
+
+TEST(Visibility, PackedRaysMeetWhatSingleRaysMeet) {
+    const Scene scene = random_soup(400, 1);
+    const Visibility visibility(scene, Frame{});
+    std::mt19937 random(7);
+    std::uniform_real_distribution<float> at(0.0f, 10.0f);
+    std::vector<Ray> rays(1001);
+    int64_t hits = 0;
+    for (Ray& ray : rays) {
+        ray = {{at(random), at(random), at(random)}, {}, 0.0f, 0.3f};
+        ray.direction = glm::vec3(at(random), at(random), at(random)) - ray.origin;
+        hits += visibility.closest(ray).instance != no_hit;
+    }
+    EXPECT_GT(hits, 100);
+    EXPECT_LT(hits, 900);
+    PackedRays packed;
+    packed.add(rays, Bundle::loose, false);
+    packed.add(rays, Bundle::loose, true);
+    packed.add({}, Bundle::loose, true);
+    EXPECT_EQ(packed.size(), 2 * rays.size());
+    EXPECT_NEAR(double(packed.trace(visibility)), double(2 * hits), 4);
+    EXPECT_EQ(packed.trace(visibility), packed.trace(visibility));
+}
+
 TEST(Visibility, EmptySceneBlocksNothing) {
     const Scene scene;
     const Visibility visibility(scene, Frame{});
+    std::vector<float> open(1);
+    visibility.transmittance_of_eights(std::vector<Ray>{{{0, 0, 0}, {1, 0, 0}, 0.0f, 1e3f}},
+                                       Bundle::tight, open);
+    EXPECT_EQ(open[0], 1.0f);
     EXPECT_EQ(visibility.transmittance({{0, 0, 0}, {1, 0, 0}, 0.0f, 1e3f}), 1.0f);
 }
 

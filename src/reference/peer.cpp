@@ -1,0 +1,428 @@
+#include "reference/peer.h"
+
+#include "scene/material.h"
+#include "volume/compare.h"
+#include "volume/sh.h"
+
+#include <glm/gtc/constants.hpp>
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+
+namespace lpvbake {
+namespace {
+
+constexpr uint32_t wave_size = 2048; ///< rays: what a wave keeps of them stays in a core's cache
+constexpr int most_reflections = 1000;
+constexpr float pi = glm::pi<float>();
+/// As of the reference: rays leave a surface 32 steps of single precision before it.
+constexpr float lift = 0x1p-18f;
+
+float greatest(glm::vec3 c) {
+    return std::max({c.x, c.y, c.z});
+}
+
+float lift_of(glm::vec3 point) {
+    return lift * std::max(1.0f, greatest(glm::abs(point)));
+}
+
+float unit_float(uint64_t bits) {
+    return float(bits >> 40) * 0x1p-24f;
+}
+
+/// The directions i -> (1 - (2 i + 1) / N, 2 pi i / golden ratio) in the order of a curve over the
+/// octahedron, so that neighbours in the list are neighbours on the sphere.
+std::vector<glm::vec3> fibonacci_lattice(uint32_t count) {
+    struct Place {
+        uint32_t code;
+        glm::vec3 direction;
+    };
+    std::vector<Place> places;
+    for (uint32_t i = 0; i < count; ++i) {
+        const double z = 1.0 - (2.0 * i + 1.0) / count;
+        const double turns = i * (glm::golden_ratio<double>() - 1.0);
+        const double phi = glm::two_pi<double>() * (turns - std::floor(turns));
+        const double r = std::sqrt(1.0 - z * z);
+        const glm::dvec3 w{r * std::cos(phi), r * std::sin(phi), z};
+        // The octahedron's faces unfolded to a square, its cells numbered by interleaved bits.
+        const double sum = std::abs(w.x) + std::abs(w.y) + std::abs(w.z);
+        glm::dvec2 at = glm::dvec2(w) / sum;
+        if (w.z < 0.0)
+            at = glm::dvec2(std::copysign(1.0 - std::abs(at.y), at.x),
+                            std::copysign(1.0 - std::abs(at.x), at.y));
+        const auto cell = glm::uvec2(glm::clamp((at + 1.0) * 2048.0, 0.0, 4095.0));
+        uint32_t code = 0;
+        for (uint32_t bit = 0; bit < 12; ++bit)
+            code |= (cell.x >> bit & 1u) << (2 * bit) | (cell.y >> bit & 1u) << (2 * bit + 1);
+        places.push_back({code, glm::vec3(w)});
+    }
+    std::ranges::stable_sort(places, {}, &Place::code);
+    std::vector<glm::vec3> directions;
+    for (const Place& place : places)
+        directions.push_back(place.direction);
+    return directions;
+}
+
+/// A uniformly distributed rotation (Shoemake 1992, "Uniform random rotations").
+glm::mat3 random_rotation(uint64_t key) {
+    const double share = double(mix_bits(key + 1) >> 11) * 0x1p-53;
+    const double a = glm::two_pi<double>() * double(mix_bits(key + 2) >> 11) * 0x1p-53;
+    const double b = glm::two_pi<double>() * double(mix_bits(key + 3) >> 11) * 0x1p-53;
+    const double r = std::sqrt(1.0 - share), s = std::sqrt(share);
+    const glm::dvec4 q{r * std::sin(a), r * std::cos(a), s * std::sin(b), s * std::cos(b)};
+    const double x = q.x, y = q.y, z = q.z, w = q.w;
+    return glm::mat3(1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w),
+                     2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w),
+                     2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y));
+}
+
+/// A direction of density cos / pi around the unit normal n (see paths.cpp).
+glm::vec3 around(glm::vec3 n, float share, float turn) {
+    const float radius = std::sqrt(share), phi = 2.0f * pi * turn;
+    const float sign = std::copysign(1.0f, n.z), a = -1.0f / (sign + n.z), b = n.x * n.y * a;
+    const glm::vec3 u{1.0f + sign * n.x * n.x * a, sign * b, -sign * n.x};
+    const glm::vec3 v{b, sign + n.y * n.y * a, -n.y};
+    return radius * (std::cos(phi) * u + std::sin(phi) * v) + std::sqrt(1.0f - share) * n;
+}
+
+/// What an instance's surface does to light; `even`: the same at all its points.
+struct Surface {
+    bool even;
+    bool glows;
+    glm::vec3 albedo, emission;
+};
+
+struct Source {
+    LightType type;
+    glm::vec3 color;     ///< times intensity: lux, or cd over the square of a frame unit
+    glm::vec3 position;  ///< frame units
+    glm::vec3 direction; ///< in which it travels
+    float range;         ///< frame units; 0: unlimited
+    float cos_inner, cos_outer;
+};
+
+/// All that is the same for every wave.
+struct Job {
+    const Scene& scene;
+    const Visibility& visibility;
+    const PeerSettings& settings;
+    std::span<const glm::vec3> points;
+    std::vector<glm::vec3> directions;
+    std::vector<Surface> surfaces; ///< an instance
+    std::vector<Source> sources;
+    bool emitters;
+    float across;
+    std::vector<glm::vec3> normals;
+
+    Job(const Scene& of, const Visibility& rays, const Frame& frame,
+        std::span<const glm::vec3> from, const PeerSettings& how);
+
+    /// Points whose rays share waves.
+    size_t group() const { return std::max<size_t>(1, wave_size / directions.size()); }
+    size_t groups() const { return (points.size() + group() - 1) / group(); }
+};
+
+Job::Job(const Scene& of, const Visibility& rays, const Frame& frame,
+         std::span<const glm::vec3> from, const PeerSettings& how)
+    : scene(of),
+      visibility(rays),
+      settings(how),
+      points(from),
+      directions(fibonacci_lattice(std::clamp(how.rays, 1u, 1u << 24))),
+      emitters(how.paths.emitters && has_emitters(of)),
+      across(1.01f * glm::length(rays.hi() - rays.lo()) + 1.0f) {
+    for (const Instance& instance : scene.instances) {
+        const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
+        const Material& material = scene.materials[size_t(mesh.material)];
+        surfaces.push_back({material.base_color_texture < 0 && mesh.colors.empty()
+                                && (material.emission_texture < 0 || !emitters),
+                            emitters && material.emission != glm::vec3(0.0f),
+                            glm::clamp(glm::vec3(material.base_color), glm::vec3(0.0f),
+                                       glm::vec3(scene.rules.max_albedo)),
+                            material.emission});
+    }
+    for (const Light& light : scene.lights) {
+        const bool directional = light.type == LightType::directional;
+        const double intensity = light.intensity / (directional ? 1.0 : frame.unit * frame.unit);
+        sources.push_back({light.type, light.color * float(intensity),
+                           glm::vec3(frame.from_world(light.position)), glm::vec3(light.direction),
+                           float(light.range / frame.unit),
+                           float(std::cos(std::min(light.inner_cone, light.outer_cone))),
+                           float(std::cos(light.outer_cone))});
+    }
+    if (settings.irradiance)
+        for (const glm::dvec3& n : neighbour_normals())
+            normals.push_back(glm::vec3(n));
+}
+
+/// Traces waves of one thread.
+class Waves {
+public:
+    /// `recorder`, if any, gets all rays.
+    explicit Waves(const Job& job, PackedRays* recorder = nullptr)
+        : job_(job),
+          recorder_(recorder),
+          light_(wave_size) {}
+
+    /// The points [first, end); returns the number of rays.
+    uint64_t trace(size_t first, size_t end, PeerField& field);
+
+private:
+    /// A path on its way. Its random numbers follow from its key.
+    struct Path {
+        glm::vec3 throughput;
+        uint32_t slot; ///< of the wave
+        uint64_t key;
+    };
+    /// A point of a surface that light falls on.
+    struct Lit {
+        glm::vec3 point, normal;
+    };
+
+    void follow();
+    void shade(int reflections);
+    void add_punctual_lights();
+    void add_indirect();
+    void go_on(int reflections);
+
+    const Job& job_;
+    PackedRays* recorder_;
+    uint64_t traced_ = 0;
+    std::vector<glm::vec3> light_; ///< a slot of the wave
+    // One entry a path that is under way.
+    std::vector<Path> paths_;
+    std::vector<Ray> rays_;
+    std::vector<Hit> hits_;
+    std::vector<Lit> lit_;
+    // One entry a shadow ray.
+    std::vector<Ray> shadows_;
+    std::vector<std::pair<uint32_t, glm::vec3>> arriving_; ///< slot, unless in shadow
+    std::vector<float> visible_;
+    std::vector<glm::vec3> indirect_;
+};
+
+/// What a surface does to light at a hit: {albedo, emission}.
+std::pair<glm::vec3, glm::vec3> surface_at(const Job& job, const Hit& hit) {
+    const Surface& surface = job.surfaces[hit.instance];
+    if (surface.even)
+        return {surface.albedo, surface.glows ? surface.emission : glm::vec3(0.0f)};
+    const Mesh& mesh = job.scene.meshes[size_t(job.scene.instances[hit.instance].mesh)];
+    const SurfaceSample sample = sample_surface(job.scene, mesh, hit.triangle, hit.barycentric);
+    if (!surface.glows || !(sample.alpha > 0.0f))
+        return {sample.albedo, glm::vec3(0.0f)};
+    // The hit was drawn with probability alpha already, which sample_emission has as a factor.
+    return {sample.albedo,
+            sample_emission(job.scene, mesh, hit.triangle, hit.barycentric) / sample.alpha};
+}
+
+/// Takes what the hits emit, and keeps those that reflect.
+void Waves::shade(int reflections) {
+    const bool last = job_.settings.paths.bounces && reflections == *job_.settings.paths.bounces;
+    lit_.clear();
+    size_t kept = 0;
+    for (size_t i = 0; i < paths_.size(); ++i) {
+        const Hit hit = hits_[i];
+        if (hit.instance == no_hit || hit.facing == Facing::back)
+            continue;
+        Path path = paths_[i];
+        const auto [albedo, emission] = surface_at(job_, hit);
+        light_[path.slot] += path.throughput * emission;
+        path.throughput *= albedo;
+        if (last || path.throughput == glm::vec3(0.0f))
+            continue;
+        const Ray& ray = rays_[i];
+        const glm::vec3 n = glm::dot(hit.normal, ray.direction) > 0.0f ? -hit.normal : hit.normal;
+        const glm::vec3 point = ray.origin + hit.t * ray.direction;
+        lit_.push_back({point + lift_of(point) * n, n});
+        hits_[kept] = hit;
+        hits_[kept].normal = n;
+        paths_[kept++] = path;
+    }
+    paths_.resize(kept);
+    hits_.resize(kept);
+}
+
+void Waves::add_punctual_lights() {
+    for (const Source& source : job_.sources) {
+        shadows_.clear();
+        arriving_.clear();
+        for (size_t i = 0; i < lit_.size(); ++i) {
+            const auto& [point, normal] = lit_[i];
+            glm::vec3 way = -job_.across * source.direction;
+            float share = -glm::dot(normal, source.direction), end = 1.0f;
+            if (source.type != LightType::directional) {
+                way = source.position - point;
+                const float square = glm::dot(way, way), distance = std::sqrt(square);
+                if (!(square > 0.0f))
+                    continue;
+                share = glm::dot(normal, way) / (distance * square);
+                end = std::max(0.0f, 1.0f - lift_of(source.position) / distance);
+                if (source.range > 0.0f) {
+                    const float part = square / (source.range * source.range);
+                    share *= std::clamp(1.0f - part * part, 0.0f, 1.0f);
+                }
+                if (source.type == LightType::spot) {
+                    const float cosine = -glm::dot(way, source.direction) / distance;
+                    if (cosine <= source.cos_outer)
+                        continue;
+                    const float ramp =
+                        cosine >= source.cos_inner
+                            ? 1.0f
+                            : (cosine - source.cos_outer) / (source.cos_inner - source.cos_outer);
+                    share *= ramp * ramp;
+                }
+            }
+            if (!(share > 0.0f))
+                continue;
+            shadows_.push_back({point, way, 0.0f, end});
+            arriving_.push_back({paths_[i].slot, share / pi * paths_[i].throughput * source.color});
+        }
+        visible_.resize(shadows_.size());
+        job_.visibility.transmittance_of_eights(shadows_, Bundle::loose, visible_);
+        if (recorder_)
+            recorder_->add(shadows_, Bundle::loose, true);
+        traced_ += shadows_.size();
+        for (size_t i = 0; i < shadows_.size(); ++i)
+            light_[arriving_[i].first] += visible_[i] * arriving_[i].second;
+    }
+}
+
+void Waves::add_indirect() {
+    indirect_.assign(paths_.size(), glm::vec3(0.0f));
+    job_.settings.indirect(hits_, indirect_);
+    for (size_t i = 0; i < paths_.size(); ++i)
+        light_[paths_[i].slot] += paths_[i].throughput / pi * indirect_[i];
+}
+
+/// Leaves the paths that are reflected once more, and their rays.
+void Waves::go_on(int reflections) {
+    const bool unlimited = !job_.settings.paths.bounces;
+    rays_.clear();
+    size_t kept = 0;
+    for (size_t i = 0; i < paths_.size(); ++i) {
+        Path path = paths_[i];
+        path.key = mix_bits(path.key + 0x9e3779b97f4a7c15u);
+        if (unlimited && reflections > 0) {
+            const float survival = std::min(1.0f, greatest(path.throughput));
+            if (unit_float(mix_bits(~path.key)) >= survival)
+                continue;
+            path.throughput /= survival;
+        }
+        rays_.push_back({lit_[i].point,
+                         around(lit_[i].normal, unit_float(path.key), unit_float(path.key << 24)),
+                         0.0f, HUGE_VALF});
+        paths_[kept++] = path;
+    }
+    paths_.resize(kept);
+}
+
+/// Follows paths whose first rays are given to their ends.
+void Waves::follow() {
+    const std::optional<int> limit = job_.settings.paths.bounces;
+    for (int reflections = 0; !paths_.empty() && reflections <= most_reflections; ++reflections) {
+        if (limit && reflections == *limit && !job_.emitters)
+            return;
+        const Bundle bundle = reflections == 0 ? Bundle::tight : Bundle::loose;
+        hits_.resize(rays_.size());
+        job_.visibility.closest_of_eights(rays_, bundle, hits_);
+        if (recorder_)
+            recorder_->add(rays_, bundle, false);
+        traced_ += rays_.size();
+        shade(reflections);
+        add_punctual_lights();
+        if (job_.settings.indirect) {
+            add_indirect();
+            return;
+        }
+        go_on(reflections);
+    }
+}
+
+uint64_t Waves::trace(size_t first, size_t end, PeerField& field) {
+    const size_t rays = job_.directions.size(), all = (end - first) * rays;
+    const int order = job_.settings.sh_order;
+    traced_ = 0;
+    std::vector<glm::mat3> turns;
+    std::vector<uint64_t> keys;
+    for (size_t point = first; point < end; ++point) {
+        keys.push_back(join_bits(job_.settings.seed, point));
+        turns.push_back(random_rotation(keys.back()));
+    }
+    std::array<glm::vec3, sh_count(sh_max_order)> sh{};
+    std::array<glm::vec3, 26> irradiance{};
+    for (size_t start = 0; start < all; start += wave_size) {
+        const size_t count = std::min<size_t>(wave_size, all - start);
+        paths_.clear();
+        rays_.clear();
+        for (size_t i = 0; i < count; ++i) {
+            const size_t point = (start + i) / rays, ray = (start + i) % rays;
+            paths_.push_back({glm::vec3(1.0f), uint32_t(i), join_bits(keys[point], ray)});
+            rays_.push_back(
+                {job_.points[first + point], turns[point] * job_.directions[ray], 0.0f, HUGE_VALF});
+        }
+        std::fill_n(light_.begin(), count, glm::vec3(0.0f));
+        follow();
+        for (size_t i = 0; i < count; ++i) {
+            const size_t point = (start + i) / rays, ray = (start + i) % rays;
+            if (const glm::vec3 light = light_[i]; light != glm::vec3(0.0f)) {
+                const glm::vec3 w = turns[point] * job_.directions[ray];
+                const ShValues basis = sh_basis(order, w);
+                for (size_t k = 0; k < field.sh.size(); ++k)
+                    sh[k] += basis[k] * light;
+                for (size_t n = 0; n < job_.normals.size(); ++n)
+                    irradiance[n] += std::max(0.0f, glm::dot(job_.normals[n], w)) * light;
+            }
+            if (ray + 1 < rays)
+                continue;
+            const float weight = 4.0f * pi / float(rays);
+            for (size_t k = 0; k < field.sh.size(); ++k)
+                field.sh[k][first + point] = weight * sh[k];
+            for (size_t n = 0; n < job_.normals.size(); ++n)
+                field.irradiance[n][first + point] = weight * irradiance[n];
+            sh = {};
+            irradiance = {};
+        }
+    }
+    return traced_;
+}
+
+PeerField empty_field(const Job& job) {
+    const std::vector<glm::vec3> dark(job.points.size(), glm::vec3(0.0f));
+    PeerField field;
+    field.sh.assign(size_t(sh_count(job.settings.sh_order)), dark);
+    field.irradiance.assign(job.normals.size(), dark);
+    return field;
+}
+
+} // namespace
+
+PeerField trace_peer(const Scene& scene, const Visibility& visibility, const Frame& frame,
+                     std::span<const glm::vec3> points, const PeerSettings& settings) {
+    const Job job(scene, visibility, frame, points, settings);
+    PeerField field = empty_field(job);
+    std::vector<uint64_t> traced(job.groups());
+    tbb::enumerable_thread_specific<Waves> waves([&] { return Waves(job); });
+    tbb::parallel_for(size_t(0), job.groups(), [&](size_t i) {
+        const size_t first = i * job.group();
+        traced[i] = waves.local().trace(first, std::min(first + job.group(), points.size()), field);
+    });
+    field.traced = std::accumulate(traced.begin(), traced.end(), uint64_t(0));
+    return field;
+}
+
+PackedRays peer_rays(const Scene& scene, const Visibility& visibility, const Frame& frame,
+                     std::span<const glm::vec3> points, const PeerSettings& settings) {
+    const Job job(scene, visibility, frame, points, settings);
+    PeerField field = empty_field(job);
+    PackedRays rays;
+    Waves waves(job, &rays);
+    for (size_t first = 0; first < points.size(); first += job.group())
+        waves.trace(first, std::min(first + job.group(), points.size()), field);
+    return rays;
+}
+
+} // namespace lpvbake
