@@ -166,7 +166,14 @@ public:
     explicit Waves(const Job& job, PackedRays* recorder = nullptr)
         : job_(job),
           recorder_(recorder),
-          light_(wave_size) {}
+          light_(wave_size),
+          paths_(wave_size),
+          rays_(wave_size),
+          hits_(wave_size),
+          lit_(wave_size),
+          shadows_(wave_size),
+          arriving_(wave_size),
+          visible_(wave_size) {}
 
     /// The points [first, end); returns the number of rays.
     uint64_t trace(size_t first, size_t end, PeerField& field);
@@ -182,6 +189,21 @@ private:
     struct Lit {
         glm::vec3 point, normal;
     };
+    /// What a light adds unless the point lies in its shadow.
+    struct Arriving {
+        uint32_t slot;
+        glm::vec3 light;
+    };
+    /// An index over the rays of some points, one point after the other.
+    struct Place {
+        size_t point = 0, ray = 0;
+        void next(size_t rays) {
+            if (++ray == rays) {
+                ray = 0;
+                ++point;
+            }
+        }
+    };
 
     void follow();
     void shade(int reflections);
@@ -193,14 +215,16 @@ private:
     PackedRays* recorder_;
     uint64_t traced_ = 0;
     std::vector<glm::vec3> light_; ///< a slot of the wave
-    // One entry a path that is under way.
+    // One entry a path that is under way, of which there are count_. Entries are written member by
+    // member: a whole one would be put together on the stack first, and be waited for.
+    size_t count_ = 0;
     std::vector<Path> paths_;
     std::vector<Ray> rays_;
     std::vector<Hit> hits_;
     std::vector<Lit> lit_;
     // One entry a shadow ray.
     std::vector<Ray> shadows_;
-    std::vector<std::pair<uint32_t, glm::vec3>> arriving_; ///< slot, unless in shadow
+    std::vector<Arriving> arriving_;
     std::vector<float> visible_;
     std::vector<glm::vec3> indirect_;
 };
@@ -222,35 +246,38 @@ std::pair<glm::vec3, glm::vec3> surface_at(const Job& job, const Hit& hit) {
 /// Takes what the hits emit, and keeps those that reflect.
 void Waves::shade(int reflections) {
     const bool last = job_.settings.paths.bounces && reflections == *job_.settings.paths.bounces;
-    lit_.clear();
     size_t kept = 0;
-    for (size_t i = 0; i < paths_.size(); ++i) {
-        const Hit hit = hits_[i];
+    for (size_t i = 0; i < count_; ++i) {
+        const Hit& hit = hits_[i];
         if (hit.instance == no_hit || hit.facing == Facing::back)
             continue;
-        Path path = paths_[i];
         const auto [albedo, emission] = surface_at(job_, hit);
+        const Path& path = paths_[i];
+        const glm::vec3 throughput = path.throughput * albedo;
         light_[path.slot] += path.throughput * emission;
-        path.throughput *= albedo;
-        if (last || path.throughput == glm::vec3(0.0f))
+        if (last || throughput == glm::vec3(0.0f))
             continue;
         const Ray& ray = rays_[i];
         const glm::vec3 n = glm::dot(hit.normal, ray.direction) > 0.0f ? -hit.normal : hit.normal;
         const glm::vec3 point = ray.origin + hit.t * ray.direction;
-        lit_.push_back({point + lift_of(point) * n, n});
-        hits_[kept] = hit;
-        hits_[kept].normal = n;
-        paths_[kept++] = path;
+        lit_[kept].point = point + lift_of(point) * n;
+        lit_[kept].normal = n;
+        if (job_.settings.indirect) {
+            hits_[kept] = hit;
+            hits_[kept].normal = n;
+        }
+        paths_[kept].slot = path.slot;
+        paths_[kept].key = path.key;
+        paths_[kept].throughput = throughput;
+        ++kept;
     }
-    paths_.resize(kept);
-    hits_.resize(kept);
+    count_ = kept;
 }
 
 void Waves::add_punctual_lights() {
     for (const Source& source : job_.sources) {
-        shadows_.clear();
-        arriving_.clear();
-        for (size_t i = 0; i < lit_.size(); ++i) {
+        size_t kept = 0;
+        for (size_t i = 0; i < count_; ++i) {
             const auto& [point, normal] = lit_[i];
             glm::vec3 way = -job_.across * source.direction;
             float share = -glm::dot(normal, source.direction), end = 1.0f;
@@ -278,67 +305,79 @@ void Waves::add_punctual_lights() {
             }
             if (!(share > 0.0f))
                 continue;
-            shadows_.push_back({point, way, 0.0f, end});
-            arriving_.push_back({paths_[i].slot, share / pi * paths_[i].throughput * source.color});
+            Ray& shadow = shadows_[kept];
+            shadow.origin = point;
+            shadow.direction = way;
+            shadow.t_min = 0.0f;
+            shadow.t_max = end;
+            arriving_[kept].slot = paths_[i].slot;
+            arriving_[kept].light = share / pi * paths_[i].throughput * source.color;
+            ++kept;
         }
-        visible_.resize(shadows_.size());
-        job_.visibility.transmittance_of_eights(shadows_, Bundle::loose, visible_);
+        const std::span<const Ray> shadows(shadows_.data(), kept);
+        job_.visibility.transmittance_of_eights(shadows, Bundle::loose, visible_);
         if (recorder_)
-            recorder_->add(shadows_, Bundle::loose, true);
-        traced_ += shadows_.size();
-        for (size_t i = 0; i < shadows_.size(); ++i)
-            light_[arriving_[i].first] += visible_[i] * arriving_[i].second;
+            recorder_->add(shadows, Bundle::loose, true);
+        traced_ += kept;
+        for (size_t i = 0; i < kept; ++i)
+            light_[arriving_[i].slot] += visible_[i] * arriving_[i].light;
     }
 }
 
 void Waves::add_indirect() {
-    indirect_.assign(paths_.size(), glm::vec3(0.0f));
-    job_.settings.indirect(hits_, indirect_);
-    for (size_t i = 0; i < paths_.size(); ++i)
+    indirect_.assign(count_, glm::vec3(0.0f));
+    job_.settings.indirect({hits_.data(), count_}, indirect_);
+    for (size_t i = 0; i < count_; ++i)
         light_[paths_[i].slot] += paths_[i].throughput / pi * indirect_[i];
 }
 
 /// Leaves the paths that are reflected once more, and their rays.
 void Waves::go_on(int reflections) {
     const bool unlimited = !job_.settings.paths.bounces;
-    rays_.clear();
     size_t kept = 0;
-    for (size_t i = 0; i < paths_.size(); ++i) {
-        Path path = paths_[i];
-        path.key = mix_bits(path.key + 0x9e3779b97f4a7c15u);
+    for (size_t i = 0; i < count_; ++i) {
+        const Path& path = paths_[i];
+        const uint64_t key = mix_bits(path.key + 0x9e3779b97f4a7c15u);
+        glm::vec3 throughput = path.throughput;
         if (unlimited && reflections > 0) {
-            const float survival = std::min(1.0f, greatest(path.throughput));
-            if (unit_float(mix_bits(~path.key)) >= survival)
+            const float survival = std::min(1.0f, greatest(throughput));
+            if (unit_float(mix_bits(~key)) >= survival)
                 continue;
-            path.throughput /= survival;
+            throughput /= survival;
         }
-        rays_.push_back({lit_[i].point,
-                         around(lit_[i].normal, unit_float(path.key), unit_float(path.key << 24)),
-                         0.0f, HUGE_VALF});
-        paths_[kept++] = path;
+        Ray& ray = rays_[kept];
+        ray.origin = lit_[i].point;
+        ray.direction = around(lit_[i].normal, unit_float(key), unit_float(key << 24));
+        ray.t_min = 0.0f;
+        ray.t_max = HUGE_VALF;
+        paths_[kept].slot = path.slot;
+        paths_[kept].key = key;
+        paths_[kept].throughput = throughput;
+        ++kept;
     }
-    paths_.resize(kept);
+    count_ = kept;
 }
 
 /// Follows paths whose first rays are given to their ends.
 void Waves::follow() {
     const std::optional<int> limit = job_.settings.paths.bounces;
-    for (int reflections = 0; !paths_.empty() && reflections <= most_reflections; ++reflections) {
+    for (int reflections = 0; count_ > 0 && reflections <= most_reflections; ++reflections) {
         if (limit && reflections == *limit && !job_.emitters)
             return;
+        if (reflections > 0)
+            go_on(reflections - 1);
         const Bundle bundle = reflections == 0 ? Bundle::tight : Bundle::loose;
-        hits_.resize(rays_.size());
-        job_.visibility.closest_of_eights(rays_, bundle, hits_);
+        const std::span<const Ray> rays(rays_.data(), count_);
+        job_.visibility.closest_of_eights(rays, bundle, hits_);
         if (recorder_)
-            recorder_->add(rays_, bundle, false);
-        traced_ += rays_.size();
+            recorder_->add(rays, bundle, false);
+        traced_ += rays.size();
         shade(reflections);
         add_punctual_lights();
         if (job_.settings.indirect) {
             add_indirect();
             return;
         }
-        go_on(reflections);
     }
 }
 
@@ -354,20 +393,24 @@ uint64_t Waves::trace(size_t first, size_t end, PeerField& field) {
     }
     std::array<glm::vec3, sh_count(sh_max_order)> sh{};
     std::array<glm::vec3, 26> irradiance{};
+    Place at;
     for (size_t start = 0; start < all; start += wave_size) {
         const size_t count = std::min<size_t>(wave_size, all - start);
-        paths_.clear();
-        rays_.clear();
-        for (size_t i = 0; i < count; ++i) {
-            const size_t point = (start + i) / rays, ray = (start + i) % rays;
-            paths_.push_back({glm::vec3(1.0f), uint32_t(i), join_bits(keys[point], ray)});
-            rays_.push_back(
-                {job_.points[first + point], turns[point] * job_.directions[ray], 0.0f, HUGE_VALF});
+        Place place = at;
+        for (size_t i = 0; i < count; ++i, place.next(rays)) {
+            paths_[i].throughput = glm::vec3(1.0f);
+            paths_[i].slot = uint32_t(i);
+            paths_[i].key = mix_bits(keys[place.point] + place.ray);
+            rays_[i].origin = job_.points[first + place.point];
+            rays_[i].direction = turns[place.point] * job_.directions[place.ray];
+            rays_[i].t_min = 0.0f;
+            rays_[i].t_max = HUGE_VALF;
+            light_[i] = glm::vec3(0.0f);
         }
-        std::fill_n(light_.begin(), count, glm::vec3(0.0f));
+        count_ = count;
         follow();
-        for (size_t i = 0; i < count; ++i) {
-            const size_t point = (start + i) / rays, ray = (start + i) % rays;
+        for (size_t i = 0; i < count; ++i, at.next(rays)) {
+            const auto [point, ray] = at;
             if (const glm::vec3 light = light_[i]; light != glm::vec3(0.0f)) {
                 const glm::vec3 w = turns[point] * job_.directions[ray];
                 const ShValues basis = sh_basis(order, w);
