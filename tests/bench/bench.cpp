@@ -3,6 +3,7 @@
 #include "bake.h"
 #include "bench/propagate_loop.h"
 #include "io/io.h"
+#include "reference/peer.h"
 #include "rsm/vpls.h"
 #include "scene/gltf/load.h"
 #include "scenes.h"
@@ -13,6 +14,9 @@
 #include <benchmark/benchmark.h>
 #include <glm/gtc/constants.hpp>
 #include <glm/gtc/matrix_transform.hpp>
+#include <tbb/blocked_range.h>
+#include <tbb/global_control.h>
+#include <tbb/parallel_reduce.h>
 
 #include <algorithm>
 #include <array>
@@ -22,6 +26,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <random>
 #include <unistd.h>
 
@@ -395,6 +400,82 @@ BENCHMARK_CAPTURE(write, exr, "exr")
     ->Range(16, 128)
     ->Unit(benchmark::kMillisecond)
     ->UseRealTime();
+
+// The peer beside Embree alone.
+
+Scene boxes_around_a_light(int side) {
+    Scene scene = many_boxes(side);
+    scene.lights.push_back(scenes::point_light(glm::dvec3(0.5 * side + 0.5), 100.0));
+    return scene;
+}
+
+/// First rays of the points and shadow rays from what they meet, each by a call of its own; returns
+/// their number.
+uint64_t trace_one_by_one(const Visibility& visibility, std::span<const glm::vec3> points,
+                          glm::vec3 light, uint32_t rays) {
+    return tbb::parallel_reduce(
+        tbb::blocked_range<size_t>(0, points.size()), uint64_t(0),
+        [&](const tbb::blocked_range<size_t>& range, uint64_t traced) {
+            for (size_t i = range.begin(); i < range.end(); ++i)
+                for (uint32_t k = 0; k < rays; ++k) {
+                    const float z = 1.0f - (2.0f * float(k) + 1.0f) / float(rays);
+                    const float phi = 2.39996323f * float(k), r = std::sqrt(1.0f - z * z);
+                    const glm::vec3 w{r * std::cos(phi), r * std::sin(phi), z};
+                    const Hit hit = visibility.closest({points[i], w, 0.0f, HUGE_VALF});
+                    ++traced;
+                    if (hit.instance == no_hit)
+                        continue;
+                    const glm::vec3 from = points[i] + 0.9999f * hit.t * w;
+                    benchmark::DoNotOptimize(
+                        visibility.transmittance({from, light - from, 0.0f, 1.0f}));
+                    ++traced;
+                }
+            return traced;
+        },
+        std::plus<uint64_t>());
+}
+
+/// Million rays a second, each by its least time over the repeats, taken in turn.
+void peer(benchmark::State& state, const Scene& scene, std::optional<int> bounces) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+    const Setting setting(scene, 32);
+    const Visibility rays(setting.scene, setting.frame);
+    PeerSettings settings;
+    settings.paths.bounces = bounces;
+    settings.rays = uint32_t(state.range(0));
+    std::vector<glm::vec3> points;
+    for (uint32_t i = 0; i < (1u << 16) / settings.rays; ++i)
+        points.push_back(glm::fract(glm::vec3(0.81917f, 0.67104f, 0.54970f) * float(i) + 0.5f)
+                         * glm::vec3(setting.frame.extent));
+    const PackedRays packed = peer_rays(setting.scene, rays, setting.frame, points, settings);
+    const glm::vec3 light(setting.frame.from_world(setting.scene.lights[0].position));
+    std::vector<double> whole, alone, single;
+    uint64_t traced = 0;
+    for (auto _ : state) {
+        whole.push_back(
+            seconds_of([&] { trace_peer(setting.scene, rays, setting.frame, points, settings); }));
+        alone.push_back(seconds_of([&] { packed.trace(rays); }));
+        single.push_back(
+            seconds_of([&] { traced = trace_one_by_one(rays, points, light, settings.rays); }));
+        state.SetIterationTime(whole.back());
+    }
+    state.counters["peer_Mrays"] = 1e-6 * double(packed.size()) / least(whole);
+    state.counters["embree_Mrays"] = 1e-6 * double(packed.size()) / least(alone);
+    state.counters["single_Mrays"] = 1e-6 * double(traced) / least(single);
+    state.counters["share"] = least(alone) / least(whole);
+}
+void peer_rays_each(benchmark::internal::Benchmark* b) {
+    b->ArgName("rays")
+        ->Arg(64)
+        ->Arg(256)
+        ->Arg(1024)
+        ->Unit(benchmark::kMillisecond)
+        ->UseManualTime();
+}
+BENCHMARK_CAPTURE(peer, cornell, scenes::cornell_box_with_point(), 1)->Apply(peer_rays_each);
+BENCHMARK_CAPTURE(peer, cornell_all_bounces, scenes::cornell_box_with_point(), std::nullopt)
+    ->Apply(peer_rays_each);
+BENCHMARK_CAPTURE(peer, boxes, boxes_around_a_light(25), 1)->Apply(peer_rays_each);
 
 // The kernel beside the loop.
 
