@@ -17,6 +17,9 @@ namespace lpvbake {
 namespace {
 
 constexpr uint32_t wave_size = 2048; ///< rays: what a wave keeps of them stays in a core's cache
+/// From so many rays a point on, eight neighbours are alike enough to walk down Embree's tree
+/// together: of 64 rays that takes 1.4 to 1.9 times as long as apart, of 4096 a third less.
+constexpr size_t dense = 1024;
 constexpr int most_reflections = 1000;
 constexpr float pi = glm::pi<float>();
 /// As of the reference: rays leave a surface 32 steps of single precision before it.
@@ -366,7 +369,8 @@ void Waves::follow() {
             return;
         if (reflections > 0)
             go_on(reflections - 1);
-        const Bundle bundle = reflections == 0 ? Bundle::tight : Bundle::loose;
+        const bool close = reflections == 0 && job_.directions.size() >= dense;
+        const Bundle bundle = close ? Bundle::tight : Bundle::loose;
         const std::span<const Ray> rays(rays_.data(), count_);
         job_.visibility.closest_of_eights(rays, bundle, hits_);
         if (recorder_)
