@@ -1,0 +1,105 @@
+#include "volume/sampler.h"
+
+#include "volume/sh.h"
+
+#include <algorithm>
+#include <limits>
+#include <vector>
+
+namespace lpvbake {
+namespace {
+
+bool is_valid(const Volume& volume, std::size_t cell) {
+    return volume.validity.empty() || volume.validity[cell] != 0;
+}
+
+/// Scales the weights to a sum of 1; false if they are all 0.
+bool normalise(CellWeights& weights) {
+    double sum = 0;
+    for (const double weight : weights.weight)
+        sum += weight;
+    if (!(sum > 0))
+        return false;
+    for (double& weight : weights.weight)
+        weight /= sum;
+    return true;
+}
+
+/// max(0, n.d)^2; 1 for the point itself.
+double facing(glm::dvec3 way, glm::dvec3 n) {
+    const double square = glm::dot(way, way), along = std::max(0.0, glm::dot(way, n));
+    return square > 0 ? along * along / square : 1.0;
+}
+
+/// The nearest valid cell of the 64 around `point` (grid units).
+CellWeights nearest_valid(const Volume& volume, glm::dvec3 point, glm::ivec3 low) {
+    CellWeights nearest;
+    double least = std::numeric_limits<double>::infinity();
+    glm::ivec3 cell;
+    for (cell.z = low.z - 1; cell.z <= low.z + 2; ++cell.z)
+        for (cell.y = low.y - 1; cell.y <= low.y + 2; ++cell.y)
+            for (cell.x = low.x - 1; cell.x <= low.x + 2; ++cell.x) {
+                if (!volume.grid.contains(cell) || !is_valid(volume, volume.grid.index(cell)))
+                    continue;
+                const glm::dvec3 way = glm::dvec3(cell) + 0.5 - point;
+                if (const double square = glm::dot(way, way); square < least) {
+                    least = square;
+                    nearest.cell[0] = volume.grid.index(cell);
+                    nearest.weight[0] = 1;
+                }
+            }
+    return nearest;
+}
+
+} // namespace
+
+CellWeights weights_at(const Volume& volume, glm::dvec3 point, glm::dvec3 n, Reading reading) {
+    const Grid& grid = volume.grid;
+    const glm::dvec3 at = grid.to_grid(point);
+    const glm::dvec3 clamped = glm::clamp(at - 0.5, glm::dvec3(0), glm::dvec3(grid.dims - 1));
+    const glm::ivec3 low =
+        glm::clamp(glm::ivec3(clamped), glm::ivec3(0), glm::max(grid.dims - 2, 0));
+    const glm::dvec3 share = clamped - glm::dvec3(low);
+    CellWeights plain, valid, faced;
+    for (std::size_t i = 0; i < 8; ++i) {
+        const glm::ivec3 corner(i & 1, i >> 1 & 1, i >> 2 & 1);
+        const glm::ivec3 cell = low + corner;
+        double weight = 1;
+        for (int axis = 0; axis < 3; ++axis)
+            weight *= corner[axis] ? share[axis] : 1 - share[axis];
+        if (!grid.contains(cell)) // the far side of a lattice of one layer: weight 0
+            continue;
+        plain.cell[i] = valid.cell[i] = faced.cell[i] = grid.index(cell);
+        plain.weight[i] = weight;
+        if (is_valid(volume, plain.cell[i])) {
+            valid.weight[i] = weight;
+            faced.weight[i] = weight * facing(glm::dvec3(cell) + 0.5 - at, n);
+        }
+    }
+    if (reading == Reading::trilinear)
+        return plain;
+    if (normalise(faced))
+        return faced;
+    if (normalise(valid))
+        return valid;
+    return nearest_valid(volume, at, low);
+}
+
+glm::dvec3 read_irradiance(const Volume& volume, glm::dvec3 point, glm::dvec3 n, Reading reading) {
+    const CellWeights weights = weights_at(volume, point, n, reading);
+    glm::dvec3 irradiance;
+    std::vector<float> coefficients(volume.sh.size());
+    for (int colour = 0; colour < 3; ++colour) {
+        for (std::size_t k = 0; k < coefficients.size(); ++k) {
+            double sum = 0;
+            for (std::size_t i = 0; i < 8; ++i)
+                if (weights.weight[i] > 0)
+                    sum += weights.weight[i] * double(volume.sh[k][weights.cell[i]][colour]);
+            coefficients[k] = float(sum);
+        }
+        irradiance[colour] = std::max(0.0, double(sh_irradiance(coefficients, glm::vec3(n))));
+    }
+    return irradiance;
+}
+
+} // namespace lpvbake
