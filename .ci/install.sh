@@ -11,6 +11,8 @@ packages=(
     libopenimageio-dev libopenexr-dev libimath-dev
     # run: a Vulkan driver for any CPU
     mesa-vulkan-drivers
+    # run: what draws the plots of reports
+    gnuplot-nox
     # test
     libgtest-dev libbenchmark-dev vulkan-validationlayers
     libopenvdb-tools openimageio-tools python3 python3-openvdb python3-numpy

@@ -32,7 +32,7 @@ public:
     void group(const char* name) { group_ = name; }
 
     template <class T>
-    CLI::Option* text(const char* names, T& value, const char* type, const char* help) {
+    CLI::Option* text(const std::string& names, T& value, const char* type, const char* help) {
         return app_.add_option(names, value, help)->type_name(type)->group(group_);
     }
     /// Repeatable, one value each time: what follows may be the scene.

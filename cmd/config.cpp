@@ -15,12 +15,18 @@ class Reader {
 public:
     Reader(std::string path, std::string text) : path_(std::move(path)), text_(std::move(text)) {}
 
-    std::vector<ConfigEntry> read(const std::string& command) {
-        std::vector<ConfigEntry> entries;
+    /// The one table [name]; or, if `many`, a list of entries for each [[name]].
+    std::vector<std::vector<ConfigEntry>> read(const std::string& name, bool many) {
+        std::vector<std::vector<ConfigEntry>> tables(1);
         for (skip_blank(true); at_ < text_.size(); skip_blank(true)) {
+            std::vector<ConfigEntry>& entries = tables.back();
             if (accept('[')) {
-                if (const std::string table = word(); table != command || !accept(']'))
-                    fail("expected the table [" + command + "]");
+                const bool opened = !many || accept('[');
+                if (const std::string table = word();
+                    !opened || table != name || !accept(']') || (many && !accept(']')))
+                    fail("expected the table " + (many ? "[[" + name + "]]" : "[" + name + "]"));
+                if (many && !entries.empty())
+                    tables.emplace_back();
             } else {
                 ConfigEntry entry;
                 entry.line = line_;
@@ -39,7 +45,7 @@ public:
             if (at_ < text_.size() && text_[at_] != '\n')
                 fail("unexpected text after the value");
         }
-        return entries;
+        return tables;
     }
 
 private:
@@ -128,9 +134,7 @@ private:
     int line_ = 1;
 };
 
-} // namespace
-
-std::vector<ConfigEntry> read_config(const std::string& path, const std::string& command) {
+Reader open_config(const std::string& path) {
     constexpr std::size_t limit = 1 << 20;
     std::ifstream file(path, std::ios::binary);
     std::string text(limit + 1, '\0');
@@ -140,7 +144,18 @@ std::vector<ConfigEntry> read_config(const std::string& path, const std::string&
     text.resize(std::size_t(file.gcount()));
     if (text.size() > limit)
         throw Error(ExitCode::file, path + ": more than 1 MiB, not an option file");
-    return Reader(path, std::move(text)).read(command);
+    return {path, std::move(text)};
+}
+
+} // namespace
+
+std::vector<ConfigEntry> read_config(const std::string& path, const std::string& command) {
+    return open_config(path).read(command, false).front();
+}
+
+std::vector<std::vector<ConfigEntry>> read_config_tables(const std::string& path,
+                                                         const std::string& name) {
+    return open_config(path).read(name, true);
 }
 
 std::string toml_string(const std::string& text) {

@@ -18,6 +18,11 @@ struct ConfigEntry {
 /// error. Throws Error (file: cannot be read or above 1 MiB; usage: names file and line).
 std::vector<ConfigEntry> read_config(const std::string& path, const std::string& command);
 
+/// Reads the arrays of tables [[name]] of such a file: one list of entries a header, in order. What
+/// stands before the first header belongs to a table of its own. Throws as read_config does.
+std::vector<std::vector<ConfigEntry>> read_config_tables(const std::string& path,
+                                                         const std::string& name);
+
 /// A string as TOML writes it, quotes included.
 std::string toml_string(const std::string& text);
 

@@ -45,6 +45,7 @@ int run(int argc, char** argv) {
     add_reference(root, action);
     add_info(root, action);
     add_diff(root, action);
+    add_report(root, action);
     add_devices(root, action);
     try {
         root.parse(argc, argv);

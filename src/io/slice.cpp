@@ -33,9 +33,14 @@ float white_point(const std::vector<glm::vec3>& colours) {
     return std::min(quantile(99), 10 * quantile(50));
 }
 
-} // namespace
+/// The cells of a slice by rows from the top left: mean luminance, and whether inside geometry.
+struct Layer {
+    int width = 0, height = 0;
+    std::vector<glm::vec3> colours;
+    std::vector<bool> inside;
+};
 
-Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<float> white) {
+Layer layer_of(const Volume& volume, int axis, int index) {
     const glm::ivec3 dims = volume.grid.dims;
     if (axis < 0 || axis > 2 || index < 0 || index >= dims[axis])
         throw Error(ExitCode::usage, std::string("there is no slice ") + "xyz?"[axis & 3] + "="
@@ -44,24 +49,38 @@ Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<fl
                                          + " x " + std::to_string(dims.z) + " cells");
     const int right = axis == 0 ? 2 : 0;
     const int vertical = axis == 1 ? 2 : 1;
-    const int width = dims[right], height = dims[vertical];
-    std::vector<glm::vec3> colours;
-    std::vector<bool> inside;
-    for (int row = 0; row < height; ++row)
-        for (int column = 0; column < width; ++column) {
+    Layer layer{dims[right], dims[vertical], {}, {}};
+    for (int row = 0; row < layer.height; ++row)
+        for (int column = 0; column < layer.width; ++column) {
             glm::ivec3 cell;
             cell[axis] = index;
             cell[right] = column;
-            cell[vertical] = axis == 1 ? row : height - 1 - row;
+            cell[vertical] = axis == 1 ? row : layer.height - 1 - row;
             const size_t i = volume.grid.index(cell);
-            colours.push_back(sh_y0 * volume.sh[0][i]);
-            inside.push_back(!volume.validity.empty() && volume.validity[i] == 0);
+            layer.colours.push_back(sh_y0 * volume.sh[0][i]);
+            layer.inside.push_back(!volume.validity.empty() && volume.validity[i] == 0);
         }
+    return layer;
+}
+
+float white_of(const Layer& layer) {
     std::vector<glm::vec3> outside;
-    for (size_t i = 0; i < colours.size(); ++i)
-        if (!inside[i])
-            outside.push_back(colours[i]);
-    const float exposure = 1 / white.value_or(white_point(outside));
+    for (size_t i = 0; i < layer.colours.size(); ++i)
+        if (!layer.inside[i])
+            outside.push_back(layer.colours[i]);
+    return white_point(outside);
+}
+
+} // namespace
+
+float slice_white(const Volume& volume, int axis, int index) {
+    return white_of(layer_of(volume, axis, index));
+}
+
+Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<float> white) {
+    const Layer layer = layer_of(volume, axis, index);
+    const auto& [width, height, colours, inside] = layer;
+    const float exposure = 1 / (white ? *white : white_of(layer));
 
     const int block = std::max(1, (255 + std::max(width, height)) / std::max(width, height));
     const int stripe = std::max(1, block / 4);

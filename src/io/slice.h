@@ -20,6 +20,9 @@ namespace lpvbake {
 /// x slices z to the right and y up. RGB. Throws Error (usage) for a slice that does not exist.
 Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<float> white = {});
 
+/// What slice_picture without `white` draws as white, nits. Throws Error (usage) as it does.
+float slice_white(const Volume& volume, int axis, int index);
+
 /// Writes an 8-bit PNG; samples are display-referred values, clamped to [0, 1]. Atomic. Throws
 /// Error (file).
 void write_png(const std::string& path, const Pixels& pixels);

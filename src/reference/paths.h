@@ -13,6 +13,8 @@ namespace lpvbake {
 struct PathRules {
     std::optional<int> bounces = 1; ///< reflections at most; none: all
     bool emitters = true;           ///< emissive surfaces give light
+
+    bool operator==(const PathRules&) const = default;
 };
 
 /// What every path of a scene needs; several threads may trace at once. Refers to its arguments.

@@ -1,0 +1,124 @@
+#include "report/measure.h"
+
+#include "reference/sampler.h"
+#include "volume/compare.h"
+#include "volume/sh.h"
+
+#include <chrono>
+#include <cmath>
+#include <limits>
+
+namespace lpvbake {
+namespace {
+
+double relative(double x, double whole) {
+    return whole > 0 ? x / whole : x > 0 ? std::numeric_limits<double>::infinity() : 0;
+}
+
+} // namespace
+
+FieldRules field_rules(const Scene& scene, const BakeSettings& settings) {
+    FieldRules rules;
+    if (!scene.lights.empty())
+        rules.push_back({1, false});
+    if (settings.emitters && has_emitters(scene))
+        rules.push_back({0, true});
+    return rules;
+}
+
+Truth trace_truth(const Scene& scene, const Visibility& visibility, const Frame& frame,
+                  std::span<const glm::vec3> points, std::span<const glm::dvec3> own,
+                  const FieldRules& rules, const TruthSettings& settings, Progress& progress) {
+    const auto begin = std::chrono::steady_clock::now();
+    const std::size_t normals = own.empty() ? neighbour_normals().size() : 1;
+    Truth truth;
+    truth.sh.assign(std::size_t(sh_count(truth_order)),
+                    std::vector<glm::vec3>(points.size(), glm::vec3(0.0f)));
+    truth.irradiance.assign(points.size() * normals, glm::dvec3(0.0));
+    std::vector<uint64_t> keys(points.size());
+    for (std::size_t i = 0; i < keys.size(); ++i)
+        keys[i] = i;
+
+    ReferenceSettings reference;
+    reference.sh_order = truth_order;
+    reference.noise = settings.noise;
+    reference.rays = settings.most_rays;
+    double variance = 0, light = 0; // of the mean irradiance, and it
+    for (std::size_t rule = 0; rule < rules.size(); ++rule) {
+        reference.paths = rules[rule];
+        reference.seed = join_bits(settings.seed, rule);
+        ProbeNormals wanted;
+        if (own.empty())
+            wanted.common = neighbour_normals();
+        else
+            wanted.own = own;
+        const ProbeField field =
+            trace_probes(scene, visibility, frame, points, keys, reference, progress, wanted);
+        double own_light = 0;
+        for (std::size_t i = 0; i < points.size(); ++i) {
+            for (std::size_t k = 0; k < truth.sh.size(); ++k)
+                truth.sh[k][i] += field.sh[k][i];
+            for (std::size_t n = 0; n < normals; ++n)
+                truth.irradiance[i * normals + n] +=
+                    glm::dvec3(own.empty() ? field.irradiance[n][i] : field.own_irradiance[i]);
+            own_light += double(field.sh[0][i].x + field.sh[0][i].y + field.sh[0][i].z);
+        }
+        variance += field.noise * own_light * field.noise * own_light;
+        light += own_light;
+        truth.rays += field.rays;
+        truth.traced += field.traced;
+        truth.converged = truth.converged && field.converged;
+    }
+    truth.noise = light > 0 ? std::sqrt(variance) / light : 0;
+    truth.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    return truth;
+}
+
+std::vector<glm::dvec3> irradiance_of(const std::vector<std::vector<glm::vec3>>& sh, int order,
+                                      uint64_t* negative) {
+    const auto& normals = neighbour_normals();
+    const std::size_t coefficients = std::size_t(sh_count(order));
+    const std::size_t points = sh[0].size();
+    std::vector<double> weights(coefficients * normals.size());
+    std::vector<float> one(coefficients);
+    for (std::size_t k = 0; k < coefficients; ++k) {
+        one[k] = 1;
+        for (std::size_t n = 0; n < normals.size(); ++n)
+            weights[k * normals.size() + n] = double(sh_irradiance(one, glm::vec3(normals[n])));
+        one[k] = 0;
+    }
+    std::vector<glm::dvec3> irradiance(points * normals.size(), glm::dvec3(0.0));
+    for (std::size_t i = 0; i < points; ++i)
+        for (std::size_t n = 0; n < normals.size(); ++n) {
+            glm::dvec3& e = irradiance[i * normals.size() + n];
+            for (std::size_t k = 0; k < coefficients; ++k)
+                e += weights[k * normals.size() + n] * glm::dvec3(sh[k][i]);
+            for (int c = 0; c < 3; ++c)
+                if (e[c] < 0) {
+                    e[c] = 0;
+                    if (negative)
+                        ++*negative;
+                }
+        }
+    return irradiance;
+}
+
+FieldError error_of(std::span<const glm::dvec3> estimate, std::span<const glm::dvec3> truth) {
+    double distance = 0, squares = 0, whole = 0;
+    glm::dvec3 estimated{0.0}, true_{0.0};
+    for (std::size_t i = 0; i < truth.size(); ++i) {
+        const glm::dvec3 d = estimate[i] - truth[i];
+        distance += std::abs(d.x) + std::abs(d.y) + std::abs(d.z);
+        squares += glm::dot(d, d);
+        whole += truth[i].x + truth[i].y + truth[i].z;
+        estimated += estimate[i];
+        true_ += truth[i];
+    }
+    const double count = std::max(1.0, 3.0 * double(truth.size()));
+    const double energy = glm::dot(estimated, rec709_luminance);
+    const double true_energy = glm::dot(true_, rec709_luminance);
+    return {relative(distance, whole), relative(std::sqrt(squares / count), whole / count),
+            energy == true_energy ? 1.0 : relative(energy, true_energy), 0};
+}
+
+} // namespace lpvbake

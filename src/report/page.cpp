@@ -1,0 +1,218 @@
+#include "report/page.h"
+
+#include "report/tables.h"
+#include "text.h"
+
+#include <filesystem>
+
+namespace lpvbake {
+namespace {
+
+const char style[] = R"(
+body { font: 15px/1.5 system-ui, sans-serif; color: #222; background: #fff; max-width: 1180px;
+       margin: 2em auto; padding: 0 1em; }
+h1, h2 { font-weight: 600; line-height: 1.2; }
+img.plot { width: 100%; height: auto; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: 1em 0; }
+th, td { padding: .25em .7em; text-align: right; border-bottom: 1px solid #ddd; }
+th { border-bottom: 2px solid #888; font-weight: 600; }
+th:first-child, td:first-child, td.text { text-align: left; }
+tr.front td:first-child::before { content: "\25CB\00A0"; }
+figure { display: inline-block; margin: 0 1em 1em 0; }
+figure img { width: 300px; image-rendering: pixelated; background: #000; }
+figcaption { font-size: 13px; color: #555; max-width: 300px; }
+pre { background: #f4f4f4; padding: .8em; overflow-x: auto; font-size: 13px; }
+.note { color: #555; font-size: 13.5px; max-width: 60em; }
+)";
+
+std::string cell(const std::string& text) {
+    return "<td>" + html_text(text) + "</td>";
+}
+
+std::string text_cell(const std::string& text) {
+    return "<td class=\"text\">" + html_text(text) + "</td>";
+}
+
+std::string head(std::initializer_list<const char*> names) {
+    std::string row = "<tr>";
+    for (const char* name : names)
+        row += "<th>" + std::string(name) + "</th>";
+    return row + "</tr>\n";
+}
+
+std::string stages_text(const RowResult& row) {
+    std::string text;
+    for (const StageTiming& stage : row.stages)
+        text += (text.empty() ? "" : ", ") + stage.name + " " + seconds_text(stage.seconds.median);
+    return text;
+}
+
+std::string bakes_table(const SceneReport& scene) {
+    std::string html =
+        "<table>\n"
+        + head({"bake", "seconds", "from &ndash; to", "error", "RMS", "in the same SH", "energy",
+                "negative", "on surfaces", "trilinear", "against the peer"});
+    for (const RowResult& row : scene.rows)
+        html += std::string(row.front ? "<tr class=\"front\">" : "<tr>") + cell(row_name(row))
+                + cell(seconds_text(row.seconds.median))
+                + cell(seconds_text(row.seconds.min) + " - " + seconds_text(row.seconds.max))
+                + cell(percent(row.error.relative_l1)) + cell(percent(row.error.relative_rms))
+                + cell(percent(row.projected.relative_l1))
+                + cell(format("%.3g", row.error.energy_ratio))
+                + cell(format("%llu", static_cast<unsigned long long>(row.error.negative)))
+                + cell(row.surface ? percent(row.surface->relative_l1) : "-")
+                + cell(row.surface_trilinear ? percent(row.surface_trilinear->relative_l1) : "-")
+                + text_cell(ratio_text(row)) + "</tr>\n";
+    html += "</table>\n<table>\n" + head({"bake", "seconds by stage"});
+    for (const RowResult& row : scene.rows)
+        html += "<tr>" + cell(row_name(row)) + text_cell(stages_text(row)) + "</tr>\n";
+    return html + "</table>\n";
+}
+
+std::string peers_table(const SceneReport& scene) {
+    std::string html =
+        "<table>\n"
+        + head({"grid", "rays a probe", "seconds", "error, SH L1", "in the same SH", "error, SH L2",
+                "in the same SH", "error, SH L4", "Mrays/s", "Embree alone"});
+    for (const GridResult& grid : scene.grids) {
+        for (const PeerPoint& point : grid.peer)
+            html += "<tr>" + cell(dims_text(grid.grid))
+                    + cell(format("%llu", static_cast<unsigned long long>(point.rays)))
+                    + cell(seconds_text(point.seconds.median))
+                    + cell(percent(point.error[0].relative_l1))
+                    + cell(percent(point.projected[0].relative_l1))
+                    + cell(percent(point.error[1].relative_l1))
+                    + cell(percent(point.projected[1].relative_l1))
+                    + cell(percent(point.error[2].relative_l1))
+                    + cell(format("%.3g", 1e-6 * point.rays_per_second))
+                    + cell(point.embree_rays_per_second > 0
+                               ? format("%.3g", 1e-6 * point.embree_rays_per_second)
+                               : "-")
+                    + "</tr>\n";
+        html += "<tr>" + cell(dims_text(grid.grid)) + cell("exact") + cell("")
+                + cell(percent(grid.floor[0].relative_l1)) + cell("0 %")
+                + cell(percent(grid.floor[1].relative_l1)) + cell("0 %")
+                + cell(percent(grid.floor[2].relative_l1)) + cell("") + cell("") + "</tr>\n";
+    }
+    return html + "</table>\n";
+}
+
+std::string picture(const std::vector<unsigned char>& png, const std::string& caption) {
+    return "<figure><img alt=\"\" src=\"data:image/png;base64,"
+           + base64({reinterpret_cast<const char*>(png.data()), png.size()}) + "\"><figcaption>"
+           + html_text(caption) + "</figcaption></figure>\n";
+}
+
+std::string slices_of(const SceneReport& scene) {
+    std::string html;
+    for (const GridResult& grid : scene.grids) {
+        if (!grid.slices)
+            continue;
+        const Slices& s = *grid.slices;
+        html += "<div>"
+                + picture(s.result, row_name(scene.rows[s.row])
+                                        + format(": mean luminance, layer %c = %d; white is "
+                                                 "%.3g nit",
+                                                 "xyz"[s.axis], s.index, s.white))
+                + picture(s.reference, format("the reference, %llu rays a cell",
+                                              static_cast<unsigned long long>(s.rays)))
+                + picture(s.error, "error of irradiance: black 0, over red and yellow to white at "
+                                       + percent(s.error_white) + " of the layer's mean")
+                + "</div>\n";
+    }
+    return html;
+}
+
+std::string section(const SceneReport& scene) {
+    std::string html =
+        "<h2>" + html_text(std::filesystem::path(scene.path).filename().string()) + "</h2>\n<p>";
+    for (const std::string& verdict : verdicts(scene))
+        html += html_text(verdict) + " ";
+    html += "</p>\n" + bakes_table(scene);
+    html +=
+        "<p class=\"note\">&#9675; marks the Pareto front: no other bake is as fast and as "
+        "accurate. Error: relative L1 of irradiance at "
+        + format("%llu",
+                 static_cast<unsigned long long>(scene.grids.empty() ? 0 : scene.grids[0].probes))
+        + " cells outside geometry &times; 26 normals &times; RGB, against the true "
+          "irradiance; in the same SH: against the reference's bands that the bake has. "
+          "Energy: luminance of the constant band over the reference's. On surfaces: at "
+        + format("%llu", static_cast<unsigned long long>(scene.surface_points))
+        + " points of the scene's surfaces, the same for all grids, read from the cells that "
+          "are valid and faced; trilinear: read without that care. Seconds: the median of the "
+          "repeats, without loading and writing.</p>\n";
+    html += "<h3>Path-traced probes, and what SH alone costs</h3>\n" + peers_table(scene);
+    html += "<p class=\"note\">The peer's time is measured at the probes and scaled to all valid "
+            "cells of the grid. <i>exact</i> is the reference projected to the order: the floor "
+            "of its error. Noise of the reference: ";
+    for (const GridResult& grid : scene.grids)
+        html += html_text(dims_text(grid.grid) + ": " + percent(grid.noise)) + "; ";
+    html += "surfaces: " + html_text(percent(scene.surface_noise)) + ".</p>\n";
+    if (const std::string slices = slices_of(scene); !slices.empty())
+        html += "<h3>A layer of the best bake on each grid</h3>\n" + slices;
+    html += "<h3>To repeat a row</h3>\n<pre>";
+    for (const RowResult& row : scene.rows)
+        html += html_text(row_command(scene, row)) + "\n";
+    html += "</pre>\n";
+    for (const std::string& warning : scene.warnings)
+        html += "<p class=\"note\">Warning: " + html_text(warning) + "</p>\n";
+    return html;
+}
+
+} // namespace
+
+std::string html_text(const std::string& text) {
+    std::string escaped;
+    for (const char c : text)
+        switch (c) {
+        case '&':
+            escaped += "&amp;";
+            break;
+        case '<':
+            escaped += "&lt;";
+            break;
+        case '>':
+            escaped += "&gt;";
+            break;
+        case '"':
+            escaped += "&quot;";
+            break;
+        case '\'':
+            escaped += "&#39;";
+            break;
+        default:
+            escaped += c;
+        }
+    return escaped;
+}
+
+std::string base64(std::string_view bytes) {
+    static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    std::string text;
+    for (std::size_t i = 0; i < bytes.size(); i += 3) {
+        uint32_t group = 0;
+        const std::size_t have = std::min<std::size_t>(3, bytes.size() - i);
+        for (std::size_t j = 0; j < 3; ++j)
+            group = group << 8 | (j < have ? static_cast<unsigned char>(bytes[i + j]) : 0u);
+        for (std::size_t j = 0; j < 4; ++j)
+            text += j <= have ? digits[group >> (18 - 6 * j) & 63] : '=';
+    }
+    return text;
+}
+
+std::string report_page(const Report& report, std::string_view svg) {
+    std::string html = "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
+                       "<title>lpvbake report</title>\n<style>"
+                       + std::string(style)
+                       + "</style>\n</head>\n<body>\n<h1>Speed against error</h1>\n";
+    html += "<p>lpvbake " LPVBAKE_VERSION " on " + html_text(report.device)
+            + format(", %u threads, %d repeats of each bake.</p>\n", report.threads,
+                     report.settings.repeats);
+    html += "<img class=\"plot\" alt=\"Error against seconds\" src=\"data:image/svg+xml;base64,"
+            + base64(svg) + "\">\n";
+    for (const SceneReport& scene : report.scenes)
+        html += section(scene);
+    return html + "</body>\n</html>\n";
+}
+
+} // namespace lpvbake

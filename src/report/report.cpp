@@ -1,0 +1,454 @@
+#include "report/report.h"
+
+#include "error.h"
+#include "reference/peer.h"
+#include "reference/sampler.h"
+#include "report/slices.h"
+#include "text.h"
+#include "visibility/validity.h"
+#include "volume/compare.h"
+#include "volume/sampler.h"
+#include "volume/sh.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <map>
+#include <set>
+
+namespace lpvbake {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double since(Clock::time_point begin) {
+    return std::chrono::duration<double>(Clock::now() - begin).count();
+}
+
+/// Passes progress on with a title before each stage's name.
+class Titled : public Progress {
+public:
+    Titled(Progress& outer, std::string title) : outer_(outer), title_(std::move(title)) {}
+    void begin(std::string_view stage, uint64_t steps) override {
+        outer_.begin(title_ + std::string(stage), steps);
+    }
+    void advance(uint64_t done) override { outer_.advance(done); }
+
+private:
+    Progress& outer_;
+    std::string title_;
+};
+
+/// What is needed to trace in a grid's frame.
+struct Place {
+    Place(const Scene& scene, const Grid& grid)
+        : frame{grid.origin, grid.cell, glm::dvec3(grid.dims)},
+          visibility(scene, frame) {}
+    Frame frame;
+    Visibility visibility;
+};
+
+/// Rays of the peer, from each probe.
+constexpr uint32_t peer_rays_each[] = {16, 64, 256, 1024, 4096};
+
+/// Surface points and what truly arrives there.
+struct SurfaceTruth {
+    std::vector<SurfacePoint> points;
+    Truth truth;
+};
+
+SurfaceTruth trace_surfaces(const Scene& scene, const Grid& grid, const Bounds& box,
+                            const FieldRules& rules, const ReportSettings& settings,
+                            Progress& progress) {
+    const Place place(scene, grid);
+    SurfaceTruth surfaces;
+    surfaces.points = draw_surface_points(scene, place.visibility, place.frame, box,
+                                          settings.probes, settings.seed);
+    std::vector<glm::vec3> points;
+    std::vector<glm::dvec3> normals;
+    for (const SurfacePoint& point : surfaces.points) {
+        const glm::dvec3 at = place.frame.from_world(point.position);
+        // Off the surface by 64 steps of single precision.
+        const double lift =
+            0x1p-17 * std::max({1.0, std::abs(at.x), std::abs(at.y), std::abs(at.z)});
+        points.push_back(glm::vec3(at + lift * point.normal));
+        normals.push_back(point.normal);
+    }
+    if (points.empty())
+        return surfaces;
+    surfaces.truth = trace_truth(scene, place.visibility, place.frame, points, normals, rules,
+                                 settings.truth, progress);
+    // Where no light arrives at all, such as below what stands on a floor, nothing is read.
+    std::size_t lit = 0;
+    for (std::size_t i = 0; i < points.size(); ++i)
+        if (surfaces.truth.irradiance[i] != glm::dvec3(0.0)) {
+            surfaces.points[lit] = surfaces.points[i];
+            surfaces.truth.irradiance[lit++] = surfaces.truth.irradiance[i];
+        }
+    surfaces.points.resize(lit);
+    surfaces.truth.irradiance.resize(lit);
+    return surfaces;
+}
+
+/// The reference at the probes of a grid, kept while its rows are baked.
+struct GridTruth {
+    std::vector<std::size_t> cells;
+    Truth truth;
+    LayerChoice layer;
+    std::map<int, Volume> layers; ///< by SH order
+    uint64_t layer_rays = 0;
+};
+
+FieldError error_at_cells(const std::vector<std::vector<glm::vec3>>& sh, int order,
+                          const std::vector<std::vector<glm::vec3>>& true_sh,
+                          std::span<const glm::dvec3> truth) {
+    uint64_t negative = 0;
+    FieldError error = error_of(irradiance_of(sh, order, &negative), truth);
+    error.negative = negative;
+    glm::dvec3 light{0.0}, true_light{0.0};
+    for (const glm::vec3& c : sh[0])
+        light += glm::dvec3(c);
+    for (const glm::vec3& c : true_sh[0])
+        true_light += glm::dvec3(c);
+    const double whole = glm::dot(true_light, rec709_luminance);
+    if (whole > 0)
+        error.energy_ratio = glm::dot(light, rec709_luminance) / whole;
+    return error;
+}
+
+/// Both errors of coefficients at a grid's probes.
+void measure(const std::vector<std::vector<glm::vec3>>& sh, int order, const Truth& truth,
+             FieldError& error, FieldError& projected) {
+    error = error_at_cells(sh, order, truth.sh, truth.irradiance);
+    projected = error_at_cells(sh, order, truth.sh, irradiance_of(truth.sh, order));
+}
+
+FieldError surface_error(const Volume& volume, const SurfaceTruth& surfaces, Reading reading) {
+    std::vector<glm::dvec3> estimate;
+    for (const SurfacePoint& point : surfaces.points)
+        estimate.push_back(read_irradiance(volume, point.position, point.normal, reading));
+    return error_of(estimate, surfaces.truth.irradiance);
+}
+
+/// Rays a second that Embree alone makes of those that the peer traces; a million of them at most.
+double embree_rate(const Scene& scene, const Place& place, std::span<const glm::vec3> points,
+                   std::span<const PeerSettings> rules, uint64_t traced) {
+    const std::size_t stride = std::size_t(traced / (uint64_t(1) << 20)) + 1;
+    std::vector<glm::vec3> some;
+    for (std::size_t i = 0; i < points.size(); i += stride)
+        some.push_back(points[i]);
+    uint64_t rays = 0;
+    double seconds = 0;
+    for (const PeerSettings& settings : rules) {
+        const PackedRays packed = peer_rays(scene, place.visibility, place.frame, some, settings);
+        const Clock::time_point begin = Clock::now();
+        packed.trace(place.visibility);
+        seconds += since(begin);
+        rays += packed.size();
+    }
+    return seconds > 0 ? double(rays) / seconds : 0;
+}
+
+/// Path-traced probes at the same cells. `setup` seconds come once, whatever the number of cells.
+std::vector<PeerPoint> trace_peers(const Scene& scene, const Place& place, const GridResult& grid,
+                                   std::span<const glm::vec3> points, double setup,
+                                   const Truth& truth, const ReportSettings& settings,
+                                   Progress& progress) {
+    std::vector<PeerPoint> curve;
+    progress.begin("", std::size(peer_rays_each) * std::size_t(settings.repeats));
+    uint64_t done = 0;
+    for (const uint32_t rays : peer_rays_each) {
+        std::vector<PeerSettings> rules;
+        for (const PathRules& rule : grid.rules) {
+            rules.emplace_back();
+            rules.back().paths = rule;
+            rules.back().sh_order = truth_order;
+            rules.back().rays = rays;
+            rules.back().seed = join_bits(settings.seed, rules.size());
+        }
+        PeerPoint point;
+        point.rays = rays;
+        std::vector<std::vector<glm::vec3>> sh;
+        uint64_t traced = 0;
+        std::vector<double> seconds, measured;
+        for (int repeat = 0; repeat < settings.repeats; ++repeat) {
+            progress.advance(done++);
+            sh.assign(std::size_t(sh_count(truth_order)),
+                      std::vector<glm::vec3>(points.size(), glm::vec3(0.0f)));
+            traced = 0;
+            const Clock::time_point begin = Clock::now();
+            for (const PeerSettings& rule : rules) {
+                const PeerField field =
+                    trace_peer(scene, place.visibility, place.frame, points, rule);
+                for (std::size_t k = 0; k < sh.size(); ++k)
+                    for (std::size_t i = 0; i < points.size(); ++i)
+                        sh[k][i] += field.sh[k][i];
+                traced += field.traced;
+            }
+            measured.push_back(since(begin));
+            seconds.push_back(setup + measured.back() * double(grid.valid) / double(grid.probes));
+        }
+        point.seconds = timing_of(seconds);
+        point.measured = timing_of(measured).median;
+        point.rays_per_second = double(traced) / point.measured;
+        point.embree_rays_per_second = embree_rate(scene, place, points, rules, traced);
+        for (std::size_t i = 0; i < floor_orders.size(); ++i)
+            measure(sh, floor_orders[i], truth, point.error[i], point.projected[i]);
+        curve.push_back(point);
+    }
+    return curve;
+}
+
+GridTruth trace_grid(const Scene& scene, GridResult& grid, const std::set<int>& orders,
+                     const ReportSettings& settings, Progress& progress) {
+    const Clock::time_point begin = Clock::now();
+    const Place place(scene, grid.grid);
+    const std::vector<float> validity = trace_validity(place.visibility, grid.grid.dims);
+    const double setup = since(begin);
+    GridTruth kept;
+    kept.cells = draw_cells(validity, settings.probes, settings.seed);
+    grid.valid = uint64_t(std::ranges::count(validity, 1.0f));
+    grid.probes = kept.cells.size();
+    if (kept.cells.empty())
+        throw Error(ExitCode::invalid,
+                    scene.path + ": no cell of the grid has its centre outside geometry");
+    std::vector<glm::vec3> points;
+    const auto nx = std::size_t(grid.grid.dims.x), ny = std::size_t(grid.grid.dims.y);
+    for (const std::size_t cell : kept.cells)
+        points.push_back(glm::vec3(cell % nx, cell / nx % ny, cell / (nx * ny)) + 0.5f);
+
+    kept.truth = trace_truth(scene, place.visibility, place.frame, points, {}, grid.rules,
+                             settings.truth, progress);
+    grid.noise = kept.truth.noise;
+    grid.rays = kept.truth.rays;
+    grid.converged = kept.truth.converged;
+    grid.seconds = kept.truth.seconds;
+    for (std::size_t i = 0; i < floor_orders.size(); ++i)
+        grid.floor[i] =
+            error_at_cells(kept.truth.sh, floor_orders[i], kept.truth.sh, kept.truth.irradiance);
+    if (settings.peer) {
+        Titled peer(progress, "peer ");
+        grid.peer = trace_peers(scene, place, grid, points, setup, kept.truth, settings, peer);
+    }
+    if (settings.slices) {
+        Titled slice(progress, "slice ");
+        kept.layer = shown_layer(grid.grid);
+        for (const int order : orders)
+            if (auto layer = trace_layer(scene, place.visibility, grid.grid, validity, kept.layer,
+                                         order, grid.rules, settings.seed, kept.layer_rays, slice))
+                kept.layers.emplace(order, std::move(*layer));
+    }
+    return kept;
+}
+
+/// Bakes `repeats` times; fills in the times and returns the last volume.
+Volume bake_row(const Scene& scene, int repeats, const gpu::Device& device, RowResult& row,
+                Progress& progress) {
+    std::vector<double> seconds;
+    std::vector<std::vector<double>> stages;
+    Baked baked;
+    for (int repeat = 0; repeat < repeats; ++repeat) {
+        const Clock::time_point begin = Clock::now();
+        baked = bake(scene, row.row.settings, device, progress);
+        seconds.push_back(since(begin));
+        stages.resize(baked.stages.size());
+        for (std::size_t i = 0; i < stages.size(); ++i)
+            stages[i].push_back(baked.stages[i].seconds);
+    }
+    row.seconds = timing_of(seconds);
+    for (std::size_t i = 0; i < stages.size(); ++i)
+        row.stages.push_back({baked.stages[i].name, timing_of(stages[i]), baked.stages[i].detail});
+    row.warnings = baked.warnings;
+    row.sh_order = baked.volume.sh_order;
+    return std::move(baked.volume);
+}
+
+void measure_row(const Volume& volume, const GridTruth& truth, const SurfaceTruth& surfaces,
+                 RowResult& row) {
+    std::vector<std::vector<glm::vec3>> sh(volume.sh.size());
+    for (std::size_t k = 0; k < sh.size(); ++k)
+        for (const std::size_t cell : truth.cells)
+            sh[k].push_back(volume.sh[k][cell]);
+    measure(sh, volume.sh_order, truth.truth, row.error, row.projected);
+    if (!surfaces.points.empty()) {
+        row.surface = surface_error(volume, surfaces, Reading::facing);
+        row.surface_trilinear = surface_error(volume, surfaces, Reading::trilinear);
+    }
+}
+
+/// Compares rows with each other and with the peer.
+void rank(SceneReport& report) {
+    std::vector<SpeedError> points;
+    for (const RowResult& row : report.rows)
+        points.push_back({row.seconds.median, row.error.relative_l1});
+    const std::vector<bool> front = pareto_front(points);
+    for (std::size_t i = 0; i < report.rows.size(); ++i) {
+        RowResult& row = report.rows[i];
+        row.front = front[i];
+        std::vector<SpeedError> curve;
+        for (const PeerPoint& point : report.grids[row.grid].peer)
+            curve.push_back(
+                {point.seconds.median, point.projected[floor_index(row.sh_order)].relative_l1});
+        row.peer = at_equal_error({row.seconds.median, row.projected.relative_l1}, curve);
+    }
+}
+
+} // namespace
+
+Timing timing_of(std::vector<double> seconds) {
+    std::ranges::sort(seconds);
+    const std::size_t n = seconds.size();
+    return {0.5 * (seconds[(n - 1) / 2] + seconds[n / 2]), seconds.front(), seconds.back()};
+}
+
+std::size_t floor_index(int order) {
+    std::size_t i = 0;
+    while (i + 1 < floor_orders.size() && floor_orders[i] < order)
+        ++i;
+    return i;
+}
+
+SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
+                          const ReportSettings& settings, const gpu::Device& device,
+                          Progress& progress) {
+    SceneReport report;
+    report.path = scene.path;
+    report.triangles = triangle_count(scene);
+    report.warnings = scene.warnings;
+    for (const SweepRow& row : rows) {
+        const BakePlan plan = plan_bake(scene, row.settings, device.info());
+        RowResult result;
+        result.row = row;
+        const FieldRules rules = field_rules(scene, row.settings);
+        const auto same = [&](const GridResult& g) {
+            return g.grid == plan.grid && g.rules == rules;
+        };
+        const auto found = std::ranges::find_if(report.grids, same);
+        result.grid = std::size_t(found - report.grids.begin());
+        if (found == report.grids.end()) {
+            report.grids.emplace_back();
+            report.grids.back().grid = plan.grid;
+            report.grids.back().rules = rules;
+        }
+        report.rows.push_back(std::move(result));
+    }
+    if (report.rows.empty())
+        return report;
+
+    // Single precision is finest in the frame of the smallest cells.
+    const auto finest =
+        std::ranges::min_element(report.grids, {}, [](const GridResult& g) { return g.grid.cell; });
+    Titled on_surfaces(progress, "surfaces: ");
+    const SurfaceTruth surfaces =
+        trace_surfaces(scene, finest->grid, rows[0].settings.bounds.value_or(bounds_of(scene)),
+                       finest->rules, settings, on_surfaces);
+    report.surface_points = surfaces.points.size();
+    report.surface_noise = surfaces.truth.noise;
+    report.surface_rays = surfaces.truth.rays;
+
+    std::size_t done = 0;
+    for (std::size_t g = 0; g < report.grids.size(); ++g) {
+        GridResult& grid = report.grids[g];
+        Titled on_grid(progress, format("grid %zu/%zu: ", g + 1, report.grids.size()));
+        const GridTruth truth = trace_grid(scene, grid, {1}, settings, on_grid);
+        if (!grid.converged)
+            report.warnings.push_back(format("the reference's noise on the grid of %d x %d x %d "
+                                             "is still %.3g %%; raise --rays",
+                                             grid.grid.dims.x, grid.grid.dims.y, grid.grid.dims.z,
+                                             100 * grid.noise));
+        std::optional<Volume> best;
+        std::size_t best_row = 0;
+        for (std::size_t i = 0; i < report.rows.size(); ++i) {
+            RowResult& row = report.rows[i];
+            if (row.grid != g)
+                continue;
+            Titled on_row(progress, format("row %zu/%zu: ", ++done, report.rows.size()));
+            const Volume volume = bake_row(scene, settings.repeats, device, row, on_row);
+            measure_row(volume, truth, surfaces, row);
+            if (truth.layers.contains(row.sh_order)
+                && (!best || row.error.relative_l1 < report.rows[best_row].error.relative_l1)) {
+                best = layer_of(volume, truth.layer);
+                best_row = i;
+            }
+        }
+        if (best) {
+            grid.slices = draw_slices(*best, truth.layers.at(best->sh_order), truth.layer);
+            grid.slices->index = truth.layer.index;
+            grid.slices->row = best_row;
+            grid.slices->rays = truth.layer_rays;
+        }
+    }
+    rank(report);
+    return report;
+}
+
+std::string row_name(const RowResult& row) {
+    std::string name;
+    for (const auto& [option, value] : row.row.options) {
+        const bool plain = option == "solver" || option == "resolution" || option == "occlusion";
+        name += (name.empty() ? "" : " ") + (plain ? value : option + "=" + value);
+    }
+    return name;
+}
+
+std::string row_command(const SceneReport& scene, const RowResult& row) {
+    std::string command = scene.command;
+    for (const auto& [option, value] : row.row.options)
+        command += " --" + option + " " + value;
+    return command;
+}
+
+std::string ratio_text(const RowResult& row) {
+    if (!row.peer)
+        return "no peer";
+    const double factor = row.peer->factor;
+    switch (row.peer->kind) {
+    case EqualError::Kind::crosses:
+        return format("peer needs %.2g x as long", factor);
+    case EqualError::Kind::beyond:
+        return format("peer needs over %.2g x as long", factor);
+    case EqualError::Kind::already:
+        return format("peer is better at its fewest rays, in %.2g %s", factor,
+                      factor <= 1 ? "of the time" : "x the time");
+    }
+    return "";
+}
+
+std::vector<std::string> verdicts(const SceneReport& scene) {
+    struct Tally {
+        int rows = 0, won = 0, lost = 0;
+    };
+    std::map<std::string, Tally> tallies; // by solver
+    for (const RowResult& row : scene.rows) {
+        if (!row.peer)
+            continue;
+        std::string solver = "lpv";
+        for (const auto& [option, value] : row.row.options)
+            if (option == "solver")
+                solver = value;
+        Tally& tally = tallies[solver];
+        ++tally.rows;
+        if (row.peer->factor <= 1)
+            ++tally.lost;
+        else if (row.peer->kind != EqualError::Kind::already)
+            ++tally.won;
+    }
+    std::vector<std::string> all;
+    for (const auto& [solver, tally] : tallies) {
+        const int worse = tally.rows - tally.won - tally.lost;
+        std::string text = solver + ": ";
+        if (tally.lost == tally.rows)
+            text += "loses everywhere: path-traced probes are as accurate in less time";
+        else if (tally.won == tally.rows)
+            text += "wins everywhere: path-traced probes need longer for the same error";
+        else
+            text += format("at the same error path-traced probes need longer in %d rows and less "
+                           "time in %d; in %d they are more accurate at their fewest rays already, "
+                           "but need longer for these",
+                           tally.won, tally.lost, worse);
+        all.push_back(text + format(" (%d rows).", tally.rows));
+    }
+    return all;
+}
+
+} // namespace lpvbake

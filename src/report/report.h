@@ -1,0 +1,136 @@
+// Speed against error: bakes of one scene by many settings, measured against a converged reference
+// and beside the path-traced probes that one could use instead.
+#pragma once
+
+#include "report/measure.h"
+#include "report/pareto.h"
+#include "report/sweep.h"
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace lpvbake {
+
+struct ReportSettings {
+    int repeats = 3;        ///< of each bake; at least 1
+    uint64_t probes = 1000; ///< cells of each grid, and points on surfaces
+    uint64_t seed = 1;
+    TruthSettings truth;
+    bool peer = true;   ///< measure path-traced probes as well
+    bool slices = true; ///< draw the best row of each grid
+};
+
+/// Seconds of the repeats.
+struct Timing {
+    double median = 0, min = 0, max = 0;
+};
+
+/// The median is the mean of the middle two of an even number. `seconds` is not empty.
+Timing timing_of(std::vector<double> seconds);
+
+struct StageTiming {
+    std::string name;
+    Timing seconds;
+    std::string detail; ///< the last repeat's
+};
+
+/// One bake, measured.
+struct RowResult {
+    SweepRow row;
+    std::size_t grid = 0; ///< index into SceneReport::grids
+    int sh_order = 1;
+    Timing seconds; ///< of bake(), without loading and writing
+    std::vector<StageTiming> stages;
+    FieldError error;     ///< at the grid's probes, against the true irradiance
+    FieldError projected; ///< against that of the reference's bands up to sh_order
+    /// At the scene's surface points, read through the sampler; none without such points.
+    std::optional<FieldError> surface, surface_trilinear;
+    bool front = false; ///< no other row is as fast and as accurate by `error`
+    /// How the peer compares, by `projected`; none without a peer.
+    std::optional<EqualError> peer;
+    std::vector<std::string> warnings;
+};
+
+/// Path-traced probes with one number of rays.
+struct PeerPoint {
+    uint64_t rays = 0;                 ///< from each probe
+    Timing seconds; ///< for all valid cells of the grid, scaled from the probes
+    double measured = 0; ///< median seconds of the probes
+    double rays_per_second = 0;        ///< traced in all, reflected and shadow rays included
+    double embree_rays_per_second = 0; ///< the same rays without anything done to them; 0: unknown
+    std::array<FieldError, 3> error;   ///< of floor_orders, against the true irradiance
+    std::array<FieldError, 3> projected; ///< against that of the reference's same bands
+};
+
+/// The SH orders whose cost is told.
+inline constexpr std::array<int, 3> floor_orders{1, 2, 4};
+/// Index into floor_orders of the lowest that holds `order`.
+std::size_t floor_index(int order);
+
+/// A look at one layer of a grid, as PNG files.
+struct Slices {
+    std::size_t row = 0; ///< index into SceneReport::rows
+    int axis = 0, index = 0;
+    uint64_t rays = 0;      ///< from each cell of the reference
+    double white = 0;       ///< mean luminance drawn white, nits
+    double error_white = 0; ///< error drawn white, as a fraction of the layer's mean irradiance
+    std::vector<unsigned char> result, reference, error;
+};
+
+/// What the rows on one grid share.
+struct GridResult {
+    Grid grid;
+    FieldRules rules;
+    uint64_t valid = 0;  ///< cells
+    uint64_t probes = 0; ///< of them measured
+    double noise = 0;    ///< of the reference, as ProbeField::noise
+    uint64_t rays = 0;   ///< from each probe
+    bool converged = true;
+    double seconds = 0;              ///< that the reference took
+    std::array<FieldError, 3> floor; ///< exact luminance projected to floor_orders
+    std::vector<PeerPoint> peer;     ///< by rising rays
+    std::optional<Slices> slices;
+};
+
+struct SceneReport {
+    std::string path;
+    std::string command; ///< `lpvbake bake SCENE OPTIONS` that all rows share; a row adds its own
+    uint64_t triangles = 0;
+    std::vector<GridResult> grids;
+    std::vector<RowResult> rows;
+    uint64_t surface_points = 0;
+    double surface_noise = 0;
+    uint64_t surface_rays = 0;
+    std::vector<std::string> warnings;
+};
+
+struct Report {
+    std::string device;
+    unsigned threads = 0;
+    ReportSettings settings;
+    std::vector<SceneReport> scenes;
+    double seconds = 0; ///< for everything
+};
+
+/// Bakes and measures every row; path and command of the result are the caller's. Throws Error, as
+/// plan_bake (before any row is baked), bake and trace_probes do.
+SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
+                          const ReportSettings& settings, const gpu::Device& device,
+                          Progress& progress);
+
+/// What the ratio means, in a few words: "peer needs 12 x as long", ...
+std::string ratio_text(const RowResult& row);
+
+/// What the rows together say of the solvers against the peer: a sentence each.
+std::vector<std::string> verdicts(const SceneReport& scene);
+
+/// The options that set a row apart, for a table: "lpv 32 face".
+std::string row_name(const RowResult& row);
+
+/// The command that repeats a row.
+std::string row_command(const SceneReport& scene, const RowResult& row);
+
+} // namespace lpvbake

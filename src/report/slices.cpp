@@ -1,0 +1,136 @@
+#include "report/slices.h"
+
+#include "image/image.h"
+#include "io/slice.h"
+#include "reference/sampler.h"
+#include "volume/compare.h"
+#include "volume/sh.h"
+
+#include <algorithm>
+
+namespace lpvbake {
+namespace {
+
+constexpr std::size_t most_cells = 1 << 18;
+constexpr uint64_t usual_rays = 256;
+
+Volume empty_layer(const Grid& grid, LayerChoice layer, int order) {
+    Volume volume;
+    volume.grid = grid;
+    volume.grid.origin[layer.axis] += grid.cell * layer.index;
+    volume.grid.dims[layer.axis] = 1;
+    volume.sh_order = order;
+    volume.sh.assign(std::size_t(sh_count(order)),
+                     std::vector<glm::vec3>(volume.grid.size(), glm::vec3(0.0f)));
+    volume.validity.assign(volume.grid.size(), 0.0f);
+    return volume;
+}
+
+/// Calls `act` with a cell's index in the layer and its coordinates in the whole grid.
+template <class Act>
+void for_cells(const Grid& layer_grid, LayerChoice layer, const Act& act) {
+    glm::ivec3 c;
+    for (c.z = 0; c.z < layer_grid.dims.z; ++c.z)
+        for (c.y = 0; c.y < layer_grid.dims.y; ++c.y)
+            for (c.x = 0; c.x < layer_grid.dims.x; ++c.x) {
+                glm::ivec3 whole = c;
+                whole[layer.axis] = layer.index;
+                act(layer_grid.index(c), whole);
+            }
+}
+
+/// Black at 0, over red and yellow to white at 1.
+glm::vec3 false_colour(float share) {
+    const float t = 3 * std::clamp(share, 0.0f, 1.0f);
+    return glm::clamp(glm::vec3(t, t - 1, t - 2), 0.0f, 1.0f);
+}
+
+/// The 99th percentile of the errors above 0, at most six times their median; 1 if there are none.
+float error_white(std::vector<float> errors) {
+    std::erase_if(errors, [](float error) { return !(error > 0); });
+    if (errors.empty())
+        return 1;
+    std::ranges::sort(errors);
+    const auto quantile = [&](std::size_t percent) {
+        return errors[(errors.size() - 1) * percent / 100];
+    };
+    return std::min(quantile(99), 6 * quantile(50));
+}
+
+} // namespace
+
+LayerChoice shown_layer(const Grid& grid) {
+    const int axis = grid.dims.x < grid.dims.z ? 0 : 2;
+    return {axis, grid.dims[axis] / 2};
+}
+
+Volume layer_of(const Volume& volume, LayerChoice layer) {
+    Volume result = empty_layer(volume.grid, layer, volume.sh_order);
+    for_cells(result.grid, layer, [&](std::size_t own, glm::ivec3 whole) {
+        const std::size_t cell = volume.grid.index(whole);
+        for (std::size_t k = 0; k < result.sh.size(); ++k)
+            result.sh[k][own] = volume.sh[k][cell];
+        result.validity[own] = volume.validity.empty() ? 1.0f : volume.validity[cell];
+    });
+    return result;
+}
+
+std::optional<Volume> trace_layer(const Scene& scene, const Visibility& visibility,
+                                  const Grid& grid, const std::vector<float>& validity,
+                                  LayerChoice layer, int order, const FieldRules& rules,
+                                  uint64_t seed, uint64_t& rays, Progress& progress) {
+    Volume volume = empty_layer(grid, layer, order);
+    if (volume.grid.size() > most_cells)
+        return std::nullopt;
+    std::vector<std::size_t> cells;
+    std::vector<glm::vec3> points;
+    std::vector<uint64_t> keys;
+    for_cells(volume.grid, layer, [&](std::size_t own, glm::ivec3 whole) {
+        if (validity[grid.index(whole)] == 0)
+            return;
+        volume.validity[own] = 1;
+        cells.push_back(own);
+        points.push_back(glm::vec3(whole) + 0.5f);
+        keys.push_back(own);
+    });
+    const Frame frame{grid.origin, grid.cell, glm::dvec3(grid.dims)};
+    ReferenceSettings settings;
+    settings.sh_order = order;
+    settings.rays = usual_rays;
+    for (std::size_t rule = 0; rule < rules.size(); ++rule) {
+        settings.paths = rules[rule];
+        settings.seed = join_bits(seed, rule);
+        const ProbeField field =
+            trace_probes(scene, visibility, frame, points, keys, settings, progress);
+        for (std::size_t k = 0; k < volume.sh.size(); ++k)
+            for (std::size_t i = 0; i < cells.size(); ++i)
+                volume.sh[k][cells[i]] += field.sh[k][i];
+        rays = field.rays;
+    }
+    return volume;
+}
+
+Slices draw_slices(const Volume& result, const Volume& reference, LayerChoice layer) {
+    Slices slices;
+    slices.axis = layer.axis;
+    slices.index = layer.index;
+    const float white = slice_white(reference, layer.axis, 0);
+    slices.white = double(white);
+    slices.result = encode_png(slice_picture(result, layer.axis, 0, white), "slice");
+    slices.reference = encode_png(slice_picture(reference, layer.axis, 0, white), "slice");
+
+    const Comparison comparison = compare(result, reference, {});
+    const float most = error_white(comparison.cell_error);
+    slices.error_white = double(most);
+    Volume error = reference;
+    error.sh_order = 0;
+    error.sh.resize(1);
+    for (std::size_t i = 0; i < error.sh[0].size(); ++i) {
+        error.sh[0][i] = false_colour(comparison.cell_error[i] / most) / sh_y0;
+        error.validity[i] = valid_in_both(result, reference, i);
+    }
+    slices.error = encode_png(slice_picture(error, layer.axis, 0, 1.0f), "slice");
+    return slices;
+}
+
+} // namespace lpvbake

@@ -1,0 +1,369 @@
+#include "report/tables.h"
+
+#include "text.h"
+
+#include <nlohmann/json.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace lpvbake {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+// ---------------------------------------------------------------- text
+
+/// Columns as wide as their longest cell; the first is flush left.
+std::string aligned(const std::vector<std::vector<std::string>>& lines, std::size_t left) {
+    std::vector<std::size_t> widths;
+    for (const auto& line : lines) {
+        widths.resize(std::max(widths.size(), line.size()));
+        for (std::size_t c = 0; c < line.size(); ++c)
+            widths[c] = std::max(widths[c], line[c].size());
+    }
+    std::string text;
+    for (const auto& line : lines) {
+        std::string row;
+        for (std::size_t c = 0; c < line.size(); ++c) {
+            const std::string pad(widths[c] - line[c].size(), ' ');
+            const bool flush_left = c < left || c + 1 == widths.size();
+            row += (c ? "  " : "") + (flush_left ? line[c] + pad : pad + line[c]);
+        }
+        row.erase(row.find_last_not_of(' ') + 1);
+        text += row + '\n';
+    }
+    return text;
+}
+
+std::string spread(const Timing& t) {
+    return format("%.0f %%", t.median > 0 ? 50 * (t.max - t.min) / t.median : 0.0);
+}
+
+// ---------------------------------------------------------------- CSV
+
+std::string csv_field(const std::string& text) {
+    if (text.find_first_of(",\"\n\r") == std::string::npos)
+        return text;
+    std::string quoted = "\"";
+    for (const char c : text)
+        quoted += c == '"' ? "\"\"" : std::string(1, c);
+    return quoted += '"';
+}
+
+std::string number(double value) {
+    return format("%.9g", value);
+}
+
+/// The fields of one line, by name; what is not set is empty.
+class Line {
+public:
+    explicit Line(const std::vector<std::string>& columns)
+        : columns_(columns),
+          fields_(columns.size()) {}
+    void set(const std::string& column, const std::string& field) {
+        const auto found = std::ranges::find(columns_, column);
+        fields_[std::size_t(found - columns_.begin())] = field;
+    }
+    void set(const std::string& column, double value) { set(column, number(value)); }
+    void set(const char* prefix, const FieldError& error) {
+        set(prefix + std::string("_l1"), error.relative_l1);
+        set(prefix + std::string("_rms"), error.relative_rms);
+        set(prefix + std::string("_energy_ratio"), error.energy_ratio);
+    }
+    std::string text() const {
+        std::string line;
+        for (std::size_t i = 0; i < fields_.size(); ++i)
+            line.append(i ? "," : "").append(csv_field(fields_[i]));
+        return line + '\n';
+    }
+
+private:
+    const std::vector<std::string>& columns_;
+    std::vector<std::string> fields_;
+};
+
+std::vector<std::string> csv_columns(const Report& report) {
+    std::vector<std::string> columns = {
+        "scene",       "kind",   "name",     "cells_x", "cells_y", "cells_z",     "cell_m",
+        "valid_cells", "probes", "sh_order", "rays",    "seconds", "seconds_min", "seconds_max"};
+    for (const char* error : {"true", "projected", "surface", "surface_trilinear"})
+        for (const char* measure : {"_l1", "_rms", "_energy_ratio"})
+            columns.push_back(error + std::string(measure));
+    for (const char* name : {"negative", "reference_noise", "front", "peer", "peer_factor",
+                             "rays_per_second", "embree_rays_per_second"})
+        columns.push_back(name);
+    std::vector<std::string> stages;
+    for (const SceneReport& scene : report.scenes)
+        for (const RowResult& row : scene.rows)
+            for (const StageTiming& stage : row.stages)
+                if (std::ranges::find(stages, stage.name) == stages.end())
+                    stages.push_back(stage.name);
+    for (const std::string& stage : stages)
+        columns.push_back("stage_" + stage);
+    columns.push_back("command");
+    return columns;
+}
+
+const char* kind_name(EqualError::Kind kind) {
+    return kind == EqualError::Kind::crosses  ? "crosses"
+           : kind == EqualError::Kind::beyond ? "beyond"
+                                              : "already";
+}
+
+// ---------------------------------------------------------------- JSON
+
+Json finite(double value) {
+    return std::isfinite(value) ? Json(value) : Json(nullptr);
+}
+
+Json to_json(const FieldError& error) {
+    return {{"relative_l1", finite(error.relative_l1)},
+            {"relative_rms", finite(error.relative_rms)},
+            {"energy_ratio", finite(error.energy_ratio)},
+            {"negative", error.negative}};
+}
+
+Json to_json(const std::optional<FieldError>& error) {
+    return error ? to_json(*error) : Json(nullptr);
+}
+
+Json to_json(const Timing& t) {
+    return {{"median", t.median}, {"min", t.min}, {"max", t.max}};
+}
+
+Json to_json(const GridResult& grid) {
+    Json json{{"dims", {grid.grid.dims.x, grid.grid.dims.y, grid.grid.dims.z}},
+              {"cell", grid.grid.cell},
+              {"origin", {grid.grid.origin.x, grid.grid.origin.y, grid.grid.origin.z}},
+              {"valid_cells", grid.valid},
+              {"probes", grid.probes},
+              {"reference",
+               {{"noise", grid.noise},
+                {"rays", grid.rays},
+                {"converged", grid.converged},
+                {"seconds", grid.seconds}}},
+              {"floors", Json::array()},
+              {"peer", Json::array()}};
+    for (std::size_t i = 0; i < floor_orders.size(); ++i) {
+        Json floor{{"sh_order", floor_orders[i]}};
+        floor.update(to_json(grid.floor[i]));
+        json["floors"].push_back(floor);
+    }
+    for (const PeerPoint& point : grid.peer) {
+        Json entry{{"rays", point.rays},
+                   {"seconds", to_json(point.seconds)},
+                   {"measured_seconds", point.measured},
+                   {"rays_per_second", point.rays_per_second},
+                   {"embree_rays_per_second", point.embree_rays_per_second > 0
+                                                  ? Json(point.embree_rays_per_second)
+                                                  : Json(nullptr)},
+                   {"orders", Json::array()}};
+        for (std::size_t i = 0; i < floor_orders.size(); ++i)
+            entry["orders"].push_back({{"sh_order", floor_orders[i]},
+                                       {"error", to_json(point.error[i])},
+                                       {"projected", to_json(point.projected[i])}});
+        json["peer"].push_back(entry);
+    }
+    return json;
+}
+
+Json to_json(const SceneReport& scene, const RowResult& row) {
+    Json json{{"name", row_name(row)},
+              {"options", Json::object()},
+              {"command", row_command(scene, row)},
+              {"grid", row.grid},
+              {"sh_order", row.sh_order},
+              {"seconds", to_json(row.seconds)},
+              {"stages", Json::array()},
+              {"error", to_json(row.error)},
+              {"projected", to_json(row.projected)},
+              {"surface", to_json(row.surface)},
+              {"surface_trilinear", to_json(row.surface_trilinear)},
+              {"front", row.front},
+              {"peer", nullptr},
+              {"warnings", row.warnings}};
+    for (const auto& [option, value] : row.row.options)
+        json["options"][option] = value;
+    for (const StageTiming& stage : row.stages)
+        json["stages"].push_back(
+            {{"name", stage.name}, {"seconds", to_json(stage.seconds)}, {"detail", stage.detail}});
+    if (row.peer)
+        json["peer"] = {{"relation", kind_name(row.peer->kind)},
+                        {"factor", finite(row.peer->factor)}};
+    return json;
+}
+
+} // namespace
+
+std::string percent(double share) {
+    return std::isfinite(share) ? format("%.3g %%", 100 * share) : "inf";
+}
+
+std::string seconds_text(double seconds) {
+    return format(seconds < 1e-3 ? "%.2e" : "%.3g", seconds);
+}
+
+std::string dims_text(const Grid& grid) {
+    return format("%d x %d x %d", grid.dims.x, grid.dims.y, grid.dims.z);
+}
+
+std::string report_text(const Report& report) {
+    std::string text =
+        "device        " + report.device + '\n' + format("threads       %u\n", report.threads);
+    for (const SceneReport& scene : report.scenes) {
+        text += "scene         " + scene.path + '\n';
+        for (const GridResult& grid : scene.grids)
+            text += format("grid          %s cells of %.4g m, %llu of %llu valid ones measured, "
+                           "noise of the reference %s after %llu rays\n",
+                           dims_text(grid.grid).c_str(), grid.grid.cell,
+                           static_cast<unsigned long long>(grid.probes),
+                           static_cast<unsigned long long>(grid.valid), percent(grid.noise).c_str(),
+                           static_cast<unsigned long long>(grid.rays));
+        text += format("surfaces      %llu points, noise of the reference %s after %llu rays\n\n",
+                       static_cast<unsigned long long>(scene.surface_points),
+                       percent(scene.surface_noise).c_str(),
+                       static_cast<unsigned long long>(scene.surface_rays));
+
+        std::vector<std::vector<std::string>> lines = {
+            {"bake", "seconds", "+-", "error", "same SH", "energy", "surface", "plain", ""}};
+        for (const RowResult& row : scene.rows)
+            lines.push_back(
+                {(row.front ? "* " : "  ") + row_name(row), seconds_text(row.seconds.median),
+                 spread(row.seconds), percent(row.error.relative_l1),
+                 percent(row.projected.relative_l1), format("%.3g", row.error.energy_ratio),
+                 row.surface ? percent(row.surface->relative_l1) : "-",
+                 row.surface_trilinear ? percent(row.surface_trilinear->relative_l1) : "-",
+                 ratio_text(row)});
+        text += aligned(lines, 1) + '\n';
+
+        lines = {{"grid", "path-traced", "seconds", "error L1", "same SH", "error L2", "same SH",
+                  "Mrays/s", "Embree"}};
+        for (const GridResult& grid : scene.grids) {
+            for (const PeerPoint& point : grid.peer)
+                lines.push_back(
+                    {dims_text(grid.grid),
+                     format("%llu rays", static_cast<unsigned long long>(point.rays)),
+                     seconds_text(point.seconds.median), percent(point.error[0].relative_l1),
+                     percent(point.projected[0].relative_l1), percent(point.error[1].relative_l1),
+                     percent(point.projected[1].relative_l1),
+                     format("%.3g", 1e-6 * point.rays_per_second),
+                     point.embree_rays_per_second > 0
+                         ? format("%.3g", 1e-6 * point.embree_rays_per_second)
+                         : "-"});
+            lines.push_back({dims_text(grid.grid), "exact", "", percent(grid.floor[0].relative_l1),
+                             "0 %", percent(grid.floor[1].relative_l1), "0 %", "", ""});
+        }
+        text += aligned(lines, 1) + '\n';
+        for (const std::string& verdict : verdicts(scene))
+            text += verdict + '\n';
+    }
+    return text;
+}
+
+std::string report_csv(const Report& report) {
+    const std::vector<std::string> columns = csv_columns(report);
+    std::string text;
+    for (const std::string& column : columns)
+        text += (text.empty() ? "" : ",") + column;
+    text += '\n';
+    for (const SceneReport& scene : report.scenes) {
+        const auto line_on = [&](const GridResult& grid, const char* kind) {
+            Line line(columns);
+            line.set("scene", scene.path);
+            line.set("kind", kind);
+            line.set("cells_x", grid.grid.dims.x);
+            line.set("cells_y", grid.grid.dims.y);
+            line.set("cells_z", grid.grid.dims.z);
+            line.set("cell_m", grid.grid.cell);
+            line.set("valid_cells", double(grid.valid));
+            line.set("probes", double(grid.probes));
+            line.set("reference_noise", grid.noise);
+            return line;
+        };
+        for (const RowResult& row : scene.rows) {
+            Line line = line_on(scene.grids[row.grid], "bake");
+            line.set("name", row_name(row));
+            line.set("sh_order", row.sh_order);
+            line.set("seconds", row.seconds.median);
+            line.set("seconds_min", row.seconds.min);
+            line.set("seconds_max", row.seconds.max);
+            line.set("true", row.error);
+            line.set("projected", row.projected);
+            if (row.surface)
+                line.set("surface", *row.surface);
+            if (row.surface_trilinear)
+                line.set("surface_trilinear", *row.surface_trilinear);
+            line.set("negative", double(row.error.negative));
+            line.set("front", row.front ? "1" : "0");
+            if (row.peer) {
+                line.set("peer", kind_name(row.peer->kind));
+                line.set("peer_factor", row.peer->factor);
+            }
+            for (const StageTiming& stage : row.stages)
+                line.set("stage_" + stage.name, stage.seconds.median);
+            line.set("command", row_command(scene, row));
+            text += line.text();
+        }
+        for (const GridResult& grid : scene.grids)
+            for (std::size_t i = 0; i < floor_orders.size(); ++i) {
+                for (const PeerPoint& point : grid.peer) {
+                    Line line = line_on(grid, "peer");
+                    line.set("name", format("path-traced %llu",
+                                            static_cast<unsigned long long>(point.rays)));
+                    line.set("sh_order", floor_orders[i]);
+                    line.set("rays", double(point.rays));
+                    line.set("seconds", point.seconds.median);
+                    line.set("seconds_min", point.seconds.min);
+                    line.set("seconds_max", point.seconds.max);
+                    line.set("true", point.error[i]);
+                    line.set("projected", point.projected[i]);
+                    line.set("negative", double(point.error[i].negative));
+                    line.set("rays_per_second", point.rays_per_second);
+                    if (point.embree_rays_per_second > 0)
+                        line.set("embree_rays_per_second", point.embree_rays_per_second);
+                    text += line.text();
+                }
+                Line line = line_on(grid, "floor");
+                line.set("name", format("exact, SH L%d", floor_orders[i]));
+                line.set("sh_order", floor_orders[i]);
+                line.set("rays", double(grid.rays));
+                line.set("true", grid.floor[i]);
+                line.set("negative", double(grid.floor[i].negative));
+                text += line.text();
+            }
+    }
+    return text;
+}
+
+nlohmann::ordered_json report_json(const Report& report) {
+    Json document{{"command", "report"},
+                  {"version", LPVBAKE_VERSION},
+                  {"device", report.device},
+                  {"threads", report.threads},
+                  {"repeats", report.settings.repeats},
+                  {"seed", report.settings.seed},
+                  {"scenes", Json::array()},
+                  {"seconds", report.seconds}};
+    for (const SceneReport& scene : report.scenes) {
+        Json json{{"scene", scene.path},
+                  {"triangles", scene.triangles},
+                  {"grids", Json::array()},
+                  {"rows", Json::array()},
+                  {"surfaces",
+                   {{"points", scene.surface_points},
+                    {"noise", scene.surface_noise},
+                    {"rays", scene.surface_rays}}},
+                  {"verdicts", verdicts(scene)},
+                  {"warnings", scene.warnings}};
+        for (const GridResult& grid : scene.grids)
+            json["grids"].push_back(to_json(grid));
+        for (const RowResult& row : scene.rows)
+            json["rows"].push_back(to_json(scene, row));
+        document["scenes"].push_back(json);
+    }
+    return document;
+}
+
+} // namespace lpvbake

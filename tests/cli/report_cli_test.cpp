@@ -1,0 +1,184 @@
+// lpvbake report from outside: command, status, standard output, standard error, files.
+//
+// LPVBAKE_BINARY is the program's path, LPVBAKE_EXAMPLES the folder of examples/.
+
+#include "cli/run.h"
+#include "error.h"
+
+#include <nlohmann/json.hpp>
+
+#include <algorithm>
+
+namespace lpvbake {
+namespace {
+
+using nlohmann::json;
+
+/// As coarse as it gets, so that a run takes a second.
+const std::string coarse = " --resolution 6 --probes 40 --noise 20% --repeats 2 ";
+
+class ReportCli : public ::testing::Test {
+protected:
+    CliResult run(const std::string& arguments) {
+        return run_lpvbake(folder_, "report " + arguments);
+    }
+
+    json run_json(const std::string& arguments) {
+        const CliResult result = run(arguments + " --format json");
+        EXPECT_EQ(result.status, 0) << arguments << "\n" << result.err;
+        return json::parse(result.out);
+    }
+
+    void expect_error(const std::string& arguments, ExitCode code, const std::string& text) {
+        expect_one_error(run(arguments), arguments, code, text);
+    }
+
+    TemporaryFolder folder_;
+};
+
+TEST_F(ReportCli, MeasuresEveryRowAndWritesEveryForm) {
+    const CliResult result =
+        run("\"$ROOM\"" + coarse + "--occlusion none,face -o r.html -o r.csv -o r.json -o r.svg");
+    ASSERT_EQ(result.status, 0) << result.err;
+    EXPECT_NE(result.out.find("6 x 6 x 6"), std::string::npos) << result.out;
+    const json document = json::parse(slurp(folder_ / "r.json"));
+    EXPECT_EQ(document["command"], "report");
+    const json& scene = document["scenes"][0];
+    ASSERT_EQ(scene["rows"].size(), 2u);
+    ASSERT_EQ(scene["grids"].size(), 1u);
+    EXPECT_EQ(scene["grids"][0]["probes"], 40);
+    EXPECT_EQ(scene["grids"][0]["peer"].size(), 5u);
+    EXPECT_LE(scene["grids"][0]["reference"]["noise"], 0.2);
+    EXPECT_LE(scene["surfaces"]["points"], 40);
+    EXPECT_GE(scene["surfaces"]["points"], 30); // the boxes' undersides are dark
+    double last = 1e9;
+    for (const json& floor : scene["grids"][0]["floors"]) { // more bands are nearer the truth
+        EXPECT_LT(floor["relative_l1"], last);
+        last = floor["relative_l1"];
+    }
+    for (const json& row : scene["rows"]) {
+        EXPECT_GT(row["error"]["relative_l1"], 0);
+        EXPECT_GT(row["surface"]["relative_l1"], 0);
+        EXPECT_LE(row["seconds"]["min"], row["seconds"]["median"]);
+        EXPECT_LE(row["seconds"]["median"], row["seconds"]["max"]);
+        EXPECT_FALSE(row["peer"].is_null());
+        EXPECT_GE(row["stages"].size(), 5u);
+    }
+    EXPECT_EQ(scene["rows"][1]["options"]["occlusion"], "face");
+    EXPECT_NE(std::string(scene["rows"][1]["command"]).find("--resolution 6 --occlusion face"),
+              std::string::npos);
+
+    const std::string page = slurp(folder_ / "r.html");
+    EXPECT_NE(page.find("data:image/svg+xml;base64,"), std::string::npos);
+    EXPECT_NE(page.find("data:image/png;base64,"), std::string::npos);
+    EXPECT_NE(page.find("--occlusion face"), std::string::npos);
+    EXPECT_NE(slurp(folder_ / "r.svg").find("</svg>"), std::string::npos);
+    const std::string csv = slurp(folder_ / "r.csv");
+    EXPECT_EQ(std::ranges::count(csv, '\n'), 1 + 2 + 3 * (5 + 1));
+}
+
+TEST_F(ReportCli, ErrorsDoNotDependOnThreads) {
+    const std::string common = "\"$ROOM\"" + coarse + "--no-peer ";
+    const json one = run_json(common + "--threads 1"), three = run_json(common + "--threads 3");
+    const json &a = one["scenes"][0], &b = three["scenes"][0];
+    EXPECT_EQ(a["rows"][0]["error"], b["rows"][0]["error"]);
+    EXPECT_EQ(a["rows"][0]["surface"], b["rows"][0]["surface"]);
+    EXPECT_EQ(a["grids"][0]["floors"], b["grids"][0]["floors"]);
+    EXPECT_TRUE(a["rows"][0]["peer"].is_null());
+    const json other = run_json(common + "--seed 2");
+    EXPECT_NE(a["rows"][0]["error"], other["scenes"][0]["rows"][0]["error"]);
+}
+
+TEST_F(ReportCli, SweepFilesAreBakedAsListed) {
+    spill(folder_ / "s.toml", "[[sweep]]\nresolution = [5, 6] # cells\nocclusion = \"face\"\n"
+                              "[[sweep]]\nresolution = 5\niterations = [1,\n 2]\n");
+    const json listed = run_json("\"$ROOM\" --sweep s.toml --dry-run");
+    const json& rows = listed["scenes"][0]["rows"];
+    ASSERT_EQ(rows.size(), 4u);
+    EXPECT_EQ(rows[1]["dims"], json({6, 6, 6}));
+    EXPECT_EQ(rows[3]["name"], "5 iterations=2");
+    EXPECT_GT(rows[3]["seconds"], 0.0);
+    const CliResult text = run("\"$ROOM\" --dry-run");
+    EXPECT_EQ(text.status, 0) << text.err;
+    EXPECT_EQ(std::ranges::count(text.out, '\n'), 1 + 11 + 1) << text.out;
+    spill(folder_ / "plain.toml", "resolution = [5]\n"); // without a header
+    EXPECT_EQ(run_json("\"$ROOM\" --sweep plain.toml --dry-run")["scenes"][0]["rows"].size(), 1u);
+}
+
+TEST_F(ReportCli, CommandsOfRowsRepeatThem) {
+    const json document = run_json("\"$ROOM\" \"$ROOM\" --dry-run --no-emitters --margin 2 --point"
+                                   " 0,1,0,5,#ff8000 --resolution 7 --occlusion sh");
+    EXPECT_EQ(document["scenes"].size(), 2u);
+    const std::string command = document["scenes"][1]["rows"][0]["command"];
+    ASSERT_TRUE(command.starts_with("lpvbake bake "));
+    const CliResult repeated = run_lpvbake(folder_, command.substr(8) + " --print-config");
+    EXPECT_EQ(repeated.status, 0) << repeated.err;
+    for (const char* line : {"no-emitters = true\n", "margin = 2\n", "resolution = 7\n",
+                             "occlusion = \"sh\"\n", "point = [\"0,1,0,5,#ff8000\"]\n"})
+        EXPECT_NE(repeated.out.find(line), std::string::npos) << line << repeated.out;
+}
+
+TEST_F(ReportCli, HostileFileNamesDoNothing) {
+    const std::string name = "x';system(\"touch pwned\")#`touch pwned`$(touch pwned)<script>.gltf";
+    spill(folder_ / name, slurp(LPVBAKE_EXAMPLES "/cornell_box.gltf"));
+    const CliResult result = run("*script*.gltf" + coarse + "-o r.html -o r.svg");
+    ASSERT_EQ(result.status, 0) << result.err;
+    EXPECT_FALSE(std::filesystem::exists(folder_ / "pwned"));
+    EXPECT_EQ(slurp(folder_ / "r.html").find("<script"), std::string::npos);
+    EXPECT_EQ(slurp(folder_ / "r.svg").find("<script"), std::string::npos);
+}
+
+TEST_F(ReportCli, MissingGnuplotIsSaidBeforeTheWork) {
+    const std::string command = "cd '" + folder_.path().string()
+                                + "' && PATH=/none '" LPVBAKE_BINARY "' report '" LPVBAKE_EXAMPLES
+                                  "/cornell_box.gltf' -o r.svg > stdout 2> stderr";
+    const int status = std::system(command.c_str());
+    EXPECT_EQ(WEXITSTATUS(status), int(ExitCode::failure));
+    EXPECT_NE(slurp(folder_ / "stderr").find("gnuplot-nox"), std::string::npos);
+    EXPECT_FALSE(std::filesystem::exists(folder_ / "r.svg"));
+}
+
+TEST_F(ReportCli, ConfigFileRoundTrips) {
+    const CliResult first = run("\"$ROOM\" -o r.csv --resolution 5,6 --seed 9 --noise 2% --no-peer"
+                                " --bounds 0,0,0,1,1,1 --print-config > a.toml; cat a.toml");
+    ASSERT_EQ(first.status, 0) << first.err;
+    const CliResult second = run("--config a.toml --print-config");
+    EXPECT_EQ(second.err, "");
+    EXPECT_EQ(second.out, slurp(folder_ / "a.toml"));
+    for (const char* line : {"noise = 0.02\n", "resolution = \"5,6\"\n", "no-peer = true\n"})
+        EXPECT_NE(second.out.find(line), std::string::npos) << line << second.out;
+}
+
+TEST_F(ReportCli, WrongCommandLinesAreRefused) {
+    expect_error("", ExitCode::usage, "no scene");
+    expect_error("\"$ROOM\" -o r.txt", ExitCode::usage, "r.txt");
+    expect_error("\"$ROOM\" -o r.csv -o ./r.csv", ExitCode::usage, "given twice");
+    expect_error("\"$ROOM\" -o none/r.csv", ExitCode::file, "none/r.csv");
+    expect_error("none.gltf", ExitCode::file, "none.gltf");
+    expect_error("\"$ROOM\" --sweep none.toml", ExitCode::file, "none.toml");
+    expect_error("\"$ROOM\" --resolution 2", ExitCode::usage, "--resolution: '2'");
+    expect_error("\"$ROOM\" --resolution 16,,32", ExitCode::usage, "--resolution: ''");
+    expect_error("\"$ROOM\" --occlusion full", ExitCode::usage, "none, sh, face");
+    for (const char* bad : {"--repeats=0", "--probes=0", "--probes=1000000", "--noise=0",
+                            "--noise=x", "--rays=1", "--seed=-1", "--margin=-1"})
+        expect_error(std::string("\"$ROOM\" ") + bad, ExitCode::usage, "");
+    spill(folder_ / "a.toml", "resolution = [16]\nwidth = 3\n");
+    expect_error("\"$ROOM\" --sweep a.toml", ExitCode::usage,
+                 "a.toml:2: a sweep cannot set 'width'");
+    spill(folder_ / "b.toml", "[[sweep]]\n\nocclusion = [\"none\", \"half\"]\n");
+    expect_error("\"$ROOM\" --sweep b.toml", ExitCode::usage, "b.toml:3: occlusion: 'half'");
+    spill(folder_ / "c.toml", "resolution = []\n");
+    expect_error("\"$ROOM\" --sweep c.toml", ExitCode::usage, "c.toml:1");
+    spill(folder_ / "d.toml", "[sweep]\nresolution = 4\n");
+    expect_error("\"$ROOM\" --sweep d.toml", ExitCode::usage, "d.toml:1");
+    spill(folder_ / "e.toml", "# nothing\n");
+    expect_error("\"$ROOM\" --sweep e.toml", ExitCode::usage, "e.toml");
+    spill(folder_ / "f.toml", "resolution = [4]\n");
+    expect_error("\"$ROOM\" --sweep f.toml --resolution 5", ExitCode::usage, "exclude each other");
+    expect_error("\"$ROOM\" --sweep f.toml -o f.toml", ExitCode::usage, "f.toml");
+    expect_error("\"$ROOM\" --no-scene-lights --no-emitters", ExitCode::invalid, "--sun");
+    expect_error("\"$ROOM\" --bounds 5,5,5,5,5,5", ExitCode::invalid, "");
+}
+
+} // namespace
+} // namespace lpvbake
