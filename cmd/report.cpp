@@ -11,6 +11,7 @@
 #include "report/tables.h"
 #include "result.h"
 #include "scene_options.h"
+#include "suite.h"
 
 #include <tbb/task_arena.h>
 
@@ -67,6 +68,7 @@ Examples:
   lpvbake report room.glb --resolution 16,32 --occlusion face --repeats 5 --noise 0.5%
   lpvbake report room.glb --sweep sweep.toml --format json --no-peer
   lpvbake report room.glb --sweep sweep.toml --dry-run
+  lpvbake report --suite cases/suite.json --case two-rooms
 
 -o writes by its extension: .html a page with plot, tables, slices and the command of each row, in
 one file; .svg the plot; .csv; .json as below. The plot is drawn by gnuplot.
@@ -90,6 +92,9 @@ struct ReportOptions : SceneOptions, RunOptions {
     std::vector<std::string> scenes;
     std::vector<std::string> outputs;
     std::string sweep;
+    std::string suite;
+    std::vector<std::string> cases;
+    bool cheap = false;
     /// Comma-separated values by the option of a sweep; empty: not given.
     std::vector<std::pair<std::string, std::string>> axes;
     int repeats = 3;
@@ -112,6 +117,12 @@ std::vector<Setting> settings_of(const ReportOptions& o) {
         settings.push_back({"output", toml_array(o.outputs), false});
     if (!o.sweep.empty())
         settings.push_back({"sweep", toml_string(o.sweep), false});
+    if (!o.suite.empty())
+        settings.push_back({"suite", toml_string(o.suite), false});
+    if (!o.cases.empty())
+        settings.push_back({"case", toml_array(o.cases), false});
+    if (o.cheap)
+        settings.push_back({"cheap", toml_flag(o.cheap), false});
     for (const auto& [option, values] : o.axes)
         if (!values.empty())
             settings.push_back({option.c_str(), toml_string(values), true});
@@ -147,8 +158,37 @@ bool wants(const ReportOptions& o, const char* extension) {
         o.outputs, [&](const std::string& path) { return extension_of(path) == extension; });
 }
 
+/// What a run of a suite takes of the options; throws Error (usage) for what contradicts it.
+SuiteRun suite_run(const ReportOptions& o) {
+    const auto refuse = [](const std::string& what) {
+        throw Error(ExitCode::usage, "--suite takes what it runs from its file, not " + what);
+    };
+    if (!o.scenes.empty())
+        refuse("the scene " + o.scenes.front());
+    if (!o.outputs.empty())
+        refuse("an output; its table goes to standard output");
+    for (const auto& [given, option] :
+         {std::pair{!o.sweep.empty(), "--sweep"}, std::pair{!o.bounds.empty(), "--bounds"},
+          std::pair{!o.suns.empty(), "--sun"}, std::pair{!o.points.empty(), "--point"},
+          std::pair{!o.light_files.empty(), "--lights"},
+          std::pair{o.no_scene_lights, "--no-scene-lights"},
+          std::pair{o.no_emitters, "--no-emitters"}, std::pair{o.dry_run, "--dry-run"}})
+        if (given)
+            refuse(option);
+    SuiteRun run{o.suite, {o.cases, {}, o.cheap}, o.device, o.threads, o.format, o.progress};
+    for (const auto& [option, values] : o.axes)
+        if (!values.empty()) {
+            if (option != "solver")
+                refuse("--" + option);
+            run.selection.solvers = CLI::detail::split(values, ',');
+        }
+    return run;
+}
+
 /// All that can be known to be wrong before any work is done.
 void check_options(const ReportOptions& o) {
+    if (!o.cases.empty() || o.cheap)
+        throw Error(ExitCode::usage, "--case and --cheap need --suite FILE");
     if (o.scenes.empty())
         throw Error(ExitCode::usage, "no scene: lpvbake report SCENE... (see lpvbake report "
                                      "--help)");
@@ -422,7 +462,7 @@ void add_report(CLI::App& root, Action& action) {
     auto options = std::make_shared<ReportOptions>();
     ReportOptions& o = *options;
     CLI::App* app = root.add_subcommand("report", summary);
-    app->footer(manual);
+    app->footer(std::string(manual) + "\n\n" + suite_manual);
 
     OptionList list(*app);
     list.text("scene", o.scenes, "FILE...", "glTF 2.0 files, .gltf or .glb");
@@ -434,6 +474,10 @@ void add_report(CLI::App& root, Action& action) {
         o.axes.push_back({option, ""});
     for (auto& [option, values] : o.axes)
         list.text("--" + option, values, "V,V,...", "Values of bake's option");
+    list.group("Suite");
+    list.text("--suite", o.suite, "FILE", "JSON file of hard cases to run instead: see below");
+    list.list("--case", o.cases, "NAME", "Case to run; may be repeated; default: all");
+    list.flag("--cheap", o.cheap, "Run the cheap cases alone");
     list.group("Grid");
     list.text("--bounds", o.bounds, "X0,Y0,Z0,X1,Y1,Z1",
               "Box to fit the grids to, metres; default: the scene's");
@@ -467,6 +511,10 @@ void add_report(CLI::App& root, Action& action) {
         action = [options] {
             if (options->print_config) {
                 print_config(settings_of(*options));
+                return;
+            }
+            if (!options->suite.empty()) {
+                run_suite(suite_run(*options));
                 return;
             }
             check_options(*options);
