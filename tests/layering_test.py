@@ -26,6 +26,7 @@ BUILDS_ON = {
     "surface": ["scene", "rsm", "visibility"],
     "solver": ["surface", "visibility", "volume"],
     "solver/lpv": ["solver", "gpu"],
+    "solver/gather": ["solver", "gpu"],
     "io": ["volume", "image"],
     "reference": ["scene", "visibility", "volume"],
     "render": ["scene", "rsm", "volume", "gpu"],

@@ -1,0 +1,188 @@
+#include "solver/gather/clusters.h"
+
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_invoke.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace lpvbake::gather {
+namespace {
+
+/// Subtrees of fewer emitters are built by one thread.
+constexpr uint32_t own_task = 4096;
+/// By how much a cluster counts larger for normals that differ.
+constexpr float bend = 40.0f;
+
+std::vector<Emitter> emitters_of(const LitSurfaces& surfaces) {
+    std::vector<Emitter> emitters;
+    for (size_t i = 0; i < surfaces.patches.size(); ++i) {
+        const Patch& patch = surfaces.patches[i];
+        for (size_t side = 0; side < 2; ++side) {
+            Emitter e;
+            e.luminance = patch.alpha * surfaces.luminance[2 * i + side];
+            e.power = (e.luminance.x + e.luminance.y + e.luminance.z) * patch.area;
+            if (!(e.power > 0.0f))
+                continue;
+            e.normal = side == 0 ? patch.normal : -patch.normal;
+            e.a = patch.position - (patch.edge_u + patch.edge_v) / 3.0f;
+            e.b = e.a + patch.edge_u;
+            e.c = e.a + patch.edge_v;
+            // A mirrored patch's corners run the other way.
+            if (glm::dot(glm::cross(patch.edge_u, patch.edge_v), e.normal) < 0.0f)
+                std::swap(e.b, e.c);
+            emitters.push_back(e);
+        }
+    }
+    return emitters;
+}
+
+struct Builder {
+    std::vector<Emitter>& emitters;
+    std::vector<Cluster>& nodes;
+    const Visibility& visibility;
+
+    void build(uint32_t node, uint32_t first, uint32_t count) {
+        if (count == 1) {
+            nodes[node] = leaf(first);
+            return;
+        }
+        const uint32_t half = split(first, count);
+        const uint32_t second = node + 2 * half;
+        const auto left = [&] { build(node + 1, first, half); };
+        const auto right = [&] { build(second, first + half, count - half); };
+        if (count >= own_task) {
+            tbb::parallel_invoke(left, right);
+        } else {
+            left();
+            right();
+        }
+        nodes[node] = join(nodes[node + 1], nodes[second]);
+        nodes[node].second = second;
+    }
+
+private:
+    Cluster leaf(uint32_t index) const {
+        const Emitter& e = emitters[index];
+        Cluster c;
+        c.position = (e.a + e.b + e.c) / 3.0f;
+        c.normal = e.normal;
+        c.lo = glm::min(e.a, glm::min(e.b, e.c));
+        c.hi = glm::max(e.a, glm::max(e.b, e.c));
+        c.size =
+            std::max({glm::distance(e.a, e.b), glm::distance(e.b, e.c), glm::distance(e.c, e.a)});
+        // Second moment of a triangle: a twelfth of the sum over its corners.
+        const auto square = [&](glm::vec3 corner) {
+            return glm::dot(corner - c.position, corner - c.position);
+        };
+        c.spread = (square(e.a) + square(e.b) + square(e.c)) / 12.0f;
+        c.intensity = e.luminance * (0.5f * glm::length(glm::cross(e.b - e.a, e.c - e.a)));
+        c.power = e.power;
+        c.first = index;
+        c.count = 1;
+        return c;
+    }
+
+    Cluster join(const Cluster& a, const Cluster& b) const {
+        Cluster c;
+        const float share = b.power / (a.power + b.power);
+        c.position = glm::mix(a.position, b.position, share);
+        c.normal = glm::mix(a.normal, b.normal, share);
+        c.intensity = a.intensity + b.intensity;
+        c.power = a.power + b.power;
+        const glm::vec3 apart = b.position - a.position;
+        c.spread =
+            glm::mix(a.spread, b.spread, share) + share * (1.0f - share) * glm::dot(apart, apart);
+        c.lo = glm::min(a.lo, b.lo);
+        c.hi = glm::max(a.hi, b.hi);
+        c.size = glm::distance(c.lo, c.hi) * (1.0f + bend * (1.0f - glm::length(c.normal)));
+        c.first = a.first;
+        c.count = a.count + b.count;
+        c.divided = a.divided || b.divided || !see_each_other(a, b);
+        return c;
+    }
+
+    /// Whether the middle emitters of two clusters see each other, if they face each other or lie
+    /// in one plane.
+    bool see_each_other(const Cluster& a, const Cluster& b) const {
+        const glm::vec3 p = emitters[a.first + a.count / 2].point({0.25f, 0.5f});
+        const glm::vec3 q = emitters[b.first + b.count / 2].point({0.25f, 0.5f});
+        return visibility.transmittance({p, q - p}) > 0.5f;
+    }
+
+    uint32_t split(uint32_t first, uint32_t count) {
+        const auto begin = emitters.begin() + first, end = begin + count;
+        glm::vec3 lo{HUGE_VALF}, hi{-HUGE_VALF}, turned_lo{1.0f}, turned_hi{-1.0f};
+        for (auto e = begin; e != end; ++e) {
+            const glm::vec3 center = (e->a + e->b + e->c) / 3.0f;
+            lo = glm::min(lo, center);
+            hi = glm::max(hi, center);
+            turned_lo = glm::min(turned_lo, e->normal);
+            turned_hi = glm::max(turned_hi, e->normal);
+        }
+        const glm::vec3 extent = hi - lo, turn = (turned_hi - turned_lo) * glm::length(extent);
+        int axis = 0;
+        for (int i = 1; i < 6; ++i) {
+            const auto across = [&](int k) { return k < 3 ? extent[k] : turn[k - 3]; };
+            if (across(i) > across(axis))
+                axis = i;
+        }
+        const auto key = [axis](const Emitter& e) {
+            return axis < 3 ? (e.a[axis] + e.b[axis] + e.c[axis]) / 3.0f : e.normal[axis - 3];
+        };
+        const float middle = axis < 3 ? 0.5f * (lo[axis] + hi[axis])
+                                      : 0.5f * (turned_lo[axis - 3] + turned_hi[axis - 3]);
+        const auto cut =
+            std::stable_partition(begin, end, [&](const Emitter& e) { return key(e) < middle; });
+        const auto half = uint32_t(cut - begin);
+        // All in one place, or a tree that would grow too deep.
+        const uint32_t least = count / 16;
+        if (half > least && count - half > least)
+            return half;
+        std::stable_sort(begin, end,
+                         [&](const Emitter& a, const Emitter& b) { return key(a) < key(b); });
+        return count / 2;
+    }
+};
+
+} // namespace
+
+glm::vec3 Emitter::point(glm::vec2 u) const {
+    const float root = std::sqrt(u.x);
+    const glm::vec3 p = a + root * (1.0f - u.y) * (b - a) + root * u.y * (c - a);
+    return p + 2.0f * lift_of(p) * normal;
+}
+
+uint32_t Clusters::emitter_at(const Cluster& cluster, double share) const {
+    const double from = power_before[cluster.first];
+    const double to = power_before[cluster.first + cluster.count];
+    const auto begin = power_before.begin() + cluster.first;
+    const auto at = std::upper_bound(begin, begin + cluster.count, from + share * (to - from));
+    return uint32_t(std::max<ptrdiff_t>(at - power_before.begin() - 1, cluster.first));
+}
+
+Clusters make_clusters(const LitSurfaces& surfaces, const Visibility& visibility) {
+    Clusters clusters;
+    clusters.emitters = emitters_of(surfaces);
+    const auto count = uint32_t(clusters.emitters.size());
+    if (count == 0)
+        return clusters;
+    clusters.nodes.resize(2 * size_t(count) - 1);
+    Builder{clusters.emitters, clusters.nodes, visibility}.build(0, 0, count);
+    clusters.power_before.resize(count + 1);
+    for (uint32_t i = 0; i < count; ++i)
+        clusters.power_before[i + 1] =
+            clusters.power_before[i] + double(clusters.emitters[i].power);
+    return clusters;
+}
+
+bool faces_away(const Cluster& cluster, glm::vec3 centre, glm::vec3 half) {
+    if (glm::dot(cluster.normal, cluster.normal) < 0.99999f)
+        return false;
+    const glm::vec3 middle = 0.5f * (cluster.lo + cluster.hi);
+    const glm::vec3 reach = half + 0.5f * (cluster.hi - cluster.lo);
+    const glm::vec3 n = cluster.normal;
+    return glm::dot(n, centre - middle) + glm::dot(glm::abs(n), reach) <= 0.0f;
+}
+
+} // namespace lpvbake::gather

@@ -1,0 +1,65 @@
+// Light of clustered virtual point lights and of the sky, gathered at cell centres (Walter et al.
+// 2005 for the clusters, Greger et al. 1998 for the adaptive grid).
+#pragma once
+
+#include "gpu/gpu.h"
+#include "progress.h"
+#include "surface/lit_surfaces.h"
+#include "volume/volume.h"
+
+namespace lpvbake {
+
+struct GatherSettings {
+    int order = 2; ///< of the harmonics: 1, 2 or 4
+    /// Clusters of patches that a cell tests for visibility, each with one ray, at most; and about
+    /// as many bins of sky. More let shadows be sharper.
+    int vpls = 192;
+    /// A cluster is opened where it is nearer than this many times its size.
+    float kappa = 1.0f;
+    /// Cells are interpolated where irradiance at the eight corners around them differs by no more
+    /// than this from their mean (root mean square over all normals, as a share of the mean
+    /// irradiance over them), and where no surface is between these. 0: every cell is solved.
+    float tolerance = 0.3f;
+};
+
+/// Device memory of a gather, bytes: whatever the grid and the scene are.
+uint64_t gather_device_bytes(const GatherSettings& settings);
+
+/// Host memory that a gather takes beside surfaces and volume, bytes; an estimate from above.
+uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSettings& settings);
+
+/// How long it will take, seconds: an estimate for two cores of a CPU.
+double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& settings);
+
+/// What a gather did and cost.
+struct GatherReport {
+    uint64_t solved = 0;       ///< cells
+    uint64_t interpolated = 0; ///< cells
+    uint64_t rays = 0;         ///< for visibility
+    uint64_t sources = 0; ///< pairs of a cell and what it gathered, without those that it masked
+    double clusters_seconds = 0, visibility_seconds = 0, lists_seconds = 0, device_seconds = 0,
+           interpolation_seconds = 0;
+};
+
+/// The gather, compiled for a device and an order.
+class GatherProgram {
+public:
+    /// `window` limits the bytes of a list that the device sees at once; 0: 32 MiB.
+    GatherProgram(const gpu::Device& device, const GatherSettings& settings, uint64_t window = 0);
+
+    /// Fills Volume::sh and sh_order from the light that leaves `surfaces` and the sky, in the
+    /// cells whose validity (which has to be there) is above 0; in the others it is 0. The same
+    /// bits for any number of threads and any window. Throws Error (memory, device), and whatever
+    /// `progress` throws.
+    GatherReport gather(const LitSurfaces& surfaces, const Sky& sky, const Visibility& visibility,
+                        Volume& volume, Progress& progress) const;
+
+private:
+    const gpu::Device& device_;
+    GatherSettings settings_;
+    uint64_t list_bytes_;
+    uint32_t local_size_;
+    gpu::Program program_;
+};
+
+} // namespace lpvbake

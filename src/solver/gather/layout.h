@@ -1,0 +1,63 @@
+// What the gathering kernel (gather.comp) and the host have to agree on. This file is included by
+// both languages, so it keeps to what C++20 and GLSL 4.60 have in common outside of the blocks that
+// test for __cplusplus.
+#ifndef LPVBAKE_SOLVER_GATHER_LAYOUT_H
+#define LPVBAKE_SOLVER_GATHER_LAYOUT_H
+
+#ifdef __cplusplus
+#include <cstdint>
+#define LPVBAKE_SHARED_CONST inline constexpr
+namespace lpvbake::gather {
+using uint = std::uint32_t;
+#else
+#define LPVBAKE_SHARED_CONST const
+#endif
+
+// A job is what eight cells gather from one list of sources; a cell may take several jobs, whose
+// results are added in their order.
+LPVBAKE_SHARED_CONST uint lanes = 8u;
+
+// Descriptor set 0.
+LPVBAKE_SHARED_CONST uint binding_centers = 0u; // uniform texel buffer: cell centres, eight a job
+LPVBAKE_SHARED_CONST uint binding_jobs = 1u;    // storage buffer, Job[]
+LPVBAKE_SHARED_CONST uint binding_list = 2u;    // uniform texel buffer, RGBA32F
+LPVBAKE_SHARED_CONST uint binding_result = 3u;  // storage buffer, float[]: [job][k][colour][lane]
+
+// Specialization constants.
+LPVBAKE_SHARED_CONST uint spec_local_size = 0u; // a multiple of `lanes`
+LPVBAKE_SHARED_CONST uint spec_order = 1u;      // of the harmonics: 1, 2 or 4
+
+// A list is the job's points (`guard`: the least r^2; `variance`: of their area along each axis),
+// then its triangles, then its bins of sky, in words of four floats. A mask is a whole number whose
+// bit i is set if lane i sees the source.
+LPVBAKE_SHARED_CONST uint point_words = 3u;    // x y z mask | normal guard | intensity variance
+LPVBAKE_SHARED_CONST uint triangle_words = 4u; // a 0 | b 0 | c 0 | luminance mask
+
+struct Job {
+    uint first; // word of the list
+    uint points;
+    uint triangles;
+    uint bins;
+};
+
+struct Push {
+    uint jobs;
+};
+
+#ifdef __cplusplus
+constexpr uint terms(int order) {
+    return uint((order + 1) * (order + 1));
+}
+// A bin of sky: 3 floats a term, and the mask.
+constexpr uint bin_words(int order) {
+    return (3 * terms(order) + 1 + 3) / 4;
+}
+constexpr uint result_floats(int order) {
+    return 3 * terms(order) * lanes;
+}
+static_assert(sizeof(Job) == 16);
+} // namespace lpvbake::gather
+#endif
+
+#undef LPVBAKE_SHARED_CONST
+#endif // LPVBAKE_SOLVER_GATHER_LAYOUT_H

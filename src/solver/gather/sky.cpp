@@ -1,0 +1,71 @@
+#include "solver/gather/sky.h"
+
+#include "volume/sh.h"
+
+#include <glm/gtc/constants.hpp>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+namespace lpvbake::gather {
+namespace {
+
+/// A side of the square of points that a bin is sampled at.
+constexpr int samples = 8;
+
+} // namespace
+
+glm::vec3 SkyBin::direction(glm::vec2 u) const {
+    const float y = glm::mix(low, high, u.x), angle = glm::mix(from, to, u.y);
+    const float radius = std::sqrt(std::max(0.0f, 1.0f - y * y));
+    return {radius * std::sin(angle), y, radius * std::cos(angle)};
+}
+
+std::vector<SkyBin> make_sky_bins(const Sky& sky, int count, int order) {
+    std::vector<SkyBin> bins;
+    const float turn = 2.0f * glm::pi<float>();
+    // Rings of equal steps in the angle from the pole, cut into about square bins; the heights
+    // between them are then moved so that all bins have one solid angle.
+    const int rings = std::max(2, int(std::lround(std::sqrt(count * glm::pi<double>() / 4.0))));
+    std::vector<int> sectors;
+    for (int i = 0; i < rings; ++i)
+        sectors.push_back(std::max(
+            3, int(std::lround(2.0 * rings * std::sin((i + 0.5) * glm::pi<double>() / rings)))));
+    const int total = std::accumulate(sectors.begin(), sectors.end(), 0);
+    int before = 0;
+    for (const int n : sectors) {
+        const float high = 1.0f - 2.0f * float(before) / float(total);
+        before += n;
+        const float low = 1.0f - 2.0f * float(before) / float(total);
+        for (int i = 0; i < n; ++i)
+            bins.push_back(
+                {low, high, turn * float(i) / float(n), turn * float(i + 1) / float(n), {}});
+    }
+    tbb::parallel_for(size_t(0), bins.size(), [&](size_t i) {
+        SkyBin& bin = bins[i];
+        const auto terms = size_t(sh_count(order));
+        std::vector<double> sum(3 * terms, 0.0);
+        for (int a = 0; a < samples; ++a)
+            for (int b = 0; b < samples; ++b) {
+                const glm::vec3 w =
+                    bin.direction({(float(a) + 0.5f) / samples, (float(b) + 0.5f) / samples});
+                const glm::vec3 luminance = sky_luminance(sky, w);
+                const ShValues y = sh_basis(order, w);
+                for (size_t k = 0; k < terms; ++k)
+                    for (size_t c = 0; c < 3; ++c)
+                        sum[3 * k + c] += double(luminance[int(c)]) * double(y[k]);
+            }
+        const double weight = 4.0 * glm::pi<double>() / (samples * samples * double(total));
+        for (const double value : sum)
+            bin.coefficients.push_back(float(weight * value));
+    });
+    const bool black = std::all_of(bins.begin(), bins.end(), [](const SkyBin& bin) {
+        return std::all_of(bin.coefficients.begin(), bin.coefficients.end(),
+                           [](float c) { return c == 0.0f; });
+    });
+    return black ? std::vector<SkyBin>{} : bins;
+}
+
+} // namespace lpvbake::gather

@@ -1,0 +1,299 @@
+#include "solver/gather/zone.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <queue>
+
+namespace lpvbake::gather {
+namespace {
+
+constexpr uint32_t strata = 16;       ///< points of a cluster that cells may test
+constexpr int coarsest = 8;           ///< cells between those that test everything
+constexpr size_t fewest_corners = 4;  ///< that have to agree
+constexpr float smallest = 0.25f;     ///< clusters of this size are not opened
+constexpr float near_triangle = 1.0f; ///< sizes of a triangle within which it is not a point
+constexpr float divided_weight = 8.0f;
+
+/// Spreads the bits of a word evenly (Wellons' lowbias32 constants).
+uint32_t mix(uint32_t x) {
+    x ^= x >> 16;
+    x *= 0x7feb352du;
+    x ^= x >> 15;
+    x *= 0x846ca68bu;
+    return x ^ (x >> 16);
+}
+
+float unit(uint32_t bits) {
+    return float(bits >> 8) * 0x1p-24f;
+}
+
+/// A number for each cell that spreads over all 32 bits whatever the stride between cells: the
+/// additive sequence of the plastic number's relative in three dimensions.
+uint32_t pattern_of(glm::ivec3 cell) {
+    return 0xd1b54a33u * uint32_t(cell.x) + 0xabc98389u * uint32_t(cell.y)
+           + 0x8cb92ba7u * uint32_t(cell.z);
+}
+
+glm::vec3 centre_of(glm::ivec3 cell) {
+    return glm::vec3(cell) + 0.5f;
+}
+
+} // namespace
+
+Occupied::Occupied(const std::vector<Patch>& patches, const Grid& grid) {
+    for (int edge = 1; edge <= zone_edge; edge *= 2) {
+        grids_.push_back({{}, 1.0, (grid.dims + edge - 1) / edge});
+        levels_.emplace_back(grids_.back().size(), uint8_t(0));
+    }
+    for (const Patch& patch : patches) {
+        if (!(patch.area > 0.0f))
+            continue;
+        const glm::vec3 a = patch.at({0.0f, 0.0f}), b = patch.at({1.0f, 0.0f}),
+                        c = patch.at({0.0f, 1.0f});
+        const glm::vec3 lo = glm::min(a, glm::min(b, c)), hi = glm::max(a, glm::max(b, c));
+        const glm::vec3 last(grid.dims - 1);
+        if (glm::any(glm::lessThan(hi, glm::vec3(0.0f)))
+            || glm::any(glm::greaterThan(lo, last + 1.0f)))
+            continue;
+        constexpr float slack = 1e-3f;
+        const glm::ivec3 from(glm::clamp(glm::floor(lo - 0.5f - slack), glm::vec3(0.0f), last));
+        const glm::ivec3 to(glm::clamp(glm::floor(hi - 0.5f + slack), glm::vec3(0.0f), last));
+        for (int z = from.z; z <= to.z; ++z)
+            for (int y = from.y; y <= to.y; ++y)
+                for (int x = from.x; x <= to.x; ++x)
+                    levels_[0][grids_[0].index({x, y, z})] = 1;
+    }
+    for (size_t n = 1; n < levels_.size(); ++n)
+        for (int z = 0; z < grids_[n - 1].dims.z; ++z)
+            for (int y = 0; y < grids_[n - 1].dims.y; ++y)
+                for (int x = 0; x < grids_[n - 1].dims.x; ++x)
+                    levels_[n][grids_[n].index({x / 2, y / 2, z / 2})] |=
+                        levels_[n - 1][grids_[n - 1].index({x, y, z})];
+}
+
+bool Occupied::operator()(glm::ivec3 lo, int level) const {
+    return levels_[size_t(level)][grids_[size_t(level)].index(lo >> level)] != 0;
+}
+
+void Sources::clear() {
+    points.clear();
+    triangles.clear();
+    bins.clear();
+}
+
+Zone::Zone(const Surroundings& world, glm::ivec3 base)
+    : world_(world),
+      base_(base),
+      dims_(glm::min(glm::ivec3(zone_edge), world.grid.dims - base)) {
+    choose_clusters();
+    targets_.reserve(clusters_.size() * strata);
+    for (const uint32_t index : clusters_) {
+        const Cluster& cluster = world_.clusters.nodes[index];
+        for (uint32_t s = 0; s < strata; ++s) {
+            const uint32_t key = mix(mix(index) + s);
+            const double share = (double(s) + double(unit(key))) / strata;
+            const Emitter& emitter =
+                world_.clusters.emitters[world_.clusters.emitter_at(cluster, share)];
+            targets_.push_back(
+                {emitter.point({unit(mix(key + 1)), unit(mix(key + 2))}), emitter.normal});
+        }
+    }
+    words_ = (clusters_.size() + world_.sky.size() + 63) / 64;
+    known_.assign(size_t(zone_edge + 1) * (zone_edge + 1) * (zone_edge + 1), 0);
+}
+
+void Zone::choose_clusters() {
+    const std::vector<Cluster>& nodes = world_.clusters.nodes;
+    if (nodes.empty())
+        return;
+    const glm::vec3 half = 0.5f * glm::vec3(dims_ - 1);
+    const glm::vec3 centre = centre_of(base_) + half;
+    const float radius = 0.5f * zone_edge;
+    struct Open {
+        float weight;
+        uint32_t node;
+        bool operator<(const Open& other) const {
+            return weight != other.weight ? weight < other.weight : node > other.node;
+        }
+    };
+    std::priority_queue<Open> open;
+    const auto offer = [&](uint32_t index) {
+        const Cluster& cluster = nodes[index];
+        if (faces_away(cluster, centre, half))
+            return;
+        const glm::vec3 to = glm::clamp(centre, cluster.lo, cluster.hi) - centre;
+        const float square = std::max(glm::dot(to, to), radius * radius);
+        float weight = cluster.power / square;
+        weight *= 1.0f + 8.0f * (1.0f - glm::length(cluster.normal));
+        if (cluster.divided)
+            weight *= divided_weight;
+        if (cluster.count == 1)
+            clusters_.push_back(index);
+        else
+            open.push({weight, index});
+    };
+    offer(0);
+    while (!open.empty() && clusters_.size() + open.size() < size_t(world_.vpls)) {
+        const uint32_t index = open.top().node;
+        open.pop();
+        offer(index + 1);
+        offer(nodes[index].second);
+    }
+    for (; !open.empty(); open.pop())
+        clusters_.push_back(open.top().node);
+    std::sort(clusters_.begin(), clusters_.end());
+}
+
+size_t Zone::slot(glm::ivec3 point) const {
+    return size_t(point.x + (zone_edge + 1) * (point.y + (zone_edge + 1) * point.z));
+}
+
+/// Points lie in this zone or on its far side; those in solids see nothing that tells.
+bool Zone::usable(glm::ivec3 point) const {
+    const glm::ivec3 cell = base_ + point;
+    return glm::all(glm::lessThanEqual(point, glm::ivec3(zone_edge))) && world_.grid.contains(cell)
+           && world_.validity[world_.grid.index(cell)] > 0.0f;
+}
+
+bool Zone::test(glm::vec3 from, uint32_t source, uint32_t pattern) {
+    const uint32_t shift = mix(source + 1);
+    if (source >= clusters_.size()) {
+        const SkyBin& bin = world_.sky[source - clusters_.size()];
+        const uint32_t key = mix(pattern ^ shift);
+        const glm::vec3 w = bin.direction({unit(pattern + shift), unit(key)});
+        ++rays_;
+        const float through = world_.visibility.transmittance({from, w, 0.0f, HUGE_VALF});
+        return through > unit(mix(key));
+    }
+    // The first of the points, from the cell's own on, that face it.
+    const uint32_t start = (pattern + shift) >> 28;
+    static_assert(strata == 16);
+    for (uint32_t i = 0; i < strata; ++i) {
+        const Target& target = targets_[source * strata + (start + 5 * i) % strata];
+        const glm::vec3 way = target.point - from;
+        if (!(glm::dot(way, target.normal) < 0.0f))
+            continue;
+        ++rays_;
+        const float through = world_.visibility.transmittance({from, way});
+        return through > 0.0f && (through >= 1.0f || through > unit(mix(pattern ^ shift)));
+    }
+    return false;
+}
+
+const uint64_t* Zone::bits(glm::ivec3 point) {
+    const size_t at = slot(point);
+    if (known_[at])
+        return bits_[known_[at] - 1u].get();
+    auto own = std::make_unique<uint64_t[]>(words_);
+    const auto sources = uint32_t(clusters_.size() + world_.sky.size());
+
+    // What the corners of the cube around the cell agree on, of those that it sees.
+    std::vector<uint64_t> open(words_, ~uint64_t(0));
+    const glm::vec3 from = centre_of(base_ + point);
+    const int lowest = (point.x | point.y | point.z) & -(point.x | point.y | point.z);
+    if (lowest != 0 && lowest < coarsest) {
+        const int edge = 2 * lowest;
+        glm::ivec3 lo = point & ~(edge - 1);
+        for (int i = 0; i < 3; ++i)
+            if (lo[i] == zone_edge)
+                lo[i] -= edge;
+        const bool look = world_.occupied(base_ + lo, std::countr_zero(uint32_t(edge)));
+        std::vector<uint64_t> all(words_, ~uint64_t(0)), any(words_, 0);
+        size_t corners = 0;
+        for (int i = 0; i < 8; ++i) {
+            const glm::ivec3 corner = lo + edge * glm::ivec3(i & 1, i >> 1 & 1, i >> 2);
+            if (!usable(corner))
+                continue;
+            if (look) {
+                ++rays_;
+                if (world_.visibility.transmittance({from, centre_of(base_ + corner) - from})
+                    < 1.0f)
+                    continue;
+            }
+            const uint64_t* theirs = bits(corner);
+            for (size_t w = 0; w < words_; ++w) {
+                all[w] &= theirs[w];
+                any[w] |= theirs[w];
+            }
+            ++corners;
+        }
+        if (corners >= fewest_corners)
+            for (size_t w = 0; w < words_; ++w) {
+                own[w] = all[w] & any[w];
+                open[w] = all[w] ^ any[w];
+            }
+    }
+    const uint32_t pattern = pattern_of(base_ + point);
+    for (uint32_t i = 0; i < sources; ++i)
+        if (open[i / 64] >> (i % 64) & 1)
+            own[i / 64] |= uint64_t(test(from, i, pattern)) << (i % 64);
+
+    bits_.push_back(std::move(own));
+    known_[at] = uint16_t(bits_.size());
+    return bits_.back().get();
+}
+
+void Zone::gather(std::span<const glm::ivec3> cells, int order, Sources& sources) const {
+    glm::ivec3 lo = cells[0], hi = cells[0];
+    std::array<const uint64_t*, lanes> sees{};
+    for (size_t i = 0; i < cells.size(); ++i) {
+        lo = glm::min(lo, cells[i]);
+        hi = glm::max(hi, cells[i]);
+        sees[i] = bits_[known_[slot(cells[i] - base_)] - 1u].get();
+    }
+    const glm::vec3 half = 0.5f * glm::vec3(hi - lo), centre = centre_of(lo) + half;
+    const auto mask_of = [&](size_t source) {
+        uint32_t mask = 0;
+        for (size_t i = 0; i < cells.size(); ++i)
+            mask |= uint32_t(sees[i][source / 64] >> (source % 64) & 1) << i;
+        return mask;
+    };
+    for (size_t i = 0; i < clusters_.size(); ++i)
+        if (const uint32_t mask = mask_of(i))
+            descend(clusters_[i], mask, centre, half, sources);
+    const size_t bin = bin_words(order);
+    for (size_t i = 0; i < world_.sky.size(); ++i)
+        if (const uint32_t mask = mask_of(clusters_.size() + i)) {
+            const std::vector<float>& c = world_.sky[i].coefficients;
+            const size_t first = sources.bins.size();
+            sources.bins.resize(first + bin, glm::vec4(0));
+            std::memcpy(&sources.bins[first], c.data(), c.size() * sizeof(float));
+            sources.bins.back().w = float(mask);
+        }
+}
+
+void Zone::descend(uint32_t cluster, uint32_t mask, glm::vec3 centre, glm::vec3 half,
+                   Sources& sources) const {
+    const std::vector<Cluster>& nodes = world_.clusters.nodes;
+    uint32_t stack[512]; // deeper than a tree whose halves hold a sixteenth at least
+    size_t depth = 0;
+    stack[depth++] = cluster;
+    while (depth > 0) {
+        const uint32_t index = stack[--depth];
+        const Cluster& c = nodes[index];
+        if (faces_away(c, centre, half))
+            continue;
+        const glm::vec3 apart = glm::max(glm::abs(c.position - centre) - half, glm::vec3(0.0f));
+        const float square = glm::dot(apart, apart);
+        const float wanted = c.size * (c.count == 1 ? near_triangle : world_.kappa);
+        if (square >= wanted * wanted || c.size <= smallest) {
+            const float guard = 0.25f * c.size * c.size;
+            sources.points.push_back(glm::vec4(c.position, mask));
+            sources.points.push_back(glm::vec4(c.normal, guard));
+            sources.points.push_back(glm::vec4(c.intensity, 0.5f * c.spread));
+        } else if (c.count == 1) {
+            const Emitter& e = world_.clusters.emitters[c.first];
+            sources.triangles.push_back(glm::vec4(e.a, 0));
+            sources.triangles.push_back(glm::vec4(e.b, 0));
+            sources.triangles.push_back(glm::vec4(e.c, 0));
+            sources.triangles.push_back(glm::vec4(e.luminance, mask));
+        } else {
+            stack[depth++] = c.second;
+            stack[depth++] = index + 1;
+        }
+    }
+}
+
+} // namespace lpvbake::gather

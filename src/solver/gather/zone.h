@@ -1,0 +1,94 @@
+// What the cells of a part of the grid see, and the lists of what they gather.
+#pragma once
+
+#include "solver/gather/clusters.h"
+#include "solver/gather/layout.h"
+#include "solver/gather/sky.h"
+#include "volume/grid.h"
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+namespace lpvbake::gather {
+
+/// Cells along the edge of a zone.
+inline constexpr int zone_edge = 16;
+
+/// Where surfaces are: box (i, j, k) of level n spans the centres of cells i 2^n to (i + 1) 2^n
+/// along x and so on.
+class Occupied {
+public:
+    Occupied(const std::vector<Patch>& patches, const Grid& grid);
+    /// True if a surface may cross the box from cell `lo` to lo + 2^level; lo a multiple of that.
+    bool operator()(glm::ivec3 lo, int level) const;
+
+private:
+    std::vector<Grid> grids_;
+    std::vector<std::vector<uint8_t>> levels_;
+};
+
+/// What all zones share.
+struct Surroundings {
+    const Grid& grid;
+    const Visibility& visibility;
+    const Clusters& clusters;
+    const std::vector<SkyBin>& sky;
+    const Occupied& occupied;
+    std::span<const float> validity;
+    int vpls;
+    float kappa;
+};
+
+/// Sources of a job, in the kernel's words.
+struct Sources {
+    std::vector<glm::vec4> points, triangles, bins;
+    size_t words() const { return points.size() + triangles.size() + bins.size(); }
+    void clear();
+};
+
+/// A cube of cells that tests the same clusters and bins of sky for visibility: those among which
+/// the light that reaches it is spread most evenly. A cell tests one point of each, another one
+/// than its neighbours, so that penumbrae are right on average; where the corners of a cube of
+/// cells agree, the cells inside take their answer.
+class Zone {
+public:
+    Zone(const Surroundings& world, glm::ivec3 base);
+
+    glm::ivec3 base() const { return base_; }
+    glm::ivec3 dims() const { return dims_; }
+    bool dark() const { return clusters_.empty() && world_.sky.empty(); }
+    uint64_t rays() const { return rays_; }
+
+    /// Finds out what a cell (of this zone) sees.
+    void look(glm::ivec3 cell) { bits(cell - base_); }
+    /// Appends the sources of up to eight cells that have looked, lane by lane.
+    void gather(std::span<const glm::ivec3> cells, int order, Sources& sources) const;
+
+private:
+    /// A point of a cluster that a cell may test.
+    struct Target {
+        glm::vec3 point, normal;
+    };
+
+    void choose_clusters();
+    size_t slot(glm::ivec3 point) const;
+    const uint64_t* bits(glm::ivec3 point);
+    bool usable(glm::ivec3 point) const;
+    bool test(glm::vec3 from, uint32_t source, uint32_t pattern);
+    void descend(uint32_t cluster, uint32_t mask, glm::vec3 centre, glm::vec3 half,
+                 Sources& sources) const;
+
+    const Surroundings& world_;
+    glm::ivec3 base_, dims_;
+    std::vector<uint32_t> clusters_;
+    std::vector<Target> targets_;
+    size_t words_ = 0;                              ///< of a cell's bits
+    std::vector<uint16_t> known_;                   ///< a point: 1 + its place in bits_, or 0
+    std::vector<std::unique_ptr<uint64_t[]>> bits_; ///< bit i: cluster i, then the bins
+    uint64_t rays_ = 0;
+};
+
+} // namespace lpvbake::gather

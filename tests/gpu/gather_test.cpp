@@ -1,0 +1,343 @@
+// The gather against closed forms, against brute force, and against what its light may not do.
+#include "solver/gather/gather.h"
+
+#include "gpu/device.h"
+#include "oracles/gather_oracle.h"
+#include "scenes.h"
+#include "visibility/validity.h"
+#include "volume/grid.h"
+
+#include <glm/gtc/constants.hpp>
+#include <gtest/gtest.h>
+#include <tbb/global_control.h>
+
+#include <array>
+#include <optional>
+
+namespace lpvbake {
+namespace {
+
+const double pi = glm::pi<double>();
+const double constant = std::sqrt(4.0 * pi); ///< c_0 of luminance 1 from everywhere
+
+/// A scene in its grid.
+struct Setting {
+    Scene scene;
+    Grid grid;
+    Frame frame;
+    Visibility visibility;
+
+    Setting(Scene scene_in, const Grid& grid_in)
+        : scene(std::move(scene_in)),
+          grid(grid_in),
+          frame{grid.origin, grid.cell, glm::dvec3(grid.dims)},
+          visibility(scene, frame) {}
+
+    Volume volume() const {
+        Volume v;
+        v.grid = grid;
+        v.validity = trace_validity(visibility, grid.dims);
+        return v;
+    }
+};
+
+Grid fit(const Scene& scene, int resolution) {
+    const Bounds box = bounds_of(scene);
+    return fit_grid(box.lo, box.hi, {resolution});
+}
+
+LitSurfaces light(const Setting& setting, std::optional<int> bounces) {
+    LightingSettings settings;
+    settings.bounces = bounces;
+    Progress silent;
+    return light_surfaces(setting.scene, setting.visibility, setting.frame, settings, silent);
+}
+
+/// Two rooms, [0, 2]^3 and what lies beyond a wall of 5 cm; a lamp in the first.
+Scene two_rooms(float door) {
+    Scene scene;
+    const int white = scenes::add_material(scene, glm::vec3(0.7f));
+    scenes::add_box(scene, white, {0, 0, 0}, {4.05f, 2, 2}, scenes::Facing::inward);
+    scenes::add_box(scene, white, {2, 0, 0}, {2.05f, 2, 2 - door}, scenes::Facing::outward);
+    scene.lights.push_back(scenes::point_light({0.8, 1.7, 0.7}, 100.0));
+    return scene;
+}
+
+/// A square of side `edge` in the plane z = 0 around (x, x), cut into unit squares of two patches
+/// each; shines to +z.
+LitSurfaces square(float x, int edge, glm::vec3 luminance) {
+    LitSurfaces lit;
+    for (int i = 0; i < edge; ++i)
+        for (int j = 0; j < edge; ++j)
+            for (const float turn : {1.0f, -1.0f}) {
+                Patch patch;
+                const glm::vec3 middle{x + float(i) + 0.5f - 0.5f * float(edge),
+                                       x + float(j) + 0.5f - 0.5f * float(edge), 0.0f};
+                patch.edge_u = {turn, 0.0f, 0.0f};
+                patch.edge_v = {0.0f, turn, 0.0f};
+                patch.position = middle - glm::vec3(turn, turn, 0.0f) / 6.0f;
+                patch.normal = {0.0f, 0.0f, 1.0f};
+                patch.area = 0.5f;
+                lit.patches.push_back(patch);
+                lit.luminance.push_back(luminance);
+                lit.luminance.push_back(glm::vec3(0.0f));
+            }
+    return lit;
+}
+
+GatherSettings everywhere(int order) {
+    GatherSettings settings;
+    settings.order = order;
+    settings.tolerance = 0.0f;
+    return settings;
+}
+
+class Gather : public testing::DeviceTest {
+protected:
+    GatherReport run(const Setting& setting, const LitSurfaces& lit, Volume& volume,
+                     const GatherSettings& settings, uint64_t window = 0) {
+        Progress silent;
+        return GatherProgram(device(), settings, window)
+            .gather(lit, setting.scene.sky, setting.visibility, volume, silent);
+    }
+};
+
+TEST_F(Gather, HasTheFormFactorOfASquareAtEveryDistance) {
+    const Setting empty({}, {glm::dvec3(0.0), 1.0, {9, 9, 60}});
+    for (const int edge : {1, 4}) {
+        const LitSurfaces lit = square(4.5f, edge, {1.0f, 2.0f, 3.0f});
+        Volume volume;
+        volume.grid = empty.grid;
+        volume.validity.assign(volume.grid.size(), 1.0f);
+        run(empty, lit, volume, everywhere(2));
+        const double a = 0.5 * edge;
+        for (int z = 0; z < 60; ++z) {
+            const size_t cell = volume.grid.index({4, 4, z});
+            const double d = z + 0.5, s = std::hypot(a, d);
+            const double angle = 4.0 * std::asin(a * a / (s * s));
+            const double facing = 4.0 * (a / s) * std::atan(a / s); // integral of the cosine
+            for (int c = 0; c < 3; ++c) {
+                const double l = c + 1.0;
+                EXPECT_NEAR(volume.sh[0][cell][c] / (l / constant * angle), 1.0, 4e-3) << z;
+                EXPECT_NEAR(volume.sh[2][cell][c] / (-l * std::sqrt(3.0 / pi) / 2.0 * facing), 1.0,
+                            1e-2)
+                    << z;
+                // Symmetric: nothing across.
+                for (const size_t k : {1, 3, 4, 5, 7, 8})
+                    EXPECT_NEAR(volume.sh[k][cell][c], 0.0, 8e-3 * l * angle) << z << ' ' << k;
+            }
+        }
+        const auto square_of = [&](int z) {
+            return volume.sh[0][volume.grid.index({4, 4, z})][0] * (z + 0.5) * (z + 0.5);
+        };
+        EXPECT_NEAR(square_of(59) / square_of(40), 1.0, 5e-3);
+    }
+}
+
+TEST_F(Gather, SeesNothingFromBehind) {
+    const Setting empty({}, {glm::dvec3(0.0, 0.0, -8.0), 1.0, {9, 9, 8}});
+    LitSurfaces lit = square(4.5f, 3, glm::vec3(1.0f));
+    for (Patch& patch : lit.patches)
+        patch.position.z += 8.0f;
+    Volume volume;
+    volume.grid = empty.grid;
+    volume.validity.assign(volume.grid.size(), 1.0f);
+    run(empty, lit, volume, everywhere(2));
+    for (const auto& values : volume.sh)
+        for (const glm::vec3& value : values)
+            ASSERT_EQ(value, glm::vec3(0.0f));
+}
+
+TEST_F(Gather, AgreesWithBruteForce) {
+    const Scene scene = scenes::cornell_box_with_point();
+    const Setting setting(scene, fit(scene, 10));
+    const LitSurfaces lit = light(setting, 1);
+    std::vector<oracle::Triangle> triangles;
+    for (size_t i = 0; i < lit.patches.size(); ++i) {
+        const Patch& p = lit.patches[i];
+        triangles.push_back(
+            {p.at({0, 0}), p.at({1, 0}), p.at({0, 1}), p.normal, glm::dvec3(lit.luminance[2 * i])});
+    }
+    const oracle::Sees sees = [&](glm::dvec3 from, glm::dvec3 to) {
+        return setting.visibility.transmittance({glm::vec3(from), glm::vec3(to - from)}) > 0.0f;
+    };
+    GatherSettings fine = everywhere(4);
+    fine.vpls = 2000;
+    fine.kappa = 3.0f;
+    GatherSettings usual;
+    usual.order = 4;
+    usual.tolerance = 0.1f;
+    Volume accurate = setting.volume(), quick = setting.volume();
+    const GatherReport all = run(setting, lit, accurate, fine);
+    run(setting, lit, quick, usual);
+    EXPECT_EQ(all.interpolated, 0u);
+    std::array<double, 5> off_fine{}, off_usual{}, size{};
+    double got = 0.0, there = 0.0;
+    for (size_t cell = 7; cell < setting.grid.size(); cell += 67) {
+        if (!(accurate.validity[cell] > 0.0f)) {
+            for (const auto& values : accurate.sh)
+                EXPECT_EQ(values[cell], glm::vec3(0.0f));
+            continue;
+        }
+        const int x = int(cell) % setting.grid.dims.x, rest = int(cell) / setting.grid.dims.x;
+        const glm::dvec3 at =
+            glm::dvec3(x, rest % setting.grid.dims.y, rest / setting.grid.dims.y) + 0.5;
+        std::vector<glm::dvec3> sh(25, glm::dvec3(0.0));
+        for (const oracle::Triangle& t : triangles)
+            oracle::arrive(t, at, 4, sees, sh);
+        for (int l = 0, k = 0; l <= 4; ++l)
+            for (int m = -l; m <= l; ++m, ++k)
+                for (int c = 0; c < 3; ++c) {
+                    const double truth = sh[size_t(k)][c];
+                    off_fine[size_t(l)] +=
+                        std::abs(double(accurate.sh[size_t(k)][cell][c]) - truth);
+                    off_usual[size_t(l)] += std::abs(double(quick.sh[size_t(k)][cell][c]) - truth);
+                    size[size_t(l)] += std::abs(sh[0][c]);
+                    got += k == 0 ? double(accurate.sh[0][cell][c]) : 0.0;
+                    there += k == 0 ? truth : 0.0;
+                }
+    }
+    for (size_t l = 0; l <= 4; ++l) {
+        EXPECT_LT(off_fine[l] / size[l], 0.012) << l;
+        EXPECT_LT(off_usual[l] / size[l], 0.03) << l;
+    }
+    EXPECT_NEAR(got / there, 1.0, 0.012);
+}
+
+TEST_F(Gather, FurnaceIsOneEverywhereAndInAllDirections) {
+    const Scene scene = scenes::furnace(2.0f, 0.5f, 1.0f);
+    const Setting setting(scene, fit(scene, 20));
+    const LitSurfaces lit = light(setting, 0);
+    for (const float tolerance : {0.0f, 0.3f}) {
+        GatherSettings settings;
+        settings.tolerance = tolerance;
+        Volume volume = setting.volume();
+        const GatherReport report = run(setting, lit, volume, settings);
+        EXPECT_EQ(report.interpolated > 0, tolerance > 0.0f);
+        for (int z = 1; z < 19; ++z)
+            for (int y = 1; y < 19; ++y)
+                for (int x = 1; x < 19; ++x) {
+                    const size_t cell = volume.grid.index({x, y, z});
+                    EXPECT_NEAR(volume.sh[0][cell].x / constant, 1.0, 0.01);
+                    for (size_t k = 1; k < 9; ++k)
+                        EXPECT_NEAR(volume.sh[k][cell].x / constant, 0.0, 0.02) << k;
+                }
+    }
+}
+
+TEST_F(Gather, NothingLeaksThroughAClosedWall) {
+    for (const int resolution : {9, 24, 33}) {
+        const Scene scene = two_rooms(0.0f);
+        const Setting setting(scene, fit(scene, resolution));
+        Volume volume = setting.volume();
+        run(setting, light(setting, 1), volume, {});
+        double lit = 0.0;
+        for (int z = 0; z < setting.grid.dims.z; ++z)
+            for (int y = 0; y < setting.grid.dims.y; ++y)
+                for (int x = 0; x < setting.grid.dims.x; ++x) {
+                    const size_t cell = setting.grid.index({x, y, z});
+                    if (setting.grid.center({x, y, z}).x < 2.0)
+                        lit += double(volume.sh[0][cell].x);
+                    else
+                        for (const auto& values : volume.sh)
+                            ASSERT_EQ(values[cell], glm::vec3(0.0f)) << x << ' ' << y << ' ' << z;
+                }
+        EXPECT_GT(lit, 0.0);
+    }
+}
+
+TEST_F(Gather, LightComesThroughADoor) {
+    const Scene scene = two_rooms(0.6f);
+    const Setting setting(scene, fit(scene, 24));
+    Volume volume = setting.volume();
+    run(setting, light(setting, 1), volume, {});
+    const glm::ivec3 cell(setting.grid.to_grid({3.0, 1.0, 1.7}));
+    EXPECT_GT(volume.sh[0][setting.grid.index(cell)].x, 0.0f);
+}
+
+TEST_F(Gather, SameBitsForAnyNumberOfThreadsAndAnyWindow) {
+    const Scene scene = scenes::cornell_box_with_point();
+    const Setting setting(scene, fit(scene, 14));
+    const LitSurfaces lit = light(setting, 1);
+    Volume first = setting.volume();
+    run(setting, lit, first, {});
+    Volume again = setting.volume();
+    run(setting, lit, again, {});
+    EXPECT_EQ(first.sh, again.sh);
+    for (const uint64_t window : {uint64_t(1) << 18, uint64_t(1'000'000)}) {
+        run(setting, lit, again, {}, window);
+        EXPECT_EQ(first.sh, again.sh) << window;
+    }
+    const tbb::global_control alone(tbb::global_control::max_allowed_parallelism, 1);
+    run(setting, lit, again, {});
+    EXPECT_EQ(first.sh, again.sh);
+}
+
+TEST_F(Gather, IsLinearOverEighteenOrdersOfMagnitude) {
+    const Scene scene = scenes::cornell_box_with_point();
+    const Setting setting(scene, fit(scene, 12));
+    const LitSurfaces lit = light(setting, 1);
+    Volume one = setting.volume(), other = setting.volume();
+    run(setting, lit, one, everywhere(2));
+    for (const float scale : {1e-9f, 1e9f}) {
+        LitSurfaces scaled = lit;
+        for (glm::vec3& luminance : scaled.luminance)
+            luminance *= scale;
+        run(setting, scaled, other, everywhere(2));
+        for (size_t cell = 0; cell < setting.grid.size(); ++cell)
+            ASSERT_NEAR(other.sh[0][cell].x / scale, one.sh[0][cell].x, 2e-3f * one.sh[0][cell].x);
+    }
+}
+
+TEST_F(Gather, NoLightCostsNothing) {
+    const Scene scene = scenes::cornell_box();
+    const Setting setting(scene, fit(scene, 12));
+    for (const LitSurfaces& lit : {LitSurfaces{}, light(setting, 1)}) {
+        Volume volume = setting.volume();
+        const GatherReport report = run(setting, lit, volume, {});
+        EXPECT_EQ(report.rays, 0u);
+        EXPECT_EQ(report.solved, 0u);
+        ASSERT_EQ(volume.sh.size(), 9u);
+        for (const auto& values : volume.sh)
+            for (const glm::vec3& value : values)
+                ASSERT_EQ(value, glm::vec3(0.0f));
+    }
+}
+
+TEST_F(Gather, OpenSkyIsTheSameFromEverywhere) {
+    Setting setting({}, {glm::dvec3(0.0), 1.0, {7, 5, 6}});
+    setting.scene.sky.luminance = {1.0f, 2.0f, 4.0f};
+    for (const int order : {1, 2, 4}) {
+        Volume volume;
+        volume.grid = setting.grid;
+        volume.validity.assign(volume.grid.size(), 1.0f);
+        run(setting, {}, volume, everywhere(order));
+        for (size_t cell = 0; cell < setting.grid.size(); ++cell)
+            for (size_t k = 0; k < volume.sh.size(); ++k)
+                for (int c = 0; c < 3; ++c)
+                    ASSERT_NEAR(volume.sh[k][cell][c], k == 0 ? constant * double(1 << c) : 0.0,
+                                2e-3 * (1 << c))
+                        << k;
+    }
+}
+
+TEST_F(Gather, GroundHidesHalfOfTheSky) {
+    Scene scene = scenes::floor_quad(2000.0f, glm::vec3(0.0f));
+    scene.sky.luminance = glm::vec3(1.0f);
+    const Setting setting(scene, {glm::dvec3(-4.0, -1.0, -4.0), 1.0, {8, 8, 8}});
+    Volume volume = setting.volume();
+    run(setting, {}, volume, {});
+    for (int x = 0; x < 8; ++x)
+        for (int y = 2; y < 8; ++y) {
+            const size_t cell = volume.grid.index({x, y, 3});
+            EXPECT_NEAR(volume.sh[0][cell].x, 0.5 * constant, 0.02 * constant);
+            EXPECT_NEAR(volume.sh[1][cell].x, 0.5 * std::sqrt(3.0 * pi), 0.03);
+        }
+}
+
+TEST_F(Gather, TakesTheSameDeviceMemoryWhateverTheGrid) {
+    EXPECT_LT(gather_device_bytes({}), uint64_t(128) << 20);
+}
+
+} // namespace
+} // namespace lpvbake
