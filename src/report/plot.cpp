@@ -271,7 +271,7 @@ std::string plot_script(const Report& report) {
     for (const SceneReport& scene : report.scenes)
         for (const bool projected : {false, true}) {
             const std::string name = std::filesystem::path(scene.path).filename().string();
-            text += "set xlabel " + plot_string("seconds, " + name) + "\n";
+            text += "set xlabel " + plot_string("seconds, " + name) + " offset 0, 0.6\n";
             text += Panel(scene, projected).script();
         }
     return text + "unset multiplot\n";

@@ -130,23 +130,29 @@ FieldError surface_error(const Volume& volume, const SurfaceTruth& surfaces, Rea
     return error_of(estimate, surfaces.truth.irradiance);
 }
 
-/// Rays a second that Embree alone makes of those that the peer traces; a million of them at most.
+/// Rays a second that Embree alone makes of those that the peer traces, a million of them at most:
+/// the median of `repeats`.
 double embree_rate(const Scene& scene, const Place& place, std::span<const glm::vec3> points,
-                   std::span<const PeerSettings> rules, uint64_t traced) {
+                   std::span<const PeerSettings> rules, uint64_t traced, int repeats) {
     const std::size_t stride = std::size_t(traced / (uint64_t(1) << 20)) + 1;
     std::vector<glm::vec3> some;
     for (std::size_t i = 0; i < points.size(); i += stride)
         some.push_back(points[i]);
+    std::vector<PackedRays> packed;
     uint64_t rays = 0;
-    double seconds = 0;
     for (const PeerSettings& settings : rules) {
-        const PackedRays packed = peer_rays(scene, place.visibility, place.frame, some, settings);
-        const Clock::time_point begin = Clock::now();
-        packed.trace(place.visibility);
-        seconds += since(begin);
-        rays += packed.size();
+        packed.push_back(peer_rays(scene, place.visibility, place.frame, some, settings));
+        rays += packed.back().size();
     }
-    return seconds > 0 ? double(rays) / seconds : 0;
+    std::vector<double> seconds;
+    for (int repeat = 0; repeat < repeats; ++repeat) {
+        const Clock::time_point begin = Clock::now();
+        for (const PackedRays& batch : packed)
+            batch.trace(place.visibility);
+        seconds.push_back(since(begin));
+    }
+    const double median = timing_of(seconds).median;
+    return median > 0 ? double(rays) / median : 0;
 }
 
 /// Path-traced probes at the same cells. `setup` seconds come once, whatever the number of cells.
@@ -191,7 +197,8 @@ std::vector<PeerPoint> trace_peers(const Scene& scene, const Place& place, const
         point.seconds = timing_of(seconds);
         point.measured = timing_of(measured).median;
         point.rays_per_second = double(traced) / point.measured;
-        point.embree_rays_per_second = embree_rate(scene, place, points, rules, traced);
+        point.embree_rays_per_second =
+            embree_rate(scene, place, points, rules, traced, settings.repeats);
         for (std::size_t i = 0; i < floor_orders.size(); ++i)
             measure(sh, floor_orders[i], truth, point.error[i], point.projected[i]);
         curve.push_back(point);
