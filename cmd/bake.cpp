@@ -22,8 +22,8 @@ using Clock = std::chrono::steady_clock;
 const char summary[] = "Bakes the light that a scene's surfaces send on into volume files.";
 
 const char manual[] =
-    R"(The field holds the light of directional, point and spot lights after one reflection, and the
-direct light of emissive surfaces. Lengths are metres, +Y is up. Lights come from the file
+    R"(The field holds the light of directional, point and spot lights after one reflection (--bounces),
+and the light of emissive surfaces and of the sky (--sky), direct and reflected. Lengths are metres, +Y is up. Lights come from the file
 (KHR_lights_punctual), from --sun, --point and --lights; at least one light or emitter is needed.
 
 Examples:
@@ -51,6 +51,7 @@ With --dry-run, "outputs" have no bytes, "seconds" is an estimate, "peak_memory"
 /// Options as given; `to_settings` makes them the core's enums and structs.
 struct BakeOptions : SceneOptions, RunOptions {
     OutputOptions outputs;
+    std::string bounces = "1";
     int rsm_size = 0;
     int rsm_kernel = 4;
     int iterations = 0;
@@ -71,6 +72,7 @@ std::vector<Setting> settings_of(const BakeOptions& o) {
     append_grid_settings(o, settings);
     append_light_settings(o, settings);
     settings.insert(settings.end(), {
+                                        {"bounces", toml_string(o.bounces), true},
                                         {"rsm-size", std::to_string(o.rsm_size), true},
                                         {"rsm-kernel", std::to_string(o.rsm_kernel), true},
                                         {"iterations", std::to_string(o.iterations), true},
@@ -103,6 +105,7 @@ BakeSettings to_settings(const BakeOptions& o) {
     settings.rsm_size = o.rsm_size;
     settings.rsm_kernel = o.rsm_kernel;
     settings.emitters = !o.no_emitters;
+    settings.bounces = bounces_of(o.bounces);
     settings.lpv.iterations = o.iterations;
     settings.lpv.tolerance = float(o.tolerance);
     settings.lpv.occlusion = o.occlusion == "none" ? Occlusion::none
@@ -270,6 +273,7 @@ void add_bake(CLI::App& root, Action& action) {
     add_light_options(list, o);
 
     list.group("Solver");
+    add_bounces_option(list, o.bounces);
     list.number("--rsm-size", o.rsm_size, 0, 16384,
                 "Texels along a side of a reflective shadow map; 0: from the grid")
         ->capture_default_str();

@@ -23,8 +23,8 @@ const char summary[] = "Path-traces the volume that a bake of the same options s
 const char manual[] =
     R"(Incident luminance at the centre of each cell, projected to spherical harmonics, on the grid that
 bake makes of the same scene and options: the light of directional, point and spot lights after 1 to
---bounces reflections, and of emissive surfaces after none to --bounces (bake's lpv solver holds only
-their direct light: compare with --no-emitters on both sides, or mind the difference). All surfaces count, also outside the grid. Needs no GPU.
+--bounces reflections, and of emissive surfaces and the sky after none to --bounces. All surfaces
+count, also outside the grid. Needs no GPU.
 
 The estimate has no systematic error, and its random one is known. Rays come in 64 independent
 batches, each stratified; from their scatter come the standard error of every coefficient (-e
@@ -91,18 +91,6 @@ std::vector<Setting> settings_of(const ReferenceOptions& o) {
     return settings;
 }
 
-/// "inf", or a whole number up to 10,000.
-CLI::Validator bounces_or_inf() {
-    return {[](std::string& text) -> std::string {
-                const std::optional<double> value = parse_number(text);
-                const bool digits = text.find_first_not_of("0123456789") == std::string::npos;
-                if (text == "inf" || (value && digits && *value <= 10'000))
-                    return {};
-                return "'" + text + "' is neither a whole number from 0 to 10000 nor inf";
-            },
-            ""};
-}
-
 /// A fraction in (0, 1], or a percentage, which becomes one.
 CLI::Validator fraction() {
     return {[](std::string& text) -> std::string {
@@ -120,8 +108,7 @@ CLI::Validator fraction() {
 
 ReferenceSettings to_settings(const ReferenceOptions& o) {
     ReferenceSettings settings;
-    settings.paths.bounces =
-        o.bounces == "inf" ? std::nullopt : std::optional(std::atoi(o.bounces.c_str()));
+    settings.paths.bounces = bounces_of(o.bounces);
     settings.paths.emitters = !o.no_emitters;
     settings.sh_order = std::atoi(o.sh_order.c_str());
     settings.rays = o.rays > 0 ? o.rays : o.noise > 0 ? most_rays : usual_rays;
@@ -264,9 +251,7 @@ void add_reference(CLI::App& root, Action& action) {
 
     list.group("Paths");
     list.choice("--sh-order", o.sh_order, "1|2|4", "Highest band of the spherical harmonics");
-    list.text("--bounces", o.bounces, "N|inf", "Reflections of light at most, 0 to 10000, or all")
-        ->check(bounces_or_inf())
-        ->capture_default_str();
+    add_bounces_option(list, o.bounces);
     list.number("--rays", o.rays, 0, 1e9,
                 "Rays from each cell, rounded up to a multiple of 64; at most so\n"
                 "many with --noise; 0: 1024, with --noise 1048576")

@@ -69,6 +69,7 @@ std::string scene_hash(const Scene& scene) {
     for (const Light& light : scene.lights)
         hash.add(light.type, light.color, light.intensity, light.position, light.direction,
                  light.range, light.inner_cone, light.outer_cone);
+    hash.add(scene.sky.luminance);
     hash.add(scene.rules.max_albedo, scene.rules.metallic_black, scene.rules.cull_backfaces);
     char digits[17];
     std::snprintf(digits, sizeof digits, "%016llx", static_cast<unsigned long long>(hash.value()));

@@ -41,7 +41,29 @@ Bounds parse_bounds(const std::string& text) {
     return bounds;
 }
 
+/// "inf", or a whole number up to 10,000.
+CLI::Validator bounces_or_inf() {
+    return {[](std::string& text) -> std::string {
+                const std::optional<double> value = parse_number(text);
+                const bool digits = text.find_first_not_of("0123456789") == std::string::npos;
+                if (text == "inf" || (value && digits && *value <= 10'000))
+                    return {};
+                return "'" + text + "' is neither a whole number from 0 to 10000 nor inf";
+            },
+            ""};
+}
+
 } // namespace
+
+void add_bounces_option(OptionList& list, std::string& bounces) {
+    list.text("--bounces", bounces, "N|inf", "Reflections of light at most, 0 to 10000, or all")
+        ->check(bounces_or_inf())
+        ->capture_default_str();
+}
+
+std::optional<int> bounces_of(const std::string& option) {
+    return option == "inf" ? std::nullopt : std::optional(std::atoi(option.c_str()));
+}
 
 CLI::Option* add_grid_options(OptionList& list, SceneOptions& o) {
     list.group("Grid");
@@ -86,6 +108,8 @@ void add_light_options(OptionList& list, SceneOptions& o) {
               "Point light, metres; may be repeated");
     list.list("--lights", o.light_files, "FILE",
               "JSON file of lights in the terms of KHR_lights_punctual;\nmay be repeated");
+    list.text("--sky", o.sky, "COLOUR,NITS",
+              "Light from beyond the scene, the same from everywhere; COLOUR\nas for --sun");
     list.flag("--no-scene-lights", o.no_scene_lights, "Leave out the lights of the file");
     list.flag("--no-emitters", o.no_emitters, "Emissive surfaces give no light");
     list.number("--max-albedo", o.max_albedo, 0, 1, "Reflectance is clamped to this, 0 to 1")
@@ -123,6 +147,7 @@ void append_light_settings(const SceneOptions& o, std::vector<Setting>& settings
                                         {"sun", toml_array(o.suns), true},
                                         {"point", toml_array(o.points), true},
                                         {"lights", toml_array(o.light_files), false},
+                                        {"sky", toml_string(o.sky), true},
                                         {"no-scene-lights", toml_flag(o.no_scene_lights), true},
                                         {"no-emitters", toml_flag(o.no_emitters), true},
                                         {"max-albedo", toml_number(o.max_albedo), true},
@@ -158,6 +183,8 @@ Scene load_scene(const SceneOptions& o, const std::vector<Light>& lights) {
     if (o.no_scene_lights)
         scene.lights.clear();
     scene.lights.insert(scene.lights.end(), lights.begin(), lights.end());
+    if (!o.sky.empty())
+        scene.sky = parse_sky(o.sky);
     return scene;
 }
 

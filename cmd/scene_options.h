@@ -28,6 +28,7 @@ struct SceneOptions {
     std::vector<std::string> suns;
     std::vector<std::string> points;
     std::vector<std::string> light_files;
+    std::string sky;
     bool no_scene_lights = false;
     bool no_emitters = false;
     double max_albedo = 0.95;
@@ -37,6 +38,9 @@ struct SceneOptions {
 
 /// Returns --resolution, which `settle` needs.
 CLI::Option* add_grid_options(OptionList& list, SceneOptions& o);
+void add_bounces_option(OptionList& list, std::string& bounces);
+/// None: "inf".
+std::optional<int> bounces_of(const std::string& option);
 void add_light_options(OptionList& list, SceneOptions& o);
 
 /// Applies the file `config` unless it is empty. --resolution and --cell-size replace each other:

@@ -38,49 +38,70 @@ private:
     std::chrono::steady_clock::time_point start_;
 };
 
-} // namespace
+std::string outside_geometry(const std::vector<float>& validity) {
+    const auto valid = std::count(validity.begin(), validity.end(), 1.0f);
+    return format("%.1f %% of the cells outside geometry",
+                  100.0 * double(valid) / double(validity.size()));
+}
 
-Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& device,
-           Progress& progress) {
-    const BakePlan plan = plan_bake(scene, settings, device.info());
-    Baked baked;
-    baked.warnings = plan.warnings;
-    Stages stages(progress, baked.stages);
+/// "punctual lights after one reflection; emitters and sky direct and after one reflection".
+std::string content_of(const Scene& scene, const BakePlan& plan, std::optional<int> bounces) {
+    const std::string reflections = !bounces       ? "any number of reflections"
+                                    : bounces == 1 ? "one reflection"
+                                                   : format("up to %d reflections", *bounces);
+    std::string content;
+    if (!scene.lights.empty() && bounces != 0)
+        content = "punctual lights after " + reflections;
+    if (plan.emitters || has_sky(scene)) {
+        content += content.empty() ? "" : "; ";
+        content += plan.emitters && has_sky(scene) ? "emitters and sky direct"
+                   : plan.emitters                 ? "emitters direct"
+                                                   : "sky direct";
+        if (plan.lit && bounces != 0)
+            content += " and after " + reflections;
+    }
+    return content;
+}
+
+/// What every solver works on.
+struct Work {
+    const Scene& scene;
+    const BakeSettings& settings;
+    const gpu::Device& device;
+    const BakePlan& plan;
+    const Visibility& visibility;
+    const LitSurfaces* lit; ///< with BakePlan::lit
+    Stages& stages;
+    Progress& progress;
+    Baked& baked;
+};
+
+/// Virtual point lights into cells, and from cell to cell until little is left.
+void solve_lpv(const Work& work, std::future<LpvProgram> program) {
+    const auto& [scene, settings, device, plan, visibility, lit, stages, progress, baked] = work;
     const Grid& grid = plan.grid;
     const Frame& frame = plan.frame;
     const Occlusion mode = settings.lpv.occlusion;
 
-    // Shaders compile while the CPU traces.
-    std::future<LpvProgram> program =
-        std::async(std::launch::async, [&] { return LpvProgram(device, grid, mode); });
-
-    stages.begin("visibility");
-    const Visibility visibility(scene, frame);
-    for (const Light& light : scene.lights)
-        if (const double backs = share_of_backs(visibility, light, frame); backs > 0.25)
-            baked.warnings.push_back(format(
-                "light '%s': %.0f %% of its first hits are backs of single-sided surfaces, which "
-                "are black; --backfaces cull lets light pass them",
-                light.name.c_str(), 100.0 * backs));
-    stages.end(format("%llu triangles", (unsigned long long)plan.triangles));
-
     std::vector<Vpl> vpls;
-    if (!scene.lights.empty()) {
+    if (plan.rsm_maps > 0) {
         stages.begin("rsm", scene.lights.size());
         vpls = render_vpls(device, scene, frame, {plan.rsm_size, settings.rsm_kernel}, progress);
         stages.end(format("%d maps of %d x %d, %zu VPLs", plan.rsm_maps, plan.rsm_size,
                           plan.rsm_size, vpls.size()));
     }
 
+    if (lit)
+        emit_vpls(*lit, frame, vpls);
+    if (has_sky(scene))
+        sky_vpls(scene.sky, visibility, frame, vpls);
+
     GeometryVolume geometry;
-    if (plan.emitters || mode != Occlusion::none) {
-        stages.begin("surfaces");
+    if (mode != Occlusion::none) {
+        stages.begin("geometry");
         const std::vector<Patch> patches = make_patches(scene, frame, 1.0f);
-        if (plan.emitters)
-            emit_vpls(patches, grid.cell, vpls);
-        if (mode != Occlusion::none)
-            geometry = make_geometry_volume(patches, grid);
-        stages.end(format("%zu patches, %zu VPLs in all", patches.size(), vpls.size()));
+        geometry = make_geometry_volume(patches, grid);
+        stages.end(format("%zu patches", patches.size()));
     }
 
     stages.begin("links");
@@ -91,16 +112,13 @@ Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& 
     else if (mode == Occlusion::sh)
         transmittance = face_transmittance(geometry, grid);
     baked.volume.validity = std::move(links.validity);
-    stages.end(format(
-        "%.1f %% of the cells outside geometry",
-        100.0 * double(std::count(baked.volume.validity.begin(), baked.volume.validity.end(), 1.0f))
-            / double(grid.size())));
+    stages.end(outside_geometry(baked.volume.validity));
 
     stages.begin("inject");
     const Injection injection = inject(vpls, visibility, grid);
     const double reflected = injection.power + injection.lost;
-    stages.end(format("%.6g lm, %.1f %% outside the grid or walled in", injection.power,
-                      reflected > 0.0 ? 100.0 * injection.lost / reflected : 0.0));
+    stages.end(format("%zu VPLs, %.6g lm, %.1f %% outside the grid or walled in", vpls.size(),
+                      injection.power, reflected > 0.0 ? 100.0 * injection.lost / reflected : 0.0));
     if (injection.power == 0.0)
         baked.warnings.push_back(scene.path
                                  + ": no light reaches a surface inside the grid: the field is 0");
@@ -116,20 +134,65 @@ Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& 
                    "the field is too dark; raise --iterations, or leave it out",
                    field.iterations, 100.0 * field.residual));
 
-    baked.volume.grid = grid;
     to_luminance(field, baked.volume);
     if (mode != Occlusion::none)
         baked.volume.occlusion = at_cell_centers(geometry, grid);
-    baked.volume.metadata = {
-        {"solver", "lpv"},
-        {"content", plan.emitters ? "punctual lights after one reflection; emitters direct"
-                                  : "punctual lights after one reflection"},
-        {"bounces", "1"},
-        {"iterations", std::to_string(field.iterations)},
-        {"residual", format("%.6g", field.residual)},
-        {"injected_lm", format("%.9g", injection.power)},
-        {"device", device.info().name},
-    };
+    baked.volume.metadata["iterations"] = std::to_string(field.iterations);
+    baked.volume.metadata["residual"] = format("%.6g", field.residual);
+    baked.volume.metadata["injected_lm"] = format("%.9g", injection.power);
+}
+
+} // namespace
+
+Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& device,
+           Progress& progress) {
+    const BakePlan plan = plan_bake(scene, settings, device.info());
+    Baked baked;
+    baked.warnings = plan.warnings;
+    baked.volume.grid = plan.grid;
+    Stages stages(progress, baked.stages);
+
+    // Shaders compile while the CPU traces.
+    std::future<LpvProgram> lpv;
+    if (settings.solver == Solver::lpv)
+        lpv = std::async(std::launch::async,
+                         [&] { return LpvProgram(device, plan.grid, settings.lpv.occlusion); });
+
+    stages.begin("visibility");
+    const Visibility visibility(scene, plan.frame);
+    for (const Light& light : scene.lights)
+        if (const double backs = share_of_backs(visibility, light, plan.frame); backs > 0.25)
+            baked.warnings.push_back(format(
+                "light '%s': %.0f %% of its first hits are backs of single-sided surfaces, which "
+                "are black; --backfaces cull lets light pass them",
+                light.name.c_str(), 100.0 * backs));
+    stages.end(format("%llu triangles", (unsigned long long)plan.triangles));
+
+    LitSurfaces lit;
+    if (plan.lit) {
+        stages.begin("lighting");
+        LightingSettings lighting;
+        lighting.bounces = settings.bounces;
+        lighting.emitters = plan.emitters;
+        if (settings.solver == Solver::lpv) { // it blurs what more rays would bring
+            lighting.rays = 1 << 19;
+            lighting.maps = plan.rsm_maps > 0;
+        }
+        lit = light_surfaces(scene, visibility, plan.frame, lighting, progress);
+        stages.end(format("%zu patches, %d reflections", lit.patches.size(), lit.bounces));
+    }
+
+    const Work work{scene,  settings, device, plan, visibility, plan.lit ? &lit : nullptr,
+                    stages, progress, baked};
+    switch (settings.solver) {
+    case Solver::lpv:
+        solve_lpv(work, std::move(lpv));
+        break;
+    }
+    baked.volume.metadata["solver"] = name_of(settings.solver);
+    baked.volume.metadata["content"] = content_of(scene, plan, settings.bounces);
+    baked.volume.metadata["bounces"] = settings.bounces ? std::to_string(*settings.bounces) : "inf";
+    baked.volume.metadata["device"] = device.info().name;
     return baked;
 }
 

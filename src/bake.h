@@ -14,12 +14,20 @@
 
 namespace lpvbake {
 
+/// How light gets from the surfaces to the cells.
+enum class Solver {
+    lpv, ///< classic propagation from cell to cell
+};
+const char* name_of(Solver solver);
+
 struct BakeSettings {
+    Solver solver = Solver::lpv;
     GridSettings grid;
     std::optional<Bounds> bounds; ///< what the grid is fitted to; none: the scene's bounds
     int rsm_size = 0;             ///< texels a side; 0: 8 a cell of the longest axis, at least 256
     int rsm_kernel = 4;           ///< texels a side of a clustered block
     bool emitters = true;         ///< emissive surfaces give light
+    std::optional<int> bounces = 1; ///< reflections at most; none: all
     LpvSettings lpv;
 };
 
@@ -35,6 +43,7 @@ struct BakePlan {
     Grid grid;
     Frame frame;           ///< the grid's
     bool emitters = false; ///< some surface emits, and is wanted to
+    bool lit = false;      ///< surfaces are lit as a whole, not by reflective shadow maps alone
     int rsm_size = 0;
     int rsm_maps = 0;
     uint64_t triangles = 0;

@@ -50,6 +50,14 @@ int largest_resolution(const Bounds& box, const BakeSettings& settings, uint64_t
 
 } // namespace
 
+const char* name_of(Solver solver) {
+    switch (solver) {
+    case Solver::lpv:
+        return "lpv";
+    }
+    return "";
+}
+
 BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
                    const gpu::DeviceInfo& device) {
     BakePlan plan;
@@ -58,11 +66,18 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
     if (plan.triangles == 0)
         throw Error(ExitCode::invalid, scene.path + ": no triangles to light");
     plan.emitters = settings.emitters && has_emitters(scene);
-    if (scene.lights.empty() && !plan.emitters)
+    if (scene.lights.empty() && !plan.emitters && !has_sky(scene))
         throw Error(ExitCode::invalid,
                     scene.path
                         + ": no light and no emissive surface; add one with --sun "
-                          "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD or --lights FILE");
+                          "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD, --sky COLOUR,NITS or --lights "
+                          "FILE");
+    if (settings.bounces == 0 && !plan.emitters && !has_sky(scene))
+        throw Error(ExitCode::invalid,
+                    scene.path
+                        + ": without reflections no light of its lights is in the field; set "
+                          "--bounces 1 or more");
+    plan.lit = settings.bounces != 1 || plan.emitters || has_sky(scene);
 
     const Bounds scene_bounds = bounds_of(scene);
     const Bounds box = settings.bounds.value_or(scene_bounds);
@@ -103,7 +118,11 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
     };
     stage("visibility", 4e-7 * double(plan.triangles),
           format("%llu triangles", (unsigned long long)plan.triangles));
-    if (!scene.lights.empty()) {
+    if (plan.lit)
+        stage("lighting", 0.3 + 4e-5 * double(cells) / longest,
+              settings.bounces ? format("%d reflections from patch to patch", *settings.bounces)
+                               : "all reflections from patch to patch");
+    if (!scene.lights.empty() && settings.bounces != 0) {
         plan.rsm_size = rsm_size_of(plan.grid, settings);
         const glm::dvec3 lo = plan.frame.from_world(scene_bounds.lo);
         const glm::dvec3 hi = plan.frame.from_world(scene_bounds.hi);
@@ -114,9 +133,8 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
               format("%zu lights, %d maps of %d x %d", scene.lights.size(), plan.rsm_maps,
                      plan.rsm_size, plan.rsm_size));
     }
-    if (plan.emitters || settings.lpv.occlusion != Occlusion::none)
-        stage("surfaces", 1e-6 * double(plan.triangles),
-              plan.emitters ? "emission and geometry volume" : "geometry volume");
+    if (settings.lpv.occlusion != Occlusion::none)
+        stage("geometry", 1e-6 * double(plan.triangles), "geometry volume");
     stage("links", 15e-6 * double(cells) / longest,
           settings.lpv.occlusion == Occlusion::face ? "validity and face transmittance"
                                                     : "validity");

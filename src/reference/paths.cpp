@@ -2,6 +2,7 @@
 
 #include "error.h"
 #include "scene/material.h"
+#include "scene/sky.h"
 
 #include <glm/gtc/constants.hpp>
 
@@ -141,10 +142,12 @@ glm::dvec3 Paths::luminance(glm::vec3 origin, glm::dvec3 towards, PathSampler& s
     double density = over_sphere; // of `towards`
     for (int reflections = 0;; ++reflections) {
         const bool last = rules_.bounces && reflections == *rules_.bounces;
-        if (last && emitters_.empty())
+        if (last && emitters_.empty() && !has_sky(scene_))
             break;
         ++rays;
         const Hit hit = visibility_.closest({origin, glm::vec3(towards), 0.0f, HUGE_VALF});
+        if (hit.instance == no_hit)
+            sum += throughput * glm::dvec3(sky_luminance(scene_.sky, glm::vec3(towards)));
         if (hit.instance == no_hit || hit.facing == Facing::back)
             break;
         if (!emitters_.empty())

@@ -25,8 +25,8 @@ public:
           const PathRules& rules);
 
     /// An unbiased estimate of the light (RGB, nits) that arrives at `origin` (frame units), of
-    /// punctual lights after one reflection to PathRules::bounces and of emitters after none to
-    /// PathRules::bounces, in two parts: the mean over the sphere of luminance times f(direction)
+    /// punctual lights after one reflection to PathRules::bounces and of emitters and the sky
+    /// after none to PathRules::bounces, in two parts: the mean over the sphere of luminance times f(direction)
     /// is the expectation of luminance(towards) f(towards), `towards` uniform over the sphere, plus
     /// that of glimpse().luminance f(glimpse().direction). Surfaces reflect as Lambert. At each the
     /// punctual lights' illuminance is summed in full; emitters count where a path meets them and,

@@ -155,8 +155,12 @@ std::string content_of(const Scene& scene, const PathRules& rules) {
                   + (!limit       ? std::string("one reflection and more")
                      : limit == 1 ? std::string("one reflection")
                                   : "1 to " + std::to_string(*limit) + " reflections");
-    if (rules.emitters && has_emitters(scene))
-        content += std::string(content.empty() ? "" : "; ") + "emitters direct"
+    const bool emitters = rules.emitters && has_emitters(scene), sky = has_sky(scene);
+    if (emitters || sky)
+        content += std::string(content.empty() ? "" : "; ")
+                   + (emitters && sky ? "emitters and sky direct"
+                      : sky           ? "sky direct"
+                                      : "emitters direct")
                    + (!limit       ? std::string(" and after any number of reflections")
                       : limit == 0 ? std::string()
                       : limit == 1 ? std::string(" and after one reflection")
@@ -284,7 +288,8 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
                     scene.path
                         + (scene.lights.empty()
                                ? ": no light and no emissive surface; add one with --sun "
-                                 "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD or --lights FILE"
+                                 "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD, --sky COLOUR,NITS or "
+                                 "--lights FILE"
                                : ": without reflections no light of its lights is in the field; "
                                  "set --bounces 1 or more"));
     check_memory(grid, settings);

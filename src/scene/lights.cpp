@@ -125,6 +125,18 @@ Light parse_point(const std::string& text) {
     return light;
 }
 
+Sky parse_sky(const std::string& text) {
+    const Argument argument{text, "--sky", "COLOUR,NITS", "#8fb4ff,5000"};
+    const std::vector<std::string_view> parts = split(text, ',');
+    if (parts.size() != 2)
+        argument.fail(std::to_string(parts.size()) + " values were given");
+    Sky sky;
+    sky.luminance = color(parts[0], argument) * float(positive(parts[1], "NITS", argument));
+    if (!std::isfinite(sky.luminance.x + sky.luminance.y + sky.luminance.z))
+        argument.fail("NITS is too large");
+    return sky;
+}
+
 void check_light(const Light& light, const std::string& place) {
     const auto require = [&](bool ok, const char* what) {
         if (!ok)

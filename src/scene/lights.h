@@ -16,6 +16,10 @@ Light parse_sun(const std::string& text);
 /// Throws Error (usage) that shows the form.
 Light parse_point(const std::string& text);
 
+/// "COLOUR,NITS": a sky of the same luminance everywhere. COLOUR as in parse_sun.
+/// Throws Error (usage) that shows the form.
+Sky parse_sky(const std::string& text);
+
 /// Throws Error (invalid), beginning with `place`, unless the light is one that KHR_lights_punctual
 /// allows: finite, color and intensity not negative, range not negative, cones with
 /// 0 <= inner < outer <= pi/2, a direction of unit length.

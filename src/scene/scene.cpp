@@ -98,6 +98,10 @@ uint64_t triangle_count(const Scene& scene) {
     return count;
 }
 
+bool has_sky(const Scene& scene) {
+    return scene.sky.luminance != glm::vec3(0.0f);
+}
+
 bool has_emitters(const Scene& scene) {
     std::vector<bool> placed(scene.materials.size());
     for (const Instance& instance : scene.instances)

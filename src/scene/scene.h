@@ -133,4 +133,7 @@ uint64_t triangle_count(const Scene& scene);
 /// True if any placed surface has an emission above zero.
 bool has_emitters(const Scene& scene);
 
+/// True if the sky is not black.
+bool has_sky(const Scene& scene);
+
 } // namespace lpvbake

@@ -1,18 +1,75 @@
 #include "surface/emitters.h"
 
+#include "scene/sky.h"
+
 #include <glm/gtc/constants.hpp>
+#include <tbb/parallel_for.h>
 
 namespace lpvbake {
+namespace {
 
-void emit_vpls(const std::vector<Patch>& patches, double unit, std::vector<Vpl>& vpls) {
-    for (const Patch& patch : patches) {
-        if (patch.emission == glm::vec3(0.0f))
+/// Directions of equal cosine-weighted solid angle around +z: rings of 4, 8 and 12.
+std::vector<glm::vec3> portal_directions() {
+    std::vector<glm::vec3> directions;
+    int before = 0;
+    for (const int count : {4, 8, 12}) {
+        const float square = (float(before) + 0.5f * float(count)) / 24.0f;
+        for (int i = 0; i < count; ++i) {
+            const float angle = glm::two_pi<float>() * (float(i) + 0.5f) / float(count);
+            directions.push_back({std::sqrt(square) * std::cos(angle),
+                                  std::sqrt(square) * std::sin(angle), std::sqrt(1.0f - square)});
+        }
+        before += count;
+    }
+    return directions;
+}
+
+} // namespace
+
+void emit_vpls(const LitSurfaces& surfaces, const Frame& frame, std::vector<Vpl>& vpls) {
+    for (size_t i = 0; i < surfaces.luminance.size(); ++i) {
+        const Patch& patch = surfaces.patches[i / 2];
+        const glm::vec3 luminance = surfaces.luminance[i];
+        if (luminance == glm::vec3(0.0f) || glm::any(glm::lessThan(patch.position, glm::vec3(0.0f)))
+            || glm::any(glm::greaterThan(patch.position, glm::vec3(frame.extent))))
             continue;
-        const double area = double(patch.area) * unit * unit;
-        const glm::vec3 power{glm::pi<double>() * area * glm::dvec3(patch.emission)};
-        vpls.push_back({patch.position, patch.normal, power});
-        if (patch.double_sided)
-            vpls.push_back({patch.position, -patch.normal, power});
+        const double area = double(patch.area) * double(patch.alpha) * frame.unit * frame.unit;
+        if (area > 0.0)
+            vpls.push_back({patch.position, i % 2 ? -patch.normal : patch.normal,
+                            glm::vec3(glm::pi<double>() * area * glm::dvec3(luminance))});
+    }
+}
+
+void sky_vpls(const Sky& sky, const Visibility& visibility, const Frame& frame,
+              std::vector<Vpl>& vpls) {
+    static const std::vector<glm::vec3> directions = portal_directions();
+    const glm::ivec3 dims(frame.extent);
+    const double power = glm::pi<double>() * frame.unit * frame.unit;
+    for (int side = 0; side < 6; ++side) {
+        const int axis = side / 2, u = (axis + 1) % 3, v = (axis + 2) % 3;
+        const float outward = side % 2 ? -1.0f : 1.0f;
+        std::vector<Vpl> faces(size_t(dims[u]) * size_t(dims[v]));
+        tbb::parallel_for(size_t(0), faces.size(), [&](size_t i) {
+            Vpl& face = faces[i];
+            face.position[axis] = outward > 0.0f ? float(dims[axis]) : 0.0f;
+            face.position[u] = float(i % size_t(dims[u])) + 0.5f;
+            face.position[v] = float(i / size_t(dims[u])) + 0.5f;
+            face.normal = glm::vec3(0.0f);
+            face.normal[axis] = -outward;
+            glm::vec3 sum{0.0f};
+            for (const glm::vec3& d : directions) {
+                glm::vec3 towards;
+                towards[axis] = outward * d.z;
+                towards[u] = d.x;
+                towards[v] = d.y;
+                sum += visibility.transmittance({face.position, towards, 0.0f, HUGE_VALF})
+                       * sky_luminance(sky, towards);
+            }
+            face.power = sum * float(power / double(directions.size()));
+        });
+        for (const Vpl& face : faces)
+            if (face.power != glm::vec3(0.0f))
+                vpls.push_back(face);
     }
 }
 

@@ -1,15 +1,19 @@
-// Emissive surfaces as virtual point lights.
+// Surfaces and the sky as virtual point lights.
 #pragma once
 
 #include "rsm/rsm.h"
-#include "surface/patches.h"
+#include "surface/lit_surfaces.h"
 
 #include <vector>
 
 namespace lpvbake {
 
-/// Appends one VPL of power pi * Le * A (lm) for each emissive patch, and one for the back
-/// of a double-sided one. `unit` is the edge of a cell in metres.
-void emit_vpls(const std::vector<Patch>& patches, double unit, std::vector<Vpl>& vpls);
+/// Appends a VPL of power pi * L * A (lm) for each side of a patch in the grid that light leaves.
+void emit_vpls(const LitSurfaces& surfaces, const Frame& frame, std::vector<Vpl>& vpls);
+
+/// Appends the sky's light where it enters the grid: a VPL on each outer face of a border cell, as
+/// bright as the sky that cosine-distributed rays meet from there.
+void sky_vpls(const Sky& sky, const Visibility& visibility, const Frame& frame,
+              std::vector<Vpl>& vpls);
 
 } // namespace lpvbake

@@ -16,7 +16,7 @@ namespace {
 
 constexpr uint32_t black = ~0u; ///< what a ray meets that reflects nothing
 constexpr int shadow_samples = 4;
-constexpr int longest_sum = 20'000;   ///< reflections, where their number is not bounded
+constexpr int longest_sum = 20'000; ///< reflections, where their number is not bounded
 
 /// Spreads the bits of a word evenly (Wellons' lowbias32 constants).
 uint32_t mix(uint32_t x) {
@@ -190,7 +190,7 @@ LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, con
     lit.luminance.assign(sides, glm::vec3(0.0f));
     const bool no_reflection = settings.bounces == 0;
     const bool emitters = settings.emitters && has_emitters(scene);
-    const bool sky = scene.sky.luminance != glm::vec3(0.0f);
+    const bool sky = has_sky(scene);
     const bool between = settings.bounces != 0 && settings.bounces != 1;
 
     std::vector<glm::vec3> emission(emitters ? sides : 0, glm::vec3(0.0f));
@@ -218,6 +218,7 @@ LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, con
                          : 0;
     const int aimed_rays = rays / 8; // of as many that are not, if there are emitters
     std::vector<glm::vec3> direct(sides, glm::vec3(0.0f)); // luminance reflected once
+    std::vector<glm::vec3> mapped(settings.maps ? sides : 0, glm::vec3(0.0f));
     std::vector<uint32_t> hits(between ? sides * size_t(rays) : 0, black);
     progress.begin("lighting", patches.size());
     constexpr size_t block = 4096;
@@ -231,6 +232,8 @@ LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, con
                 return;
             const Side side{patch, uint32_t(index), back ? -patch.normal : patch.normal};
             glm::vec3 lux = punctual(side, sources, visibility);
+            if (settings.maps)
+                mapped[index] = patch.albedo * lux / glm::pi<float>();
             if (!aim.empty())
                 lux += aimed(side, aim, aimed_rays, rays, visibility);
             const Points points(side.index, 2);
@@ -251,7 +254,8 @@ LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, con
                 if (!aim.empty() && emission[met] != glm::vec3(0.0f)) {
                     const float cosine = glm::dot(direction, side.normal) / glm::pi<float>();
                     const float there = std::abs(glm::dot(direction, hit.normal));
-                    const float aimed_density = aim.density(patches[met / 2]) * hit.t * hit.t / there;
+                    const float aimed_density =
+                        aim.density(patches[met / 2]) * hit.t * hit.t / there;
                     seen += emission[met]
                             * (float(rays) * cosine
                                / (float(aimed_rays) * aimed_density + float(rays) * cosine));
@@ -309,6 +313,8 @@ LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, con
         lit.residual = 0.0;
 
     lit.luminance = std::move(reflected);
+    for (size_t i = 0; i < mapped.size(); ++i)
+        lit.luminance[i] = glm::max(lit.luminance[i] - mapped[i], 0.0f);
     if (emitters)
         for (size_t i = 0; i < sides; ++i)
             lit.luminance[i] += emission[i];

@@ -16,6 +16,9 @@ struct LightingSettings {
     bool emitters = true;           ///< emissive surfaces give light
     uint64_t rays = 1 << 21;        ///< for light between surfaces: in all, at least 16 a side
     float tolerance = 1e-4f;        ///< all bounces: share of the light that may be missing
+    /// Reflective shadow maps bring the first reflection of punctual lights: LitSurfaces::luminance
+    /// is without it, but not without what follows from it.
+    bool maps = false;
 };
 
 /// All surfaces, inside the grid and out.
@@ -26,8 +29,8 @@ struct LitSurfaces {
     /// luminance[2 * patch + side]: what leaves the covered part of the front (side 0) or the back
     /// (1), nits: emission and reflected light. Black for the back of a single-sided surface.
     std::vector<glm::vec3> luminance;
-    int bounces = 0;       ///< reflections that were summed
-    double residual = 0;   ///< estimated share of the light that is missing
+    int bounces = 0;     ///< reflections that were summed
+    double residual = 0; ///< estimated share of the light that is missing
 
     static constexpr uint32_t no_side = ~0u;
     /// Which side a ray of this direction sees at its hit; no_side for no_hit and for backs, and

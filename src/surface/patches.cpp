@@ -292,7 +292,7 @@ PatchCover cover_surfaces(const Scene& scene, const Frame& frame, const Visibili
                 tree.roots.back().push_back(moved(root, first_node));
             for (const PatchTree::Node& node : run.nodes)
                 tree.nodes.push_back({moved(node.patch, first_patch),
-                                       moved(node.first_half, first_node), node.edge});
+                                      moved(node.first_half, first_node), node.edge});
             cover.patches.insert(cover.patches.end(), run.patches.begin(), run.patches.end());
         }
     }

@@ -25,8 +25,7 @@ struct Patch {
 
     /// The point with these weights of the second and the third corner.
     glm::vec3 at(glm::vec2 weights) const {
-        return position + (weights.x - 1.0f / 3.0f) * edge_u
-               + (weights.y - 1.0f / 3.0f) * edge_v;
+        return position + (weights.x - 1.0f / 3.0f) * edge_u + (weights.y - 1.0f / 3.0f) * edge_v;
     }
 };
 

@@ -4,6 +4,7 @@
 #include "error.h"
 #include "gpu/device.h"
 #include "scenes.h"
+#include "surface/lit_surfaces.h"
 #include "volume/sh.h"
 
 #include <glm/gtc/constants.hpp>
@@ -158,13 +159,55 @@ TEST_F(Bake, OcclusionModesDifferAsTheyShould) {
 }
 
 TEST_F(Bake, EmittersAloneAreLightEnough) {
-    Scene scene = scenes::furnace(2.0f, 0.5f, 100.0f);
-    const Baked baked = run(scene, coarse());
-    // pi Le A over the six walls.
-    EXPECT_NEAR(injected(baked) / (3 * glm::pi<double>() * 100.0 * 24.0), 1.0, 1e-4);
+    const Scene scene = scenes::furnace(2.0f, 0.5f, 100.0f);
+    // pi L A over the six walls, L = Le (1 + rho + rho^2 + ...).
+    const double emitted = 3 * glm::pi<double>() * 100.0 * 24.0;
+    BakeSettings settings = coarse();
+    EXPECT_NEAR(injected(run(scene, settings)) / emitted, 1.5, 2e-3);
+    settings.bounces = 0;
+    EXPECT_NEAR(injected(run(scene, settings)) / emitted, 1.0, 1e-4);
+    settings.bounces = std::nullopt;
+    EXPECT_NEAR(injected(run(scene, settings)) / emitted, 2.0, 4e-3);
     BakeSettings without = coarse();
     without.emitters = false;
     EXPECT_THROW(run(scene, without), Error);
+}
+
+TEST_F(Bake, ReflectionsAddUpWhereverTheyComeFrom) {
+    // The first reflection from maps and the others from patches, or all from patches: the same.
+    const Scene scene = scenes::cornell_box_with_point();
+    BakeSettings settings = coarse();
+    const double once = injected(run(scene, settings));
+    settings.bounces = 2;
+    const double twice = injected(run(scene, settings));
+    settings.bounces = std::nullopt;
+    const double all = injected(run(scene, settings));
+    EXPECT_GT(twice, 1.2 * once);
+    EXPECT_LT(twice, 1.8 * once);
+    EXPECT_GT(all, 1.1 * twice);
+
+    Progress silent;
+    const BakePlan plan = plan_bake(scene, settings, device().info());
+    const Visibility visibility(scene, plan.frame);
+    LightingSettings lighting;
+    lighting.bounces = std::nullopt;
+    double power = 0.0;
+    const LitSurfaces lit = light_surfaces(scene, visibility, plan.frame, lighting, silent);
+    for (size_t i = 0; i < lit.luminance.size(); ++i) {
+        const glm::vec3 l = lit.luminance[i];
+        power += double(l.x + l.y + l.z) * double(lit.patches[i / 2].area);
+    }
+    EXPECT_NEAR(power * glm::pi<double>() * plan.grid.cell * plan.grid.cell / all, 1.0, 0.02);
+}
+
+TEST_F(Bake, ASkyAloneIsLightEnough) {
+    Scene scene = scenes::floor_quad(4.0f, glm::vec3(0.5f));
+    scene.sky.luminance = glm::vec3(50.0f);
+    BakeSettings settings = coarse();
+    settings.lpv.occlusion = Occlusion::none;
+    const Baked baked = run(scene, settings);
+    EXPECT_GT(total_energy(baked.volume), 0.0);
+    expect_finite(baked.volume);
 }
 
 TEST_F(Bake, HardCasesEndInFiniteNumbers) {

@@ -29,6 +29,14 @@ Error error_of(F f) {
     return {ExitCode::ok, ""};
 }
 
+TEST(ParseSky, IsAColourTimesNits) {
+    EXPECT_EQ(parse_sky("1:0.5:0,200").luminance, glm::vec3(200, 100, 0));
+    EXPECT_EQ(parse_sky("#ffffff,3").luminance, glm::vec3(3.0f));
+    for (const char* wrong :
+         {"", "200", "#fff,1", "1:1:1,-1", "1:1:1,nan", "1:1:1,2,3", "1e30:1:1,1e30", "1:1:1,"})
+        EXPECT_THROW(parse_sky(wrong), Error) << wrong;
+}
+
 TEST(ParseSun, StandsWhereItSays) {
     expect_near(parse_sun("0,0,1").direction, {0, 0, -1}); // stands at +Z, shines to -Z
     expect_near(parse_sun("90,0,1").direction, {-1, 0, 0});

@@ -131,8 +131,8 @@ TEST(LitSurfaces, AHitFindsThePatchAroundIt) {
     std::normal_distribution<float> normal;
     int met = 0;
     for (int i = 0; i < 2000; ++i) {
-        const glm::vec3 direction = glm::normalize(
-            glm::vec3(normal(random), normal(random), normal(random)));
+        const glm::vec3 direction =
+            glm::normalize(glm::vec3(normal(random), normal(random), normal(random)));
         const Ray ray{glm::vec3(11.0f, 14.0f, 14.0f), direction, 0.0f, HUGE_VALF};
         const Hit hit = visibility.closest(ray);
         glm::vec2 weights;

@@ -70,6 +70,14 @@ TEST(Patches, ZeroAreaTrianglesGiveNone) {
     EXPECT_TRUE(make_patches(scene, {glm::dvec3(0.0), 1.0, glm::dvec3(8.0)}, 1.0f).empty());
 }
 
+LitSurfaces glowing(const Scene& scene, const Frame& frame) {
+    Progress silent;
+    LightingSettings settings;
+    settings.bounces = 0;
+    const Visibility visibility(scene, frame);
+    return light_surfaces(scene, visibility, frame, settings, silent);
+}
+
 TEST(Emitters, PowerIsPiTimesLuminanceTimesArea) {
     for (const double unit : {1e-4, 0.25, 100.0}) {
         Scene scene;
@@ -81,7 +89,7 @@ TEST(Emitters, PowerIsPiTimesLuminanceTimesArea) {
         for (const bool both : {false, true}) {
             scene.materials[size_t(lamp)].double_sided = both;
             std::vector<Vpl> vpls;
-            emit_vpls(make_patches(scene, frame, 1.0f), unit, vpls);
+            emit_vpls(glowing(scene, frame), frame, vpls);
             glm::dvec3 power{0.0};
             for (const Vpl& vpl : vpls)
                 power += glm::dvec3(vpl.power);
@@ -90,6 +98,22 @@ TEST(Emitters, PowerIsPiTimesLuminanceTimesArea) {
             EXPECT_NEAR(power.z / (40.0 * expected), 1.0, 1e-5);
         }
     }
+}
+
+TEST(Emitters, TheSkyEntersWhereNothingIsInTheWay) {
+    // A floor below the whole grid: the lower faces get nothing, the upper ones all of the sky.
+    Scene scene = scenes::floor_quad(1e3f, glm::vec3(0.5f));
+    const Frame frame{glm::dvec3(-2, 0.5, -2), 0.5, glm::dvec3(8)};
+    const Visibility visibility(scene, frame);
+    std::vector<Vpl> vpls;
+    sky_vpls({glm::vec3(3.0f)}, visibility, frame, vpls);
+    double top = 0.0, side = 0.0, bottom = 0.0;
+    for (const Vpl& vpl : vpls)
+        (vpl.normal.y < -0.5f ? top : vpl.normal.y > 0.5f ? bottom : side) += double(vpl.power.x);
+    const double face = glm::pi<double>() * 3.0 * 16.0; // of 4 m x 4 m
+    EXPECT_NEAR(top / face, 1.0, 1e-5);
+    EXPECT_EQ(bottom, 0.0);
+    EXPECT_NEAR(side / (4.0 * face), 0.5, 1e-5);
 }
 
 TEST(Emitters, TextureScalesTheEmission) {
@@ -106,7 +130,8 @@ TEST(Emitters, TextureScalesTheEmission) {
     const int mesh = scenes::add_quad(scene, lamp, {1, 1, 1}, {4, 0, 0}, {0, 4, 0});
     scene.meshes[size_t(mesh)].uv_emission = scene.meshes[size_t(mesh)].uv;
     std::vector<Vpl> vpls;
-    emit_vpls(make_patches(scene, {glm::dvec3(0.0), 1.0, glm::dvec3(6.0)}, 1.0f), 1.0, vpls);
+    const Frame frame{glm::dvec3(0.0), 1.0, glm::dvec3(6.0)};
+    emit_vpls(glowing(scene, frame), frame, vpls);
     double power = 0.0;
     for (const Vpl& vpl : vpls)
         power += double(vpl.power.x);

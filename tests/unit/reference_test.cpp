@@ -415,6 +415,21 @@ TEST(Reference, StatedErrorIsTheSpreadOverSeeds) {
     RecordProperty("stated_ratio", std::to_string(stated[0] / stated[1]));
 }
 
+TEST(Reference, SkyComesFromWhereNothingIs) {
+    // Half of what a cell high above a wide floor sees is the sky, the other half what the floor
+    // reflects of it.
+    Scene scene = scenes::floor_quad(1e4f, glm::vec3(0.25f));
+    scene.sky.luminance = {1, 2, 4};
+    const Grid grid = cube(glm::dvec3(-1, 1, -1), 2, 2);
+    for (const int bounces : {0, 1, 2}) {
+        const Reference r = reference(scene, grid, settings_of(bounces, 4096));
+        const double below = bounces == 0 ? 0.0 : 0.25;
+        EXPECT_NEAR(r.volume.sh[0][0].y, 2 * y0 * 2 * pi * (1 + below), 0.02);
+        EXPECT_NEAR(r.volume.sh[1][0].z, 4 * y1 * pi * (1 - below), 0.05);
+        EXPECT_NE(r.volume.metadata.at("content").find("sky"), std::string::npos);
+    }
+}
+
 TEST(Reference, StopsAtTheWantedNoise) {
     const Scene scene = scenes::cornell_box_with_point();
     const Grid grid = fit_grid({-1, 0, -1}, {1, 2, 1}, {8, 0.0, 1});
