@@ -28,7 +28,8 @@ Buffer::Impl::Impl(Device::Impl& device, uint64_t bytes, Placement placement) {
     checked("making a buffer", [&] {
         handle = vk::raii::Buffer(
             device.handle, vk::BufferCreateInfo({}, size,
-                                                Usage::eStorageBuffer | Usage::eUniformTexelBuffer
+                                                Usage::eStorageBuffer | Usage::eUniformBuffer
+                                                    | Usage::eUniformTexelBuffer
                                                     | Usage::eVertexBuffer | Usage::eIndexBuffer
                                                     | Usage::eTransferSrc | Usage::eTransferDst));
         memory = device.allocate(handle.getMemoryRequirements(), placement);

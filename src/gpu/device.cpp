@@ -101,8 +101,9 @@ DeviceInfo describe(const vk::raii::PhysicalDevice& physical, int index) {
     info.max_allocation = std::min<uint64_t>(ids.maxMemoryAllocationSize, info.memory);
     info.max_storage_range = core.limits.maxStorageBufferRange;
     info.max_texels = core.limits.maxTexelBufferElements;
-    info.window_alignment = std::max(core.limits.minStorageBufferOffsetAlignment,
-                                     core.limits.minTexelBufferOffsetAlignment);
+    info.window_alignment = std::max({core.limits.minStorageBufferOffsetAlignment,
+                                      core.limits.minTexelBufferOffsetAlignment,
+                                      core.limits.minUniformBufferOffsetAlignment});
     return info;
 }
 

@@ -88,7 +88,10 @@ enum class Binding {
     storage,       ///< storage buffer, read and written
     texels_rgba32, ///< uniform texel buffer of four floats an element, read only
     texels_r32,    ///< uniform texel buffer of one float an element, read only
+    uniform,       ///< uniform buffer, read only, at most max_uniform_bytes
 };
+/// What every device can bind as uniform buffer.
+inline constexpr uint64_t max_uniform_bytes = 16384;
 
 /// A compute pipeline: set 0 holds one window at each of the bindings 0, 1, ...
 class Program {
@@ -110,7 +113,8 @@ private:
 };
 
 /// A part of a buffer as a program sees it. The offset obeys window_alignment; the range must not
-/// exceed max_storage_range, nor max_texels elements where it is bound as texels (checked).
+/// exceed max_storage_range, nor max_texels elements or max_uniform_bytes where it is bound as such
+/// (checked).
 struct Window {
     const Buffer* buffer = nullptr;
     uint64_t offset = 0;

@@ -8,8 +8,9 @@ namespace lpvbake::gpu {
 namespace {
 
 vk::DescriptorType type_of(Binding binding) {
-    return binding == Binding::storage ? vk::DescriptorType::eStorageBuffer
-                                       : vk::DescriptorType::eUniformTexelBuffer;
+    return binding == Binding::storage   ? vk::DescriptorType::eStorageBuffer
+           : binding == Binding::uniform ? vk::DescriptorType::eUniformBuffer
+                                         : vk::DescriptorType::eUniformTexelBuffer;
 }
 
 uint64_t texel_bytes(Binding binding) {
@@ -26,9 +27,11 @@ Program::Program(const Device& device, std::span<const uint32_t> spirv,
     impl_->bindings.assign(bindings.begin(), bindings.end());
     impl_->push_bytes = push_bytes;
     const auto storage = uint32_t(std::ranges::count(bindings, Binding::storage));
+    const auto uniform = uint32_t(std::ranges::count(bindings, Binding::uniform));
     if (push_bytes > gpu.limits.maxPushConstantsSize
         || storage > gpu.limits.maxPerStageDescriptorStorageBuffers
-        || bindings.size() - storage > gpu.limits.maxPerStageDescriptorSampledImages)
+        || uniform > gpu.limits.maxPerStageDescriptorUniformBuffers
+        || bindings.size() - storage - uniform > gpu.limits.maxPerStageDescriptorSampledImages)
         throw Error(ExitCode::device, "'" + gpu.info.name + "' cannot bind "
                                           + std::to_string(bindings.size()) + " buffers and "
                                           + std::to_string(push_bytes)
@@ -87,6 +90,7 @@ struct Batch::Impl {
                 const uint32_t count = std::max(sets_per_pool * buffers_per_set, wanted);
                 const std::array sizes{
                     vk::DescriptorPoolSize(vk::DescriptorType::eStorageBuffer, count),
+                    vk::DescriptorPoolSize(vk::DescriptorType::eUniformBuffer, count),
                     vk::DescriptorPoolSize(vk::DescriptorType::eUniformTexelBuffer, count)};
                 pools.emplace_back(gpu.handle,
                                    vk::DescriptorPoolCreateInfo({}, sets_per_pool, sizes));
@@ -152,9 +156,11 @@ void Batch::dispatch(const Program& program, std::span<const Window> windows,
         return;
     for (size_t i = 0; i < windows.size(); ++i) {
         check_window(windows[i], info.window_alignment);
-        const bool storage = kernel.bindings[i] == Binding::storage;
-        const uint64_t limit =
-            storage ? info.max_storage_range : info.max_texels * texel_bytes(kernel.bindings[i]);
+        const Binding binding = kernel.bindings[i];
+        const uint64_t limit = binding == Binding::storage ? info.max_storage_range
+                               : binding == Binding::uniform
+                                   ? max_uniform_bytes
+                                   : info.max_texels * texel_bytes(binding);
         if (windows[i].bytes > limit)
             throw Error(ExitCode::failure, "a window of " + std::to_string(windows[i].bytes)
                                                + " bytes exceeds the " + std::to_string(limit)
@@ -174,7 +180,7 @@ void Batch::dispatch(const Program& program, std::span<const Window> windows,
                 const Binding binding = kernel.bindings[i];
                 const vk::Buffer buffer = *window.buffer->impl().handle;
                 writes.emplace_back(set, i, 0, 1, type_of(binding));
-                if (binding == Binding::storage) {
+                if (binding == Binding::storage || binding == Binding::uniform) {
                     buffers[i] = vk::DescriptorBufferInfo(buffer, window.offset, window.bytes);
                     writes.back().pBufferInfo = &buffers[i];
                 } else {
