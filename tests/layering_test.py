@@ -27,6 +27,7 @@ BUILDS_ON = {
     "solver": ["surface", "visibility", "volume"],
     "solver/lpv": ["solver", "gpu"],
     "solver/gather": ["solver", "gpu"],
+    "solver/sn": ["solver", "gpu"],
     "io": ["volume", "image"],
     "reference": ["scene", "visibility", "volume"],
     "render": ["scene", "rsm", "volume", "gpu"],

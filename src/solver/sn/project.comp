@@ -1,0 +1,61 @@
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
+
+// Adds the luminance of a front's cells, times its directions' weights, to their coefficients.
+// Lanes are cells, the direction is the same for all. Directions are added one by one, so that the
+// sum does not depend on how they were dealt into batches; their loop is unrolled because a CPU
+// device loads a weight for all lanes at once only where its address is constant.
+
+#include "sweep.h"
+
+layout(local_size_x_id = spec_local_size) in;
+layout(constant_id = spec_local_size) const uint local_size = 8u;
+layout(constant_id = spec_march) const uint march = 4u;
+layout(constant_id = spec_variant) const uint coefficients = 9u;
+layout(constant_id = spec_directions) const uint directions = 8u;
+
+layout(push_constant) uniform Push { ProjectPush push; };
+
+layout(set = 0, binding = binding_project_ring) uniform textureBuffer ring;
+layout(std430, set = 0, binding = binding_project_cells) readonly buffer Cells { uvec2 cells[]; };
+layout(std140, set = 0, binding = binding_project_weights) uniform Weights {
+    vec4 weights[max_project_weights / 4u];
+};
+layout(set = 0, binding = binding_sh_in) uniform textureBuffer sh_in;
+layout(std430, set = 0, binding = binding_sh_out) writeonly buffer ShOut { vec4 sh_out[]; };
+
+const uint quads = (3u * coefficients + 3u) / 4u;
+
+void main() {
+    for (uint step = 0u; step < march; ++step) {
+        const uint entry = push.first + (gl_WorkGroupID.x * march + step) * local_size +
+                           gl_LocalInvocationIndex;
+        const bool inside = entry < push.last;
+        const uvec2 cell = cells[min(entry, push.last - 1u)];
+        const uint texel = push.ring_base + cell.x * push.stride;
+        const uint sh = push.sh_base + (cell.y - push.first_cell) * quads;
+        float sum[4u * quads];
+        [[unroll]] for (uint i = 0u; i < quads; ++i) {
+            const vec4 before = texelFetch(sh_in, int(sh + i));
+            sum[4u * i] = before.x;
+            sum[4u * i + 1u] = before.y;
+            sum[4u * i + 2u] = before.z;
+            sum[4u * i + 3u] = before.w;
+        }
+        [[unroll]] for (uint direction = 0u; direction < directions; ++direction) {
+            const vec3 luminance = texelFetch(ring, int(texel + direction)).xyz;
+            [[unroll]] for (uint k = 0u; k < coefficients; ++k) {
+                const uint i = direction * coefficients + k;
+                const float weight = weights[i / 4u][i % 4u];
+                sum[3u * k] += weight * luminance.x;
+                sum[3u * k + 1u] += weight * luminance.y;
+                sum[3u * k + 2u] += weight * luminance.z;
+            }
+        }
+        if (inside)
+            [[unroll]] for (uint i = 0u; i < quads; ++i)
+                sh_out[sh + i] =
+                    vec4(sum[4u * i], sum[4u * i + 1u], sum[4u * i + 2u], sum[4u * i + 3u]);
+    }
+}

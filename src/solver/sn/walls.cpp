@@ -1,0 +1,134 @@
+#include "solver/sn/walls.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+
+namespace lpvbake {
+namespace {
+
+/// How far a link goes beyond the neighbour's centre (cells): a surface through that is not missed.
+constexpr float reach = 1e-3f;
+
+/// True if the triangle meets the cube around the origin, |x|, |y|, |z| <= half (separating axes:
+/// Akenine-Moller 2001).
+bool meets_cube(const std::array<glm::vec3, 3>& corner, float half) {
+    const auto apart = [&](glm::vec3 axis) {
+        float lo = glm::dot(axis, corner[0]), hi = lo;
+        for (size_t i = 1; i < 3; ++i) {
+            const float at = glm::dot(axis, corner[i]);
+            lo = std::min(lo, at);
+            hi = std::max(hi, at);
+        }
+        const float radius = half * (std::abs(axis.x) + std::abs(axis.y) + std::abs(axis.z));
+        return lo > radius || hi < -radius;
+    };
+    const glm::vec3 edges[] = {corner[1] - corner[0], corner[2] - corner[1], corner[0] - corner[2]};
+    if (apart(glm::cross(edges[0], edges[1])))
+        return false;
+    for (int axis = 0; axis < 3; ++axis) {
+        glm::vec3 unit{0.0f};
+        unit[axis] = 1.0f;
+        if (apart(unit))
+            return false;
+        for (const glm::vec3& edge : edges)
+            if (apart(glm::cross(unit, edge)))
+                return false;
+    }
+    return true;
+}
+
+void occupy(const std::vector<Patch>& patches, SnWalls& walls) {
+    const glm::ivec3 cubes = walls.dims + 1;
+    tbb::parallel_for(size_t(0), patches.size(), [&](size_t index) {
+        const Patch& patch = patches[index];
+        const std::array<glm::vec3, 3> corner = {patch.at({0, 0}), patch.at({1, 0}),
+                                                 patch.at({0, 1})};
+        const glm::vec3 lo = glm::min(corner[0], glm::min(corner[1], corner[2]));
+        const glm::vec3 hi = glm::max(corner[0], glm::max(corner[1], corner[2]));
+        // Cube (i, j, k) is centred on (i, j, k) in grid units.
+        const glm::vec3 wide(0.5f + 2.0f * reach);
+        const auto within = [&](glm::vec3 v) {
+            return glm::ivec3(glm::clamp(v, glm::vec3(-1.0f), glm::vec3(cubes)));
+        };
+        const glm::ivec3 first = glm::max(within(glm::ceil(lo - wide)), glm::ivec3(0));
+        const glm::ivec3 last = glm::min(within(glm::floor(hi + wide)), cubes - 1);
+        for (int k = first.z; k <= last.z; ++k)
+            for (int j = first.y; j <= last.y; ++j)
+                for (int i = first.x; i <= last.x; ++i) {
+                    std::atomic_ref<uint8_t> flag(
+                        walls.occupied[size_t(i)
+                                       + size_t(cubes.x)
+                                             * (size_t(j) + size_t(cubes.y) * size_t(k))]);
+                    if (flag.load(std::memory_order_relaxed))
+                        continue;
+                    const glm::vec3 center(i, j, k);
+                    if (meets_cube({corner[0] - center, corner[1] - center, corner[2] - center},
+                                   wide.x))
+                        flag.store(1, std::memory_order_relaxed);
+                }
+    });
+}
+
+SnLink trace_link(const LitSurfaces& lit, const Visibility& visibility, glm::ivec3 cell, int axis,
+                  int sign) {
+    glm::vec3 towards{0.0f};
+    towards[axis] = float(sign);
+    const Hit hit = visibility.closest({glm::vec3(cell) + 0.5f, towards, 0.0f, 1.0f + reach});
+    if (hit.instance == no_hit)
+        return {};
+    const glm::vec3 normal = glm::dot(hit.normal, towards) > 0.0f ? -hit.normal : hit.normal;
+    return {lit.leaving(hit, towards), 1.0f / std::max(hit.t, reach), normal};
+}
+
+} // namespace
+
+SnWalls find_walls(const LitSurfaces& lit, const Visibility& visibility, const Grid& grid,
+                   bool with_links) {
+    SnWalls walls;
+    walls.dims = grid.dims;
+    const glm::ivec3 cubes = grid.dims + 1;
+    walls.occupied.assign(size_t(cubes.x) * size_t(cubes.y) * size_t(cubes.z), 0);
+    occupy(lit.patches, walls);
+    if (!with_links)
+        return walls;
+
+    walls.links_of.assign(grid.size(), ~0u);
+    uint32_t count = 0;
+    std::vector<glm::ivec3> cells;
+    for (int z = 0; z < grid.dims.z; ++z)
+        for (int y = 0; y < grid.dims.y; ++y)
+            for (int x = 0; x < grid.dims.x; ++x) {
+                bool any = false;
+                for (int corner = 0; corner < 8 && !any; ++corner)
+                    any = walls.is_occupied(
+                        {x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2)});
+                if (any) {
+                    walls.links_of[grid.index({x, y, z})] = count++;
+                    cells.push_back({x, y, z});
+                }
+            }
+    walls.links.resize(count);
+    tbb::parallel_for(size_t(0), cells.size(), [&](size_t i) {
+        for (int end = 0; end < 6; ++end) {
+            // A link is an edge of four cubes.
+            const int axis = end / 2, u = (axis + 1) % 3, v = (axis + 2) % 3;
+            bool any = false;
+            for (int side = 0; side < 4 && !any; ++side) {
+                glm::ivec3 cube = cells[i];
+                cube[axis] += end % 2;
+                cube[u] += side & 1;
+                cube[v] += side >> 1;
+                any = walls.is_occupied(cube);
+            }
+            if (any)
+                walls.links[i][size_t(end)] =
+                    trace_link(lit, visibility, cells[i], axis, end % 2 ? 1 : -1);
+        }
+    });
+    return walls;
+}
+
+} // namespace lpvbake

@@ -1,0 +1,433 @@
+// The sweep against a recursive oracle, closed forms, and path-traced probes.
+#include "solver/sn/sn.h"
+
+#include "gpu/device.h"
+#include "oracles/sn_oracle.h"
+#include "reference/reference.h"
+#include "scenes.h"
+#include "solver/sn/directions.h"
+#include "solver/sn/walls.h"
+#include "visibility/validity.h"
+#include "volume/compare.h"
+#include "volume/sh.h"
+
+#include <glm/gtc/constants.hpp>
+#include <glm/gtc/matrix_transform.hpp>
+#include <gtest/gtest.h>
+
+#include <random>
+
+namespace lpvbake {
+namespace {
+
+const double pi = glm::pi<double>();
+
+/// All directions of a set, by permutation and sign.
+std::vector<glm::dvec3> all_directions(int count) {
+    std::vector<glm::dvec3> all;
+    for (const glm::dvec2 xy : sn_base_directions(count)) {
+        const double value[] = {xy.x, xy.y, std::sqrt(1.0 - xy.x * xy.x - xy.y * xy.y)};
+        for (int first = 0; first < 3; ++first)
+            for (const int turn : {1, 2})
+                for (int sign = 0; sign < 8; ++sign)
+                    all.push_back({(sign & 1 ? -1 : 1) * value[first],
+                                   (sign & 2 ? -1 : 1) * value[(first + turn) % 3],
+                                   (sign & 4 ? -1 : 1) * value[(first + 2 * turn) % 3]});
+    }
+    return all;
+}
+
+double legendre(int l, double x) {
+    double before = 1.0, here = x;
+    for (int n = 2; n <= l; ++n) {
+        const double next = ((2 * n - 1) * x * here - (n - 1) * before) / n;
+        before = here;
+        here = next;
+    }
+    return l == 0 ? 1.0 : here;
+}
+
+glm::dmat4 odd_turn() {
+    return glm::rotate(glm::dmat4(1.0), 0.54, glm::normalize(glm::dvec3(1, 3, 2)));
+}
+
+void turn(Scene& scene) {
+    for (Instance& instance : scene.instances)
+        instance.to_world = odd_turn() * instance.to_world;
+    for (Light& light : scene.lights) {
+        light.position = glm::dvec3(odd_turn() * glm::dvec4(light.position, 1.0));
+        light.direction = glm::dvec3(odd_turn() * glm::dvec4(light.direction, 0.0));
+    }
+}
+
+/// A scene in a grid, lit.
+struct Setting {
+    Scene scene;
+    Grid grid;
+    Frame frame;
+    Visibility visibility;
+    LitSurfaces lit;
+    std::vector<float> validity;
+
+    Setting(Scene scene_in, const Grid& grid_in, LightingSettings lighting = {})
+        : scene(std::move(scene_in)),
+          grid(grid_in),
+          frame{grid.origin, grid.cell, glm::dvec3(grid.dims)},
+          visibility(scene, frame),
+          lit(light(lighting)),
+          validity(trace_validity(visibility, grid.dims)) {}
+    Setting(Scene scene_in, int resolution, LightingSettings lighting = {})
+        : Setting(scene_in, grid_around(scene_in, resolution), lighting) {}
+
+    static Grid grid_around(const Scene& scene, int resolution) {
+        const Bounds box = bounds_of(scene);
+        return fit_grid(box.lo, box.hi, {resolution});
+    }
+    LitSurfaces light(const LightingSettings& lighting) const {
+        Progress silent;
+        return light_surfaces(scene, visibility, frame, lighting, silent);
+    }
+    glm::ivec3 cell(size_t index) const {
+        const size_t nx = size_t(grid.dims.x), ny = size_t(grid.dims.y);
+        return glm::ivec3(index % nx, index / nx % ny, index / (nx * ny));
+    }
+};
+
+LightingSettings emission_only() {
+    LightingSettings lighting;
+    lighting.bounces = 0;
+    return lighting;
+}
+
+class Sn : public testing::DeviceTest {
+protected:
+    Volume run(const Setting& setting, const SnSettings& settings, uint64_t window = 0) {
+        Volume volume;
+        volume.grid = setting.grid;
+        Progress silent;
+        SnProgram(device(), setting.grid, settings, window)
+            .solve(setting.lit, setting.visibility, setting.scene.sky, silent, volume);
+        return volume;
+    }
+};
+
+/// What the oracle has to know of a setting.
+oracle::SnWorld world_of(const Setting& setting, const SnWalls& walls, bool first_flight) {
+    const auto seen = [&setting](glm::ivec3 cell, glm::dvec3 d) {
+        const glm::vec3 towards(-d);
+        const Hit hit =
+            setting.visibility.closest({glm::vec3(cell) + 0.5f, towards, 0.0f, HUGE_VALF});
+        return glm::dvec3(hit.instance == no_hit ? setting.scene.sky.luminance
+                                                 : setting.lit.leaving(hit, towards));
+    };
+    oracle::SnWorld world;
+    world.dims = setting.grid.dims;
+    world.surface_between = [&walls](glm::ivec3 a, glm::ivec3 b) {
+        return walls.is_occupied(glm::max(a, b));
+    };
+    world.link = [&](glm::ivec3 cell, int axis, int sign) -> std::optional<oracle::SnEnd> {
+        const SnLink& link =
+            walls.links[walls.links_of[setting.grid.index(cell)]][size_t(2 * axis + (sign > 0))];
+        if (link.inverse == 0.0f)
+            return std::nullopt;
+        return oracle::SnEnd{glm::dvec3(link.luminance), 1.0 / double(link.inverse),
+                             glm::dvec3(link.normal)};
+    };
+    world.beyond = seen;
+    if (first_flight)
+        world.exact = seen;
+    return world;
+}
+
+TEST(SnDirections, IntegrateHarmonicsExactly) {
+    const glm::dvec3 poles[] = {
+        glm::normalize(glm::dvec3(1, 2, 3)), glm::normalize(glm::dvec3(-5, 1, 2)), {0, 0, 1}};
+    for (const int count : sn_direction_counts()) {
+        const std::vector<glm::dvec3> all = all_directions(count);
+        ASSERT_EQ(int(all.size()), count);
+        EXPECT_GE(sn_exact_band(count), 7);
+        for (int l = 1; l <= sn_exact_band(count); ++l)
+            for (const glm::dvec3& pole : poles) {
+                double mean = 0.0;
+                for (const glm::dvec3& d : all)
+                    mean += legendre(l, glm::dot(d, pole)) / count;
+                EXPECT_NEAR(mean, 0.0, 1e-12) << count << " directions, band " << l;
+            }
+    }
+}
+
+TEST(SnDirections, OfAnOctantAreAllPermutations) {
+    for (const int count : sn_direction_counts()) {
+        glm::dvec3 sum{0.0};
+        const std::vector<glm::dvec3> octant = sn_octant_directions(count);
+        EXPECT_EQ(int(octant.size()) * 8, count);
+        for (const glm::dvec3& d : octant) {
+            EXPECT_NEAR(glm::length(d), 1.0, 1e-14);
+            EXPECT_GT(std::min({d.x, d.y, d.z}), 0.0);
+            sum += d;
+        }
+        EXPECT_NEAR(sum.x, sum.y, 1e-12);
+        EXPECT_NEAR(sum.x, sum.z, 1e-12);
+    }
+    EXPECT_EQ(sn_direction_count(1), 48);
+    EXPECT_EQ(sn_direction_count(192), 192);
+    EXPECT_EQ(sn_direction_count(193), 240);
+    EXPECT_EQ(sn_direction_count(1 << 20), sn_direction_counts().back());
+}
+
+TEST(SnWalls, OccupiedCubesAreThoseThatHoldASurface) {
+    Scene scene = scenes::cornell_box();
+    turn(scene);
+    const Setting setting(scene, 12, emission_only());
+    const SnWalls walls = find_walls(setting.lit, setting.visibility, setting.grid, true);
+    // Points all over the surfaces.
+    std::vector<float> nearest(walls.occupied.size(), 1e9f); // to a cube's centre, greatest axis
+    for (const Patch& patch : setting.lit.patches)
+        for (int i = 0; i <= 40; ++i)
+            for (int j = 0; j <= 40 - i; ++j) {
+                const glm::vec3 p = patch.at(glm::vec2(i, j) / 40.0f);
+                for (int corner = 0; corner < 8; ++corner) {
+                    const glm::ivec3 cube = glm::ivec3(glm::floor(p))
+                                            + glm::ivec3(corner & 1, corner >> 1 & 1, corner >> 2);
+                    if (glm::any(glm::lessThan(cube, glm::ivec3(0)))
+                        || glm::any(glm::greaterThan(cube, setting.grid.dims)))
+                        continue;
+                    const glm::vec3 off = glm::abs(p - glm::vec3(cube));
+                    float& least =
+                        nearest[size_t(cube.x)
+                                + size_t(setting.grid.dims.x + 1)
+                                      * (size_t(cube.y)
+                                         + size_t(setting.grid.dims.y + 1) * size_t(cube.z))];
+                    least = std::min(least, std::max({off.x, off.y, off.z}));
+                }
+            }
+    int occupied = 0;
+    for (size_t i = 0; i < nearest.size(); ++i) {
+        if (nearest[i] < 0.5f) {
+            EXPECT_EQ(walls.occupied[i], 1) << nearest[i];
+        }
+        if (nearest[i] > 0.54f) {
+            EXPECT_EQ(walls.occupied[i], 0) << nearest[i];
+        }
+        occupied += walls.occupied[i];
+    }
+    EXPECT_GT(occupied, 300);
+    EXPECT_LT(occupied, int(nearest.size()) * 3 / 4);
+}
+
+TEST(SnWalls, ASurfaceThroughACentreEndsTheLinksToIt) {
+    Scene scene;
+    const int bright = scenes::add_material(scene, glm::vec3(0.5f), glm::vec3(2.0f), true);
+    scenes::add_quad(scene, bright, {2.5f, 0, 0}, {0, 5, 0}, {0, 0, 5});
+    const Setting setting(scene, Grid{glm::dvec3(0.0), 1.0, glm::ivec3(5)}, emission_only());
+    const SnWalls walls = find_walls(setting.lit, setting.visibility, setting.grid, true);
+    const auto link = [&](int x, size_t end) {
+        return walls.links[walls.links_of[setting.grid.index({x, 2, 2})]][end];
+    };
+    for (const auto& [x, end] : {std::pair{1, 1}, {3, 0}}) {
+        EXPECT_GT(link(x, size_t(end)).inverse, 0.0f) << x;
+        EXPECT_NEAR(link(x, size_t(end)).luminance.x, 2.0f, 1e-6) << x;
+        EXPECT_NEAR(link(x, size_t(end)).normal.x, end == 1 ? -1.0f : 1.0f, 1e-6);
+    }
+    EXPECT_NEAR(link(1, 1).inverse, 1.0f, 1e-5);
+    EXPECT_EQ(link(1, 0).inverse, 0.0f);
+    EXPECT_EQ(link(1, 3).inverse, 0.0f);
+}
+
+TEST_F(Sn, AgreesWithTheOracle) {
+    Scene scene = scenes::cornell_box_with_point();
+    turn(scene);
+    scene.sky.luminance = {1.0f, 2.0f, 4.0f};
+    const Grid around = Setting::grid_around(scene, 9);
+    // Cut off, so that surfaces lie beyond the grid, and with each axis the longest.
+    for (const glm::ivec3 dims : {glm::ivec3(7, 5, 4), glm::ivec3(3, 5, 4), glm::ivec3(4, 3, 5)}) {
+        const glm::dvec3 origin = around.origin + around.cell * (dims.x > 5 ? 1.0 : 3.0);
+        const Setting setting(scene, Grid{origin, around.cell, dims});
+        const SnWalls walls = find_walls(setting.lit, setting.visibility, setting.grid, true);
+        for (const auto& [directions, order, first_flight] :
+             {std::tuple{48, 2, false}, {96, 1, true}, {96, 4, false}}) {
+            const Volume ours = run(setting, {directions, order, first_flight});
+            ASSERT_EQ(int(ours.sh.size()), sh_count(order));
+            const oracle::SnWorld world = world_of(setting, walls, first_flight);
+            std::vector<std::vector<glm::dvec3>> theirs(
+                size_t(sh_count(order)), std::vector<glm::dvec3>(setting.grid.size()));
+            for (const glm::dvec3& d : all_directions(directions)) {
+                oracle::SnDirection along(world, d);
+                const ShValues basis = sh_basis(order, glm::vec3(-d));
+                for (size_t i = 0; i < setting.grid.size(); ++i) {
+                    const glm::dvec3 luminance = along.at(setting.cell(i));
+                    for (size_t k = 0; k < theirs.size(); ++k)
+                        theirs[k][i] += 4.0 * pi / directions * double(basis[k]) * luminance;
+                }
+            }
+            double largest = 0.0, off = 0.0;
+            for (size_t k = 0; k < theirs.size(); ++k)
+                for (size_t i = 0; i < setting.grid.size(); ++i) {
+                    largest = std::max(largest, glm::length(theirs[k][i]));
+                    off = std::max(off, glm::length(theirs[k][i] - glm::dvec3(ours.sh[k][i])));
+                }
+            EXPECT_GT(largest, 1.0);
+            EXPECT_LT(off / largest, 1e-5) << dims.x << ' ' << directions << ' ' << order;
+        }
+    }
+}
+
+TEST_F(Sn, AFurnaceOfAnyOrientationReadsItsLuminance) {
+    for (const bool turned : {false, true})
+        for (const bool first_flight : {false, true}) {
+            Scene scene = scenes::furnace(3.0f, 0.5f, 2.0f);
+            if (turned)
+                turn(scene);
+            const Setting setting(scene, 14, emission_only());
+            const Volume volume = run(setting, {192, 2, first_flight});
+            size_t inside = 0;
+            for (size_t i = 0; i < setting.grid.size(); ++i) {
+                const glm::dvec3 p =
+                    glm::dvec3(glm::inverse(turned ? odd_turn() : glm::dmat4(1.0))
+                               * glm::dvec4(setting.grid.center(setting.cell(i)), 1.0));
+                if (glm::any(glm::lessThan(p, glm::dvec3(0.0)))
+                    || glm::any(glm::greaterThan(p, glm::dvec3(3.0))))
+                    continue;
+                ++inside;
+                ASSERT_NEAR(double(volume.sh[0][i].r), 2.0 * std::sqrt(4.0 * pi), 1e-4);
+                for (size_t k = 1; k < 9; ++k)
+                    ASSERT_NEAR(volume.sh[k][i].r, 0.0f, 1e-4) << k;
+            }
+            EXPECT_GT(inside, turned ? 300u : 1000u);
+        }
+}
+
+TEST_F(Sn, NoSurfaceShowsTheSky) {
+    Scene scene;
+    scene.sky.luminance = {1.0f, 10.0f, 0.1f};
+    const Setting setting(scene, Grid{glm::dvec3(0.0), 1.0, {9, 4, 6}});
+    const Volume volume = run(setting, {});
+    for (size_t i = 0; i < setting.grid.size(); ++i) {
+        EXPECT_NEAR(volume.sh[0][i].g, 10.0 * std::sqrt(4.0 * pi), 1e-4);
+        for (size_t k = 1; k < 9; ++k)
+            EXPECT_NEAR(volume.sh[k][i].g, 0.0f, 1e-4);
+    }
+}
+
+TEST_F(Sn, AFloorThatEndsFarBeyondTheGridFillsHalfTheSphere) {
+    Scene scene;
+    const int bright = scenes::add_material(scene, glm::vec3(0.5f), glm::vec3(3.0f));
+    scenes::add_quad(scene, bright, {-200, 0, -200}, {0, 0, 400}, {400, 0, 0});
+    for (const double floor : {0.7, 2.3}) // in the grid, and below it
+        for (const bool first_flight : {false, true}) {
+            const Grid grid{{0.0, floor - 2.0, 0.0}, 1.0, {6, 6, 6}};
+            const Setting setting(scene, grid, emission_only());
+            const Volume volume = run(setting, {192, 2, first_flight});
+            for (size_t i = 0; i < grid.size(); ++i) {
+                const bool above = grid.center(setting.cell(i)).y > 0.0;
+                // Half of the directions, and the mean of |y| over them.
+                EXPECT_NEAR(double(volume.sh[0][i].r), above ? 3.0 * std::sqrt(pi) : 0.0, 1e-4);
+                EXPECT_NEAR(double(volume.sh[1][i].r), above ? -3.0 * std::sqrt(0.75 * pi) : 0.0,
+                            0.03);
+                EXPECT_NEAR(double(volume.sh[6][i].r), 0.0, 0.03);
+            }
+        }
+}
+
+TEST_F(Sn, ASealedBoxLeaksNothing) {
+    for (const bool first_flight : {false, true})
+        for (const bool turned : {false, true}) {
+            // A thin closed box, two-sided, in a bright room.
+            Scene scene = scenes::furnace(4.0f, 0.5f, 1.0f);
+            const int dark = scenes::add_material(scene, glm::vec3(0.5f), glm::vec3(0.0f), true);
+            scenes::add_box(scene, dark, {1.1f, 1.2f, 1.3f}, {2.9f, 2.8f, 2.7f},
+                            scenes::Facing::outward);
+            if (turned)
+                turn(scene);
+            const Setting setting(scene, 18, emission_only());
+            const Volume volume = run(setting, {96, 2, first_flight});
+            size_t sealed = 0;
+            for (size_t i = 0; i < setting.grid.size(); ++i) {
+                const glm::dvec3 p =
+                    glm::dvec3(glm::inverse(turned ? odd_turn() : glm::dmat4(1.0))
+                               * glm::dvec4(setting.grid.center(setting.cell(i)), 1.0));
+                const double slack = 1e-3;
+                if (glm::any(glm::lessThan(p, glm::dvec3(1.1, 1.2, 1.3) + slack))
+                    || glm::any(glm::greaterThan(p, glm::dvec3(2.9, 2.8, 2.7) - slack)))
+                    continue;
+                ++sealed;
+                for (size_t k = 0; k < 9; ++k)
+                    ASSERT_EQ(volume.sh[k][i], glm::vec3(0.0f));
+            }
+            EXPECT_GT(sealed, 50u);
+        }
+}
+
+TEST_F(Sn, IsLinearOverEighteenOrdersOfMagnitude) {
+    Setting setting(scenes::cornell_box_with_sun(), 8);
+    const Volume one = run(setting, {96, 2, false});
+    const std::vector<glm::vec3> luminance = setting.lit.luminance;
+    for (const float scale : {0x1p-30f, 0x1p30f}) {
+        for (size_t i = 0; i < luminance.size(); ++i)
+            setting.lit.luminance[i] = scale * luminance[i];
+        const Volume scaled = run(setting, {96, 2, false});
+        for (size_t i = 0; i < setting.grid.size(); ++i)
+            ASSERT_EQ(scaled.sh[0][i] / scale, one.sh[0][i]);
+    }
+}
+
+TEST_F(Sn, GivesTheSameBitsRunAfterRunAndWindowByWindow) {
+    Scene scene = scenes::cornell_box_with_point();
+    turn(scene);
+    const Setting setting(scene, 14);
+    for (const SnSettings settings : {SnSettings{144, 2, false}, {144, 1, true}}) {
+        const Volume whole = run(setting, settings);
+        EXPECT_EQ(run(setting, settings).sh, whole.sh);
+        // Windows of a few layers and a few fronts stand for buffers beyond what binds.
+        EXPECT_EQ(run(setting, settings, 130'000).sh, whole.sh);
+    }
+    EXPECT_THROW(run(setting, {}, 20'000), Error);
+}
+
+TEST_F(Sn, ComesCloseToPathTracedIrradiance) {
+    for (const bool turned : {false, true}) {
+        Scene scene = scenes::cornell_box_with_sun();
+        if (turned)
+            turn(scene);
+        const Setting setting(scene, 24);
+        std::vector<glm::vec3> points;
+        std::vector<uint64_t> keys;
+        std::mt19937 random(1);
+        while (points.size() < 60) {
+            const size_t cell = random() % setting.grid.size();
+            if (setting.validity[cell] > 0.0f) {
+                points.push_back(glm::vec3(setting.cell(cell)) + 0.5f);
+                keys.push_back(cell);
+            }
+        }
+        ReferenceSettings truth;
+        truth.sh_order = 2;
+        truth.rays = 2048;
+        Progress silent;
+        const ProbeField probes =
+            trace_probes(setting.scene, setting.visibility, setting.frame, points, keys, truth,
+                         silent, {neighbour_normals(), {}});
+        for (const bool first_flight : {false, true}) {
+            const Volume volume = run(setting, {192, 2, first_flight});
+            double off = 0.0, sum = 0.0, mean = 0.0;
+            for (size_t i = 0; i < points.size(); ++i)
+                for (size_t n = 0; n < neighbour_normals().size(); ++n)
+                    for (int channel = 0; channel < 3; ++channel) {
+                        std::array<float, 9> c;
+                        for (size_t k = 0; k < 9; ++k)
+                            c[k] = volume.sh[k][keys[i]][channel];
+                        const double is = std::max(
+                            0.0, double(sh_irradiance(c, glm::vec3(neighbour_normals()[n]))));
+                        const double ought = double(probes.irradiance[n][i][channel]);
+                        off += std::abs(is - ought);
+                        sum += ought;
+                        mean += is;
+                    }
+            EXPECT_LT(off / sum, 0.09) << turned << first_flight;
+            EXPECT_NEAR(mean / sum, 1.0, 0.04) << turned << first_flight;
+        }
+    }
+}
+
+} // namespace
+} // namespace lpvbake
