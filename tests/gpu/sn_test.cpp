@@ -379,7 +379,7 @@ TEST_F(Sn, GivesTheSameBitsRunAfterRunAndWindowByWindow) {
         const Volume whole = run(setting, settings);
         EXPECT_EQ(run(setting, settings).sh, whole.sh);
         // Windows of a few layers and a few fronts stand for buffers beyond what binds.
-        EXPECT_EQ(run(setting, settings, 130'000).sh, whole.sh);
+        EXPECT_EQ(run(setting, settings, 260'000).sh, whole.sh);
     }
     EXPECT_THROW(run(setting, {}, 20'000), Error);
 }

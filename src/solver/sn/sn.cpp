@@ -13,7 +13,6 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -23,10 +22,10 @@ namespace {
 constexpr uint64_t texel = sizeof(glm::vec4);
 /// Of what is streamed: lists of cells, links, known luminances.
 constexpr uint64_t chunk_bytes = uint64_t(20) << 20;
-/// Of the four fronts, where all directions of an octant do not fit.
+/// Of the ring of fronts, where all directions of an octant do not fit.
 constexpr uint64_t ring_bytes = uint64_t(64) << 20;
 /// The same on a CPU device, whose caches should hold them.
-constexpr uint64_t cpu_ring_bytes = uint64_t(3) << 20;
+constexpr uint64_t cpu_ring_bytes = uint64_t(6) << 20;
 constexpr uint64_t link_bytes = sn::cell_link_vec4s * texel;
 
 using sn::SweepLayout;
@@ -88,7 +87,8 @@ struct Octant {
 };
 
 struct Entry {
-    uint32_t slot, cell;
+    uint32_t slot; ///< of the ring
+    uint32_t cell;
 };
 static_assert(sizeof(Entry) == 8);
 
@@ -133,7 +133,8 @@ Order order_cells(const Octant& octant, const SnWalls& walls, bool boundary, boo
             const glm::ivec3 c = octant.cell(p, q, r);
             const bool near = walls.is_occupied(octant.cube(c));
             const uint32_t slot = layout.slot(p, q);
-            (near ? part.near : part.interior).push_back({slot, uint32_t(octant.grid.index(c))});
+            (near ? part.near : part.interior)
+                .push_back({layout.base(front) + slot, uint32_t(octant.grid.index(c))});
             if (near && trace_near)
                 part.given.push_back({slot, c});
         });
@@ -189,8 +190,7 @@ Directions direction_table(const Octant& octant, std::span<const glm::dvec3> pos
                                back[along] + back[u] + back[v]};
         glm::vec4* row = &directions.table[sn::direction_vec4s * i];
         row[0] = glm::dvec4((1 - du) * (1 - dv), du * (1 - dv), (1 - du) * dv, du * dv);
-        row[1] = {std::bit_cast<float>(slots.x), std::bit_cast<float>(slots.y),
-                  std::bit_cast<float>(slots.z), std::bit_cast<float>(slots.w)};
+        row[1] = glm::vec4(slots); // exact: fewer than 2^24
         row[2] = glm::vec4(d, 0.0);
         glm::vec3 travel;
         for (int a = 0; a < 3; ++a)
@@ -254,7 +254,9 @@ uint64_t sn_host_bytes(const Grid& grid, const SnSettings& settings) {
 }
 
 double sn_seconds(const Grid& grid, const SnSettings& settings) {
-    return 0.05 + 8e-9 * double(grid.size()) * settings.directions;
+    // First flight: where a tenth of the cells lie next to surfaces.
+    return 0.05
+           + (settings.first_flight ? 3.5e-8 : 2.5e-8) * double(grid.size()) * settings.directions;
 }
 
 SnProgram::SnProgram(const gpu::Device& device, const Grid& grid, const SnSettings& settings,
@@ -270,7 +272,7 @@ SnProgram::SnProgram(const gpu::Device& device, const Grid& grid, const SnSettin
     settings_.directions = sn_direction_count(settings.directions);
     using gpu::Binding;
     const sn::SweepTiling tiling = tiling_for(device);
-    constexpr Binding transport[] = {Binding::texels_rgba32, Binding::storage, Binding::storage,
+    constexpr Binding transport[] = {Binding::texels_rgba32, Binding::storage, Binding::texels_r32,
                                      Binding::texels_rgba32, Binding::texels_rgba32};
     for (const bool near : {false, true}) {
         if (near && settings.first_flight)
@@ -329,8 +331,8 @@ void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, cons
         (sn::max_project_weights * sizeof(float) + info.window_alignment - 1)
         / info.window_alignment * info.window_alignment;
     const gpu::Buffer weights(device_, stride / at_once * weight_bytes);
-    gpu::Buffer cells(device_, texel), links(device_, texel), slots(device_, texel),
-        values(device_, texel);
+    gpu::Buffer cells(device_, texel), cell_slots(device_, texel), links(device_, texel),
+        slots(device_, texel), values(device_, texel);
     gpu::clear(device_, sh);
 
     const std::vector<glm::dvec3> positive = sn_octant_directions(settings_.directions);
@@ -386,6 +388,13 @@ void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, cons
                 const uint32_t given = order.first_given[size_t(end)] - first_given;
                 reserve(device_, cells, count * sizeof(Entry));
                 put(device_, cells, std::span(order.cells).subspan(first_cell, count));
+                std::vector<float> slots_as_floats(count);
+                std::transform(
+                    order.cells.begin() + first_cell, order.cells.begin() + first_cell + count,
+                    slots_as_floats.begin(),
+                    [&](const Entry& entry) { return float(entry.slot % layout.slots()); });
+                reserve(device_, cell_slots, count * sizeof(float));
+                put(device_, cell_slots, std::span<const float>(slots_as_floats));
 
                 std::vector<uint32_t> link_start; // of a front, in entries
                 if (!settings_.first_flight) {
@@ -433,6 +442,7 @@ void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, cons
                     const uint32_t a_group = tiling.local_size / sn::lanes * tiling.march;
                     return gpu::Groups{(entries + a_group - 1) / a_group, stride / sn::lanes, 1};
                 };
+                uint32_t projected = 0; // entries that are in the coefficients
                 for (int f = begin; f < end; ++f) {
                     const auto base = [&](int lag) {
                         return layout.base(f + int(sn::ring_fronts) - lag);
@@ -449,7 +459,7 @@ void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, cons
                         batch.dispatch(given_, windows, std::as_bytes(std::span(&push, 1)),
                                        groups_of(given_last - given_first));
                     }
-                    const gpu::Window windows[] = {whole(ring), whole(ring), whole(cells),
+                    const gpu::Window windows[] = {whole(ring), whole(ring), whole(cell_slots),
                                                    whole(table), whole(links)};
                     sn::TransportPush push{near_last,      last,    0,       0,       stride,
                                            layout.pitch(), base(0), base(1), base(2), base(3)};
@@ -485,7 +495,7 @@ void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, cons
                                             projection.sh_base);
                             const uint32_t a_group = tiling.local_size * tiling.project_march;
                             for (uint32_t d = 0; d < stride; d += at_once) {
-                                projection.ring_base = base(0) * stride + d;
+                                projection.ring_base = d;
                                 const gpu::Window all[] = {
                                     whole(ring),
                                     whole(cells),
@@ -499,11 +509,9 @@ void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, cons
                             from = until;
                         }
                     };
-                    if (slab < grid_.dims.z) {
-                        record_project(near_first, near_last);
-                        record_project(near_last, last);
-                    } else {
-                        record_project(near_first, last);
+                    if (f + 1 == end || (f + 1 - begin) % int(sn::projected_fronts) == 0) {
+                        record_project(projected, last);
+                        projected = last;
                     }
                 }
                 batch.run();

@@ -23,7 +23,7 @@ struct SnSettings {
 };
 
 /// Device memory of a sweep, bytes: the coefficients (12 floats a cell for order 1, 28 for order 2,
-/// 48 for 3, 76 for 4), four fronts of the luminance of up to all directions of an octant, and
+/// 48 for 3, 76 for 4), eight fronts of the luminance of up to all directions of an octant, and
 /// what is streamed, at most 64 MiB.
 uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings);
 

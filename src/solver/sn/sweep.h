@@ -20,9 +20,11 @@ using uint = std::uint32_t;
 // An octant of directions is swept alone. Its cells are counted along the way of the light, so that
 // all components of its directions are positive and upstream means lower coordinates (p, q, r), r
 // along the longest axis of the grid; -1 lies outside the grid. Cells of one front, p + q + r + 3 =
-// const, depend on the three fronts before only; four fronts make a ring in memory. A front has a
+// const, depend on the three fronts before only; a few fronts make a ring in memory. A front has a
 // slot for each (p, q), and a slot holds the luminance in all directions of the batch.
-LPVBAKE_SHARED_CONST uint ring_fronts = 4u;
+LPVBAKE_SHARED_CONST uint ring_fronts = 8u;
+// Fronts that are projected at once, while the three before the next one stay.
+LPVBAKE_SHARED_CONST uint projected_fronts = 5u;
 
 // Directions are worked on in groups of so many, side by side: a subgroup of a CPU device.
 LPVBAKE_SHARED_CONST uint lanes = 8u;
@@ -30,7 +32,7 @@ LPVBAKE_SHARED_CONST uint lanes = 8u;
 // transport.comp: luminance of a front's cells from the fronts before.
 LPVBAKE_SHARED_CONST uint binding_ring_in = 0u;    // uniform texel buffer, RGBA32F
 LPVBAKE_SHARED_CONST uint binding_ring_out = 1u;   // storage buffer, float[], four a texel
-LPVBAKE_SHARED_CONST uint binding_cells = 2u;      // storage buffer, uvec2[]: slot, cell
+LPVBAKE_SHARED_CONST uint binding_slots = 2u;      // uniform texel buffer, R32F: a slot each
 LPVBAKE_SHARED_CONST uint binding_directions = 3u; // uniform texel buffer, RGBA32F
 LPVBAKE_SHARED_CONST uint binding_links = 4u;      // uniform texel buffer, RGBA32F
 
@@ -40,8 +42,9 @@ LPVBAKE_SHARED_CONST uint binding_given_slots = 1u;  // storage buffer, uint[]
 LPVBAKE_SHARED_CONST uint binding_given_values = 2u; // uniform texel buffer, RGBA32F
 
 // project.comp: luminance of a front's cells into spherical harmonics.
-LPVBAKE_SHARED_CONST uint binding_project_ring = 0u;    // uniform texel buffer, RGBA32F
-LPVBAKE_SHARED_CONST uint binding_project_cells = 1u;   // storage buffer, uvec2[]: slot, cell
+LPVBAKE_SHARED_CONST uint binding_project_ring = 0u; // uniform texel buffer, RGBA32F
+LPVBAKE_SHARED_CONST uint binding_project_cells =
+    1u; // storage buffer, uvec2[]: slot of the ring, cell
 LPVBAKE_SHARED_CONST uint binding_project_weights = 2u; // uniform buffer, vec4[]: four weights each
 LPVBAKE_SHARED_CONST uint binding_sh_in = 3u;           // uniform texel buffer, RGBA32F
 LPVBAKE_SHARED_CONST uint binding_sh_out = 4u;          // storage buffer, vec4[]
@@ -53,7 +56,7 @@ LPVBAKE_SHARED_CONST uint spec_variant = 2u;    // transport: 1 near surfaces; p
 LPVBAKE_SHARED_CONST uint spec_directions = 3u; // project: directions of a dispatch
 
 // A direction takes three vec4s of the table: the weights of its four taps, the four taps' distance
-// in slots (as bits), and |d| along p, q, r.
+// in slots, and |d| along p, q, r.
 LPVBAKE_SHARED_CONST uint direction_vec4s = 3u;
 
 // Weights that a dispatch of project.comp reads, at most.
@@ -87,7 +90,7 @@ struct GivenPush {
 struct ProjectPush {
     uint first, last; // entries of the list of cells
     uint stride;
-    uint ring_base;  // texel of the first direction in the front's first slot
+    uint ring_base;  // first direction of those that are added
     uint first_cell; // the cell that the window of coefficients starts with
     uint sh_base;    // where that cell's coefficients start, in vec4s
 };

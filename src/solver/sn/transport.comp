@@ -32,7 +32,7 @@ layout(push_constant) uniform Push { TransportPush push; };
 
 layout(set = 0, binding = binding_ring_in) uniform textureBuffer ring_in;
 layout(std430, set = 0, binding = binding_ring_out) writeonly buffer RingOut { float ring_out[]; };
-layout(std430, set = 0, binding = binding_cells) readonly buffer Cells { uvec2 cells[]; };
+layout(set = 0, binding = binding_slots) uniform textureBuffer slots;
 layout(set = 0, binding = binding_directions) uniform textureBuffer directions;
 layout(set = 0, binding = binding_links) uniform textureBuffer links;
 
@@ -47,7 +47,7 @@ void main() {
     const uint last = min(first + march, push.last);
 
     const vec4 weights = texelFetch(directions, int(direction_vec4s * direction));
-    const uvec4 back = floatBitsToUint(texelFetch(directions, int(direction_vec4s * direction + 1u)));
+    const uvec4 back = uvec4(texelFetch(directions, int(direction_vec4s * direction + 1u)));
     const vec3 d = texelFetch(directions, int(direction_vec4s * direction + 2u)).xyz;
     const uvec4 taps = (uvec4(push.base1, push.base2, push.base2, push.base3) - back) * push.stride +
                        direction;
@@ -56,7 +56,7 @@ void main() {
     const uint target = push.out_base * push.stride + direction;
 
     for (uint entry = first; entry < last; ++entry) {
-        const uint slot = cells[entry].x * push.stride;
+        const uint slot = uint(texelFetch(slots, int(entry)).x) * push.stride;
         vec3 luminance;
         if (near == 0u) {
             luminance = (weights.x * tap(slot + taps.x) + weights.y * tap(slot + taps.y)) +
