@@ -1,8 +1,13 @@
 // Error and time of the gather beside path-traced probes: one bounce, one line a setting.
 //
-// lpvbake_gather_bench SCENE RESOLUTION [vpls=N,kappa=X,tolerance=X,order=N,rays=N,probes=N]...
-//   SCENE: cornell, rooms, canyon, sky
+// lpvbake_gather_bench SCENE RESOLUTION [LIGHT]... [vpls=N,kappa=X,tolerance=X,order=N,...]...
+//   SCENE: cornell, rooms, canyon, sky, or a glTF file
+//   LIGHT: sun:AZIMUTH,ELEVATION,LUX or point:X,Y,Z,CD
+//   repeat=N takes the best of so many runs; in the first setting rays=N and probes=N are the
+//   reference's
 #include "reference/reference.h"
+#include "scene/gltf/load.h"
+#include "scene/lights.h"
 #include "scenes.h"
 #include "solver/gather/gather.h"
 #include "visibility/validity.h"
@@ -64,13 +69,17 @@ double value(const char* text, const char* name, double otherwise) {
 }
 
 int run(const std::string& name, int resolution, int count, char** settings_texts) {
-    Scene scene = name == "rooms"    ? rooms()
-                  : name == "canyon" ? canyon()
-                                     : scenes::cornell_box_with_point();
+    Scene scene = name == "rooms"                     ? rooms()
+                  : name == "canyon" || name == "sky" ? canyon()
+                  : name == "cornell"                 ? scenes::cornell_box_with_point()
+                                                      : load_gltf(name, {});
     if (name == "sky") {
-        scene = canyon();
         scene.lights.clear();
         scene.sky.luminance = {1000, 2000, 4000};
+    }
+    for (; count > 0 && std::strchr(settings_texts[0], ':'); --count, ++settings_texts) {
+        const std::string text = settings_texts[0], rest = text.substr(text.find(':') + 1);
+        scene.lights.push_back(text[0] == 's' ? parse_sun(rest) : parse_point(rest));
     }
     const Bounds box = bounds_of(scene);
     const Grid grid = fit_grid(box.lo, box.hi, {resolution});

@@ -28,13 +28,16 @@
 //
 // A job's eight cells are the lanes of one subgroup on a device that runs subgroups as vectors of a
 // CPU: addresses into the list are the same for all of them, so a source is loaded once. There is
-// no branch on what a lane sees; its bit of the mask multiplies.
+// no branch on what a lane sees; its bit of the mask multiplies. Bins of sky, whose many words a
+// source make code of that length, have a program of their own: together with the others they took
+// ten times as long to compile there, and the loops over surfaces more than twice as long to run.
 
 #include "layout.h"
 
 layout(local_size_x_id = spec_local_size) in;
 layout(constant_id = spec_local_size) const uint local_size = 8u;
 layout(constant_id = spec_order) const uint order = 2u;
+layout(constant_id = spec_part) const uint part = part_surfaces;
 
 layout(push_constant) uniform PushBlock { Push push; };
 
@@ -186,19 +189,21 @@ void main() {
         sum[k] = vec3(0.0);
 
     uint at = jobs[job].first;
-    const uint points_end = at + jobs[job].points * point_words;
-    const uint triangles_end = points_end + jobs[job].triangles * triangle_words;
-    const uint bins_end = triangles_end + jobs[job].bins * bin_words;
-    for (; at < points_end; at += point_words)
-        add_point(x, source(at), source(at + 1u), source(at + 2u), lane);
-    for (; at < triangles_end; at += triangle_words)
-        add_triangle(x, source(at), source(at + 1u), source(at + 2u), source(at + 3u), lane);
-    for (; at < bins_end; at += bin_words) {
-        const float visible = seen(source(at + bin_words - 1u).w, lane);
-        [[unroll]] for (uint word = 0u; word < bin_words; ++word) {
-            const vec4 value = visible * source(at + word);
-            [[unroll]] for (uint i = 4u * word; i < min(4u * word + 4u, 3u * terms); ++i)
-                sum[i / 3u][i % 3u] += value[i % 4u];
+    if (part == part_surfaces) {
+        const uint points_end = at + jobs[job].points * point_words;
+        const uint triangles_end = points_end + jobs[job].triangles * triangle_words;
+        for (; at < points_end; at += point_words)
+            add_point(x, source(at), source(at + 1u), source(at + 2u), lane);
+        for (; at < triangles_end; at += triangle_words)
+            add_triangle(x, source(at), source(at + 1u), source(at + 2u), source(at + 3u), lane);
+    } else {
+        for (const uint end = at + jobs[job].bins * bin_words; at < end; at += bin_words) {
+            const float visible = seen(source(at + bin_words - 1u).w, lane);
+            [[unroll]] for (uint word = 0u; word < bin_words; ++word) {
+                const vec4 value = visible * source(at + word);
+                [[unroll]] for (uint i = 4u * word; i < min(4u * word + 4u, 3u * terms); ++i)
+                    sum[i / 3u][i % 3u] += value[i % 4u];
+            }
         }
     }
 

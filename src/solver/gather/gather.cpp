@@ -25,6 +25,8 @@ constexpr size_t chunk = 1024;       ///< packs whose lists the host makes at a 
 constexpr uint64_t usual_list_bytes = uint64_t(32) << 20;
 
 double now() {
+    timespec t;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
     return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
         .count();
 }
@@ -50,10 +52,9 @@ uint32_t morton(glm::ivec3 local) {
 /// Runs jobs on the device, a buffer full at a time, and adds the results to the volume.
 class Queue {
 public:
-    Queue(const gpu::Device& device, const gpu::Program& program, uint32_t local_size, int order,
-          uint64_t list_bytes, Volume& volume)
+    Queue(const gpu::Device& device, uint32_t local_size, int order, uint64_t list_bytes,
+          Volume& volume)
         : device_(device),
-          program_(program),
           order_(order),
           jobs_a_group_(local_size / lanes),
           volume_(volume),
@@ -61,9 +62,13 @@ public:
           centers_buffer_(device, most_jobs * lanes * sizeof(glm::vec4)),
           jobs_buffer_(device, most_jobs * sizeof(Job)),
           list_buffer_(device, list_bytes),
-          result_buffer_(device, uint64_t(most_jobs) * result_floats(order) * sizeof(float)) {
+          result_buffer_(device, uint64_t(most_jobs) * result_floats(order) * sizeof(float)),
+          list_(std::make_unique_for_overwrite<glm::vec4[]>(capacity_)) {
         gpu::clear(device, centers_buffer_);
     }
+
+    /// What runs the jobs from here on.
+    void use(const gpu::Program& program) { program_ = &program; }
 
     void add(std::span<const glm::ivec3> cells, const Sources& sources) {
         // In runs of at most job_words, the same whatever else is in the buffer.
@@ -77,14 +82,15 @@ public:
                 take[i] = std::min((lists[i]->size() - at[i]) / per[i], left / per[i]);
                 left -= take[i] * per[i];
             }
-            if (jobs_.size() == most_jobs || list_.size() + job_words - left > capacity_)
+            if (jobs_.size() == most_jobs || used_ + job_words - left > capacity_)
                 run();
             jobs_.push_back(
-                {uint32_t(list_.size()), uint32_t(take[0]), uint32_t(take[1]), uint32_t(take[2])});
+                {uint32_t(used_), uint32_t(take[0]), uint32_t(take[1]), uint32_t(take[2])});
             for (int i = 0; i < 3; ++i) {
-                const auto first = lists[i]->begin() + ptrdiff_t(at[i]);
-                list_.insert(list_.end(), first, first + ptrdiff_t(take[i] * per[i]));
-                at[i] += take[i] * per[i];
+                const size_t words = take[i] * per[i];
+                copies_.push_back({lists[i]->data() + at[i], used_, words});
+                used_ += words;
+                at[i] += words;
             }
             for (size_t lane = 0; lane < lanes; ++lane) {
                 const glm::ivec3 cell = cells[std::min(lane, cells.size() - 1)];
@@ -94,49 +100,66 @@ public:
         }
     }
 
+    /// Copies the lists of what was added, which then may change.
+    void take() {
+        tbb::parallel_for(size_t(0), copies_.size(), [&](size_t i) {
+            const Copy& copy = copies_[i];
+            std::copy_n(copy.from, copy.words, &list_[copy.to]);
+        });
+        copies_.clear();
+    }
+
     void run() {
         if (jobs_.empty())
             return;
+        take();
         gpu::upload(device_, centers_buffer_, 0, std::as_bytes(std::span(centers_)));
         gpu::upload(device_, jobs_buffer_, 0, std::as_bytes(std::span(jobs_)));
-        gpu::upload(device_, list_buffer_, 0, std::as_bytes(std::span(list_)));
+        gpu::upload(device_, list_buffer_, 0, std::as_bytes(std::span(list_.get(), used_)));
         const Push push{uint32_t(jobs_.size())};
         const gpu::Window windows[] = {
             {&centers_buffer_, 0, centers_.size() * sizeof(glm::vec4)},
             {&jobs_buffer_, 0, jobs_.size() * sizeof(Job)},
-            {&list_buffer_, 0, list_.size() * sizeof(glm::vec4)},
+            {&list_buffer_, 0, used_ * sizeof(glm::vec4)},
             {&result_buffer_, 0, jobs_.size() * result_floats(order_) * sizeof(float)}};
         gpu::Batch batch(device_);
-        batch.dispatch(program_, windows, std::as_bytes(std::span(&push, 1)),
+        batch.dispatch(*program_, windows, std::as_bytes(std::span(&push, 1)),
                        {(push.jobs + jobs_a_group_ - 1) / jobs_a_group_, 1, 1});
         batch.run();
         results_.resize(jobs_.size() * result_floats(order_));
         gpu::download(device_, result_buffer_, 0, std::as_writable_bytes(std::span(results_)));
         const size_t count = terms(order_);
-        for (size_t job = 0; job < jobs_.size(); ++job)
-            for (size_t lane = 0; lane < lanes; ++lane) {
-                const int64_t cell = cells_[job * lanes + lane];
-                for (size_t k = 0; cell >= 0 && k < count; ++k)
-                    for (size_t c = 0; c < 3; ++c)
-                        volume_.sh[k][size_t(cell)][int(c)] +=
-                            results_[((job * count + k) * 3 + c) * lanes + lane];
+        tbb::parallel_for(size_t(0), count, [&](size_t k) {
+            for (size_t job = 0; job < jobs_.size(); ++job) {
+                const float* result = &results_[(job * count + k) * 3 * lanes];
+                for (size_t lane = 0; lane < lanes; ++lane)
+                    if (const int64_t cell = cells_[job * lanes + lane]; cell >= 0)
+                        volume_.sh[k][size_t(cell)] +=
+                            glm::vec3(result[lane], result[lanes + lane], result[2 * lanes + lane]);
             }
+        });
         jobs_.clear();
-        list_.clear();
+        used_ = 0;
         centers_.clear();
         cells_.clear();
     }
 
 private:
     const gpu::Device& device_;
-    const gpu::Program& program_;
+    const gpu::Program* program_ = nullptr;
     int order_;
     uint32_t jobs_a_group_;
     Volume& volume_;
     size_t capacity_;
     gpu::Buffer centers_buffer_, jobs_buffer_, list_buffer_, result_buffer_;
     std::vector<Job> jobs_;
-    std::vector<glm::vec4> list_;
+    struct Copy {
+        const glm::vec4* from;
+        size_t to, words;
+    };
+    std::vector<Copy> copies_;
+    std::unique_ptr<glm::vec4[]> list_;
+    size_t used_ = 0; ///< words of the list
     std::vector<glm::vec4> centers_;
     std::vector<int64_t> cells_; ///< a lane of a job; -1: none
     std::vector<float> results_;
@@ -278,11 +301,11 @@ glm::vec3 between(const std::vector<glm::vec3>& values, const Grid& grid, const 
     return sum;
 }
 
-gpu::Program compile(const gpu::Device& device, uint32_t local_size, int order) {
+gpu::Program compile(const gpu::Device& device, uint32_t local_size, int order, uint32_t part) {
     using gpu::Binding;
     constexpr Binding bindings[] = {Binding::texels_rgba32, Binding::storage,
                                     Binding::texels_rgba32, Binding::storage};
-    const uint32_t constants[] = {local_size, uint32_t(order)};
+    const uint32_t constants[] = {local_size, uint32_t(order), part};
     return gpu::Program(device, shaders::gather_comp, bindings, sizeof(Push), constants);
 }
 
@@ -302,9 +325,9 @@ uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSetti
 
 double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& settings) {
     // What lies near surfaces is solved, the rest is mostly interpolated.
-    const double solved = settings.tolerance > 0.0f ? 0.25 : 1.0;
-    return 0.1 + 1e-6 * double(patches)
-           + double(grid.size()) * solved * double(settings.vpls) * 4e-8;
+    const double pair = settings.tolerance > 0.0f ? 8e-9 : 2e-8;
+    return 0.05 + 4e-7 * double(patches)
+           + double(grid.size()) * double(settings.vpls) * pair * (settings.order > 2 ? 2.0 : 1.0);
 }
 
 GatherProgram::GatherProgram(const gpu::Device& device, const GatherSettings& settings,
@@ -314,7 +337,7 @@ GatherProgram::GatherProgram(const gpu::Device& device, const GatherSettings& se
       list_bytes_(
           std::max<uint64_t>(window ? window : usual_list_bytes, job_words * sizeof(glm::vec4))),
       local_size_(device.is_cpu() ? lanes : 64),
-      program_(compile(device, local_size_, settings.order)) {}
+      surfaces_(compile(device, local_size_, settings.order, part_surfaces)) {}
 
 GatherReport GatherProgram::gather(const LitSurfaces& surfaces, const Sky& sky,
                                    const Visibility& visibility, Volume& volume,
@@ -342,7 +365,10 @@ GatherReport GatherProgram::gather(const LitSurfaces& surfaces, const Sky& sky,
     std::vector<std::unique_ptr<Zone>> zones(zone_grid.size());
     lap(report.clusters_seconds);
 
-    Queue queue(device_, program_, local_size_, settings_.order, list_bytes_, volume);
+    gpu::Program sky_program;
+    if (!bins.empty())
+        sky_program = compile(device_, local_size_, settings_.order, part_sky);
+    Queue queue(device_, local_size_, settings_.order, list_bytes_, volume);
     Lattice lattice(volume, occupied, settings_.tolerance);
 
     const auto solve = [&](int stage) {
@@ -371,7 +397,10 @@ GatherReport GatherProgram::gather(const LitSurfaces& surfaces, const Sky& sky,
                 std::sort(cells.begin(), cells.end(),
                           [](const auto& a, const auto& b) { return a.first < b.first; });
                 for (size_t at = 0; at < cells.size(); ++at) {
-                    if (at % lanes == 0)
+                    // Never from two of the zone's eight parts: a list is as long as its cells
+                    // lie apart.
+                    if (at == 0 || packs[i].back().cells.size() == lanes
+                        || cells[at].first >> 9 != cells[at - 1].first >> 9)
                         packs[i].push_back({uint32_t(i), {}});
                     packs[i].back().cells.push_back(cells[at].second);
                     zones[i]->look(cells[at].second);
@@ -384,31 +413,43 @@ GatherReport GatherProgram::gather(const LitSurfaces& surfaces, const Sky& sky,
         for (const std::vector<Pack>& own : packs)
             for (const Pack& pack : own)
                 all.push_back(&pack);
-        std::vector<Sources> sources(chunk);
-        for (size_t first = 0; first < all.size(); first += chunk) {
-            progress.advance(uint64_t(stage + 1) * zones.size());
-            const size_t count = std::min(chunk, all.size() - first);
-            tbb::parallel_for(size_t(0), count, [&](size_t i) {
-                sources[i].clear();
-                const Pack& pack = *all[first + i];
-                zones[pack.zone]->gather(pack.cells, settings_.order, sources[i]);
-            });
-            lap(report.lists_seconds);
-            for (size_t i = 0; i < count; ++i) {
-                const Pack& pack = *all[first + i];
-                queue.add(pack.cells, sources[i]);
-                for (const glm::ivec3 cell : pack.cells)
-                    lattice.state[grid.index(cell)] = State::solved;
-                report.solved += pack.cells.size();
-                report.sources += lanes
-                                  * (sources[i].points.size() / point_words
-                                     + sources[i].triangles.size() / triangle_words
-                                     + sources[i].bins.size() / bin_words(settings_.order));
+        std::vector<Sources> sources(std::min(chunk, all.size()));
+        const auto run = [&](const gpu::Program& program, const auto& list) {
+            queue.use(program);
+            for (size_t first = 0; first < all.size(); first += chunk) {
+                progress.advance(uint64_t(stage + 1) * zones.size());
+                const size_t count = std::min(chunk, all.size() - first);
+                tbb::parallel_for(size_t(0), count, [&](size_t i) {
+                    sources[i].clear();
+                    list(*all[first + i], sources[i]);
+                });
+                lap(report.lists_seconds);
+                for (size_t i = 0; i < count; ++i) {
+                    queue.add(all[first + i]->cells, sources[i]);
+                    report.sources += lanes
+                                      * (sources[i].points.size() / point_words
+                                         + sources[i].triangles.size() / triangle_words
+                                         + sources[i].bins.size() / bin_words(settings_.order));
+                }
+                queue.take();
+                lap(report.device_seconds);
             }
+            queue.run();
             lap(report.device_seconds);
+        };
+        if (!clusters.nodes.empty())
+            run(surfaces_, [&](const Pack& pack, Sources& to) {
+                zones[pack.zone]->gather_surfaces(pack.cells, to);
+            });
+        if (!bins.empty())
+            run(sky_program, [&](const Pack& pack, Sources& to) {
+                zones[pack.zone]->gather_sky(pack.cells, settings_.order, to);
+            });
+        for (const Pack* pack : all) {
+            report.solved += pack->cells.size();
+            for (const glm::ivec3 cell : pack->cells)
+                lattice.state[grid.index(cell)] = State::solved;
         }
-        queue.run();
-        lap(report.device_seconds);
     };
 
     progress.begin("gather", 3 * zones.size());

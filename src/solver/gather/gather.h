@@ -59,7 +59,7 @@ private:
     GatherSettings settings_;
     uint64_t list_bytes_;
     uint32_t local_size_;
-    gpu::Program program_;
+    gpu::Program surfaces_;
 };
 
 } // namespace lpvbake

@@ -26,10 +26,13 @@ LPVBAKE_SHARED_CONST uint binding_result = 3u;  // storage buffer, float[]: [job
 // Specialization constants.
 LPVBAKE_SHARED_CONST uint spec_local_size = 0u; // a multiple of `lanes`
 LPVBAKE_SHARED_CONST uint spec_order = 1u;      // of the harmonics: 1, 2 or 4
+LPVBAKE_SHARED_CONST uint spec_part = 2u;       // what a job's list holds
 
-// A list is the job's points (`guard`: the least r^2; `variance`: of their area along each axis),
-// then its triangles, then its bins of sky, in words of four floats. A mask is a whole number whose
-// bit i is set if lane i sees the source.
+LPVBAKE_SHARED_CONST uint part_surfaces = 0u; // points, then triangles
+LPVBAKE_SHARED_CONST uint part_sky = 1u;      // bins
+
+// A list is made of words of four floats. `guard`: the least r^2; `variance`: of a point's area
+// along each axis; a mask is a whole number whose bit i is set if lane i sees the source.
 LPVBAKE_SHARED_CONST uint point_words = 3u;    // x y z mask | normal guard | intensity variance
 LPVBAKE_SHARED_CONST uint triangle_words = 4u; // a 0 | b 0 | c 0 | luminance mask
 

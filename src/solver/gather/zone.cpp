@@ -157,29 +157,50 @@ bool Zone::usable(glm::ivec3 point) const {
            && world_.validity[world_.grid.index(cell)] > 0.0f;
 }
 
-bool Zone::test(glm::vec3 from, uint32_t source, uint32_t pattern) {
-    const uint32_t shift = mix(source + 1);
+/// The ray by which a cell looks at a source. False: the cluster has its back to it.
+bool Zone::aim(glm::vec3 from, uint32_t source, uint32_t pattern, Ray& ray,
+               float& threshold) const {
+    const uint32_t shift = mix(source + 1), key = mix(pattern ^ shift);
+    threshold = unit(key);
     if (source >= clusters_.size()) {
         const SkyBin& bin = world_.sky[source - clusters_.size()];
-        const uint32_t key = mix(pattern ^ shift);
-        const glm::vec3 w = bin.direction({unit(pattern + shift), unit(key)});
-        ++rays_;
-        const float through = world_.visibility.transmittance({from, w, 0.0f, HUGE_VALF});
-        return through > unit(mix(key));
+        ray = {from, bin.direction({unit(pattern + shift), unit(mix(key))}), 0.0f, HUGE_VALF};
+        return true;
     }
     // The first of the points, from the cell's own on, that face it.
     const uint32_t start = (pattern + shift) >> 28;
     static_assert(strata == 16);
     for (uint32_t i = 0; i < strata; ++i) {
         const Target& target = targets_[source * strata + (start + 5 * i) % strata];
-        const glm::vec3 way = target.point - from;
-        if (!(glm::dot(way, target.normal) < 0.0f))
-            continue;
-        ++rays_;
-        const float through = world_.visibility.transmittance({from, way});
-        return through > 0.0f && (through >= 1.0f || through > unit(mix(pattern ^ shift)));
+        ray = {from, target.point - from};
+        if (glm::dot(ray.direction, target.normal) < 0.0f)
+            return true;
     }
     return false;
+}
+
+/// Sets the bits of the sources in `open` that the cell sees.
+void Zone::test(glm::ivec3 point, const std::vector<uint64_t>& open, uint64_t* own) {
+    const glm::vec3 from = centre_of(base_ + point);
+    const uint32_t pattern = pattern_of(base_ + point);
+    const auto sources = uint32_t(clusters_.size() + world_.sky.size());
+    tests_.clear();
+    ways_.clear();
+    for (uint32_t i = 0; i < sources; ++i) {
+        Ray ray;
+        float threshold;
+        if ((open[i / 64] >> (i % 64) & 1) && aim(from, i, pattern, ray, threshold)) {
+            tests_.push_back({i, threshold});
+            ways_.push_back(ray);
+        }
+    }
+    passes_.resize(ways_.size());
+    rays_ += ways_.size();
+    world_.visibility.transmittance_of_eights(ways_, Bundle::loose, passes_);
+    for (size_t i = 0; i < tests_.size(); ++i) {
+        const uint32_t source = tests_[i].source;
+        own[source / 64] |= uint64_t(passes_[i] > tests_[i].threshold) << (source % 64);
+    }
 }
 
 const uint64_t* Zone::bits(glm::ivec3 point) {
@@ -187,7 +208,6 @@ const uint64_t* Zone::bits(glm::ivec3 point) {
     if (known_[at])
         return bits_[known_[at] - 1u].get();
     auto own = std::make_unique<uint64_t[]>(words_);
-    const auto sources = uint32_t(clusters_.size() + world_.sky.size());
 
     // What the corners of the cube around the cell agree on, of those that it sees.
     std::vector<uint64_t> open(words_, ~uint64_t(0));
@@ -225,40 +245,41 @@ const uint64_t* Zone::bits(glm::ivec3 point) {
                 open[w] = all[w] ^ any[w];
             }
     }
-    const uint32_t pattern = pattern_of(base_ + point);
-    for (uint32_t i = 0; i < sources; ++i)
-        if (open[i / 64] >> (i % 64) & 1)
-            own[i / 64] |= uint64_t(test(from, i, pattern)) << (i % 64);
+    test(point, open, own.get());
 
     bits_.push_back(std::move(own));
     known_[at] = uint16_t(bits_.size());
     return bits_.back().get();
 }
 
-void Zone::gather(std::span<const glm::ivec3> cells, int order, Sources& sources) const {
-    glm::ivec3 lo = cells[0], hi = cells[0];
-    std::array<const uint64_t*, lanes> sees{};
+/// Which of the cells see a source.
+uint32_t Zone::mask_of(std::span<const glm::ivec3> cells, size_t source) const {
+    uint32_t mask = 0;
     for (size_t i = 0; i < cells.size(); ++i) {
-        lo = glm::min(lo, cells[i]);
-        hi = glm::max(hi, cells[i]);
-        sees[i] = bits_[known_[slot(cells[i] - base_)] - 1u].get();
+        const uint64_t* sees = bits_[known_[slot(cells[i] - base_)] - 1u].get();
+        mask |= uint32_t(sees[source / 64] >> (source % 64) & 1) << i;
+    }
+    return mask;
+}
+
+void Zone::gather_surfaces(std::span<const glm::ivec3> cells, Sources& sources) const {
+    glm::ivec3 lo = cells[0], hi = cells[0];
+    for (const glm::ivec3 cell : cells) {
+        lo = glm::min(lo, cell);
+        hi = glm::max(hi, cell);
     }
     const glm::vec3 half = 0.5f * glm::vec3(hi - lo), centre = centre_of(lo) + half;
-    const auto mask_of = [&](size_t source) {
-        uint32_t mask = 0;
-        for (size_t i = 0; i < cells.size(); ++i)
-            mask |= uint32_t(sees[i][source / 64] >> (source % 64) & 1) << i;
-        return mask;
-    };
     for (size_t i = 0; i < clusters_.size(); ++i)
-        if (const uint32_t mask = mask_of(i))
+        if (const uint32_t mask = mask_of(cells, i))
             descend(clusters_[i], mask, centre, half, sources);
-    const size_t bin = bin_words(order);
+}
+
+void Zone::gather_sky(std::span<const glm::ivec3> cells, int order, Sources& sources) const {
     for (size_t i = 0; i < world_.sky.size(); ++i)
-        if (const uint32_t mask = mask_of(clusters_.size() + i)) {
+        if (const uint32_t mask = mask_of(cells, clusters_.size() + i)) {
             const std::vector<float>& c = world_.sky[i].coefficients;
             const size_t first = sources.bins.size();
-            sources.bins.resize(first + bin, glm::vec4(0));
+            sources.bins.resize(first + bin_words(order), glm::vec4(0.0f));
             std::memcpy(&sources.bins[first], c.data(), c.size() * sizeof(float));
             sources.bins.back().w = float(mask);
         }

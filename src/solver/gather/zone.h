@@ -64,8 +64,10 @@ public:
 
     /// Finds out what a cell (of this zone) sees.
     void look(glm::ivec3 cell) { bits(cell - base_); }
-    /// Appends the sources of up to eight cells that have looked, lane by lane.
-    void gather(std::span<const glm::ivec3> cells, int order, Sources& sources) const;
+    /// Appends the points and triangles of up to eight cells that have looked, lane by lane.
+    void gather_surfaces(std::span<const glm::ivec3> cells, Sources& sources) const;
+    /// The same for the bins of sky.
+    void gather_sky(std::span<const glm::ivec3> cells, int order, Sources& sources) const;
 
 private:
     /// A point of a cluster that a cell may test.
@@ -77,7 +79,9 @@ private:
     size_t slot(glm::ivec3 point) const;
     const uint64_t* bits(glm::ivec3 point);
     bool usable(glm::ivec3 point) const;
-    bool test(glm::vec3 from, uint32_t source, uint32_t pattern);
+    bool aim(glm::vec3 from, uint32_t source, uint32_t pattern, Ray& ray, float& threshold) const;
+    void test(glm::ivec3 point, const std::vector<uint64_t>& open, uint64_t* own);
+    uint32_t mask_of(std::span<const glm::ivec3> cells, size_t source) const;
     void descend(uint32_t cluster, uint32_t mask, glm::vec3 centre, glm::vec3 half,
                  Sources& sources) const;
 
@@ -89,6 +93,15 @@ private:
     std::vector<uint16_t> known_;                   ///< a point: 1 + its place in bits_, or 0
     std::vector<std::unique_ptr<uint64_t[]>> bits_; ///< bit i: cluster i, then the bins
     uint64_t rays_ = 0;
+
+    /// Tests of one cell: the source, and what has to pass for it to be seen.
+    struct Test {
+        uint32_t source;
+        float threshold;
+    };
+    std::vector<Test> tests_;
+    std::vector<Ray> ways_;
+    std::vector<float> passes_;
 };
 
 } // namespace lpvbake::gather
