@@ -245,7 +245,7 @@ uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings) {
     const uint32_t stride = batch_directions(layout, sn_direction_count(settings.directions),
                                              std::numeric_limits<uint64_t>::max(), false);
     return grid.size() * sn::sh_vec4s(uint32_t(sh_count(settings.order))) * texel
-           + layout.ring_texels(stride) * texel + 3 * chunk_bytes + (uint64_t(4) << 20);
+           + layout.ring_texels(stride) * texel + 4 * chunk_bytes;
 }
 
 uint64_t sn_host_bytes(const Grid& grid, const SnSettings& settings) {
