@@ -318,7 +318,7 @@ uint64_t gather_device_bytes(const GatherSettings& settings) {
 }
 
 uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSettings& settings) {
-    const uint64_t cell = 1 + 2 + 2 * uint64_t(settings.vpls) / 8 + 32;
+    const uint64_t cell = 1 + 2 + (1 + sky_group) * uint64_t(settings.vpls) / 8 + 32;
     return grid.size() * cell + 2 * patches * (sizeof(Emitter) + 2 * sizeof(Cluster))
            + chunk * 2 * job_words * sizeof(glm::vec4) + 2 * gather_device_bytes(settings);
 }

@@ -11,8 +11,8 @@ namespace lpvbake {
 
 struct GatherSettings {
     int order = 2; ///< of the harmonics: 1, 2 or 4
-    /// Clusters of patches that a cell tests for visibility, each with one ray, at most; and about
-    /// as many bins of sky. More let shadows be sharper.
+    /// Clusters of patches that a cell tests for visibility, each with one ray, at most; and a
+    /// quarter of the bins of sky that it tests. More let shadows be sharper.
     int vpls = 192;
     /// A cluster is opened where it is nearer than this many times its size.
     float kappa = 1.0f;

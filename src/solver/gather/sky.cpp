@@ -13,7 +13,7 @@ namespace lpvbake::gather {
 namespace {
 
 /// A side of the square of points that a bin is sampled at.
-constexpr int samples = 8;
+constexpr int samples = 4;
 
 } // namespace
 
@@ -39,9 +39,13 @@ std::vector<SkyBin> make_sky_bins(const Sky& sky, int count, int order) {
         const float high = 1.0f - 2.0f * float(before) / float(total);
         before += n;
         const float low = 1.0f - 2.0f * float(before) / float(total);
-        for (int i = 0; i < n; ++i)
-            bins.push_back(
-                {low, high, turn * float(i) / float(n), turn * float(i + 1) / float(n), {}});
+        const float middle = 0.5f * (low + high), step = turn / float(2 * n);
+        static_assert(sky_group == 4);
+        for (int i = 0; i < 2 * n; i += 2)
+            for (int k = i; k < i + 2; ++k) {
+                bins.push_back({low, middle, step * float(k), step * float(k + 1), {}});
+                bins.push_back({middle, high, step * float(k), step * float(k + 1), {}});
+            }
     }
     tbb::parallel_for(size_t(0), bins.size(), [&](size_t i) {
         SkyBin& bin = bins[i];
@@ -57,7 +61,7 @@ std::vector<SkyBin> make_sky_bins(const Sky& sky, int count, int order) {
                     for (size_t c = 0; c < 3; ++c)
                         sum[3 * k + c] += double(luminance[int(c)]) * double(y[k]);
             }
-        const double weight = 4.0 * glm::pi<double>() / (samples * samples * double(total));
+        const double weight = 4.0 * glm::pi<double>() / (samples * samples * double(bins.size()));
         for (const double value : sum)
             bin.coefficients.push_back(float(weight * value));
     });

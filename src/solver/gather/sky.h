@@ -18,8 +18,11 @@ struct SkyBin {
     glm::vec3 direction(glm::vec2 u) const;
 };
 
-/// About `count` bins, which together hold the whole sky's coefficients up to `order`; none for a
-/// black sky.
+/// Bins that follow each other and together are one of the larger size.
+inline constexpr size_t sky_group = 4;
+
+/// About `count` groups of bins, which together hold the whole sky's coefficients up to `order`;
+/// none for a black sky.
 std::vector<SkyBin> make_sky_bins(const Sky& sky, int count, int order);
 
 } // namespace lpvbake::gather

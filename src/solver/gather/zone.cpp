@@ -209,6 +209,7 @@ const uint64_t* Zone::bits(glm::ivec3 point) {
         return bits_[known_[at] - 1u].get();
     auto own = std::make_unique<uint64_t[]>(words_);
 
+    size_t count = 0; // of those corners
     // What the corners of the cube around the cell agree on, of those that it sees.
     std::vector<uint64_t> open(words_, ~uint64_t(0));
     const glm::vec3 from = centre_of(base_ + point);
@@ -221,7 +222,6 @@ const uint64_t* Zone::bits(glm::ivec3 point) {
                 lo[i] -= edge;
         const bool look = world_.occupied(base_ + lo, std::countr_zero(uint32_t(edge)));
         std::vector<uint64_t> all(words_, ~uint64_t(0)), any(words_, 0);
-        size_t corners = 0;
         for (int i = 0; i < 8; ++i) {
             const glm::ivec3 corner = lo + edge * glm::ivec3(i & 1, i >> 1 & 1, i >> 2);
             if (!usable(corner))
@@ -237,14 +237,20 @@ const uint64_t* Zone::bits(glm::ivec3 point) {
                 all[w] &= theirs[w];
                 any[w] |= theirs[w];
             }
-            ++corners;
+            ++count;
         }
-        if (corners >= fewest_corners)
+        if (count >= fewest_corners)
             for (size_t w = 0; w < words_; ++w) {
                 own[w] = all[w] & any[w];
                 open[w] = all[w] ^ any[w];
             }
     }
+    // The sky ends at edges: what is agreed on one side of a cell tells too little of it.
+    if (count < 8)
+        for (size_t i = clusters_.size(); i < clusters_.size() + world_.sky.size(); ++i) {
+            open[i / 64] |= uint64_t(1) << (i % 64);
+            own[i / 64] &= ~(uint64_t(1) << (i % 64));
+        }
     test(point, open, own.get());
 
     bits_.push_back(std::move(own));
@@ -275,14 +281,32 @@ void Zone::gather_surfaces(std::span<const glm::ivec3> cells, Sources& sources) 
 }
 
 void Zone::gather_sky(std::span<const glm::ivec3> cells, int order, Sources& sources) const {
-    for (size_t i = 0; i < world_.sky.size(); ++i)
-        if (const uint32_t mask = mask_of(cells, clusters_.size() + i)) {
-            const std::vector<float>& c = world_.sky[i].coefficients;
-            const size_t first = sources.bins.size();
-            sources.bins.resize(first + bin_words(order), glm::vec4(0.0f));
-            std::memcpy(&sources.bins[first], c.data(), c.size() * sizeof(float));
-            sources.bins.back().w = float(mask);
+    std::vector<float> sum;
+    const auto add = [&](const std::vector<float>& c, uint32_t mask) {
+        const size_t first = sources.bins.size();
+        sources.bins.resize(first + bin_words(order), glm::vec4(0.0f));
+        std::memcpy(&sources.bins[first], c.data(), c.size() * sizeof(float));
+        sources.bins.back().w = float(mask);
+    };
+    for (size_t i = 0; i < world_.sky.size(); i += sky_group) {
+        std::array<uint32_t, sky_group> masks;
+        for (size_t k = 0; k < sky_group; ++k)
+            masks[k] = mask_of(cells, clusters_.size() + i + k);
+        if (std::all_of(masks.begin(), masks.end(),
+                        [&](uint32_t mask) { return mask == masks[0]; })) {
+            if (masks[0] == 0)
+                continue;
+            sum.assign(world_.sky[i].coefficients.size(), 0.0f);
+            for (size_t k = 0; k < sky_group; ++k)
+                for (size_t t = 0; t < sum.size(); ++t)
+                    sum[t] += world_.sky[i + k].coefficients[t];
+            add(sum, masks[0]);
+        } else {
+            for (size_t k = 0; k < sky_group; ++k)
+                if (masks[k])
+                    add(world_.sky[i + k].coefficients, masks[k]);
         }
+    }
 }
 
 void Zone::descend(uint32_t cluster, uint32_t mask, glm::vec3 centre, glm::vec3 half,
