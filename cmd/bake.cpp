@@ -22,8 +22,9 @@ using Clock = std::chrono::steady_clock;
 const char summary[] = "Bakes the light that a scene's surfaces send on into volume files.";
 
 const char manual[] =
-    R"(The field holds the light of directional, point and spot lights after one reflection (--bounces),
-and the light of emissive surfaces and of the sky (--sky), direct and reflected. Lengths are metres, +Y is up. Lights come from the file
+    R"(The field holds the reflected light of directional, point and spot lights, and the light of
+emissive surfaces and of the sky (--sky), direct and reflected; --bounces says how often, once with
+the lpv solver and without end with gather unless told. Lengths are metres, +Y is up. Lights come from the file
 (KHR_lights_punctual), from --sun, --point and --lights; at least one light or emitter is needed.
 
 Examples:
@@ -51,12 +52,16 @@ With --dry-run, "outputs" have no bytes, "seconds" is an estimate, "peak_memory"
 /// Options as given; `to_settings` makes them the core's enums and structs.
 struct BakeOptions : SceneOptions, RunOptions {
     OutputOptions outputs;
-    std::string bounces = "1";
+    std::string solver = "lpv";
+    std::string quality = "balanced";
+    std::string bounces; ///< empty: 1 for lpv, all for gather
+    int sh_order = 0;    ///< 0: 1 for lpv, 2 for gather
     int rsm_size = 0;
     int rsm_kernel = 4;
     int iterations = 0;
-    double tolerance = 1e-2;
+    std::optional<double> tolerance;
     std::string occlusion = "face";
+    std::optional<int> vpls;
     std::string device;
     bool validation = false;
     bool dry_run = false;
@@ -72,11 +77,20 @@ std::vector<Setting> settings_of(const BakeOptions& o) {
     append_grid_settings(o, settings);
     append_light_settings(o, settings);
     settings.insert(settings.end(), {
-                                        {"bounces", toml_string(o.bounces), true},
+                                        {"solver", toml_string(o.solver), true},
+                                        {"quality", toml_string(o.quality), true},
+                                    });
+    if (!o.bounces.empty())
+        settings.push_back({"bounces", toml_string(o.bounces), true});
+    if (o.tolerance)
+        settings.push_back({"tolerance", toml_number(*o.tolerance), true});
+    if (o.vpls)
+        settings.push_back({"vpls", std::to_string(*o.vpls), true});
+    settings.insert(settings.end(), {
+                                        {"sh-order", std::to_string(o.sh_order), true},
                                         {"rsm-size", std::to_string(o.rsm_size), true},
                                         {"rsm-kernel", std::to_string(o.rsm_kernel), true},
                                         {"iterations", std::to_string(o.iterations), true},
-                                        {"tolerance", toml_number(o.tolerance), true},
                                         {"occlusion", toml_string(o.occlusion), true},
                                         {"precision", toml_string(o.outputs.precision), false},
                                         {"exr-packing", toml_string(o.outputs.exr_packing), false},
@@ -96,6 +110,11 @@ void check_options(const BakeOptions& o, bool cell_and_resolution) {
         throw Error(ExitCode::usage, "no output: add -o FILE.vdb or -o FILE.exr");
     if (cell_and_resolution)
         throw Error(ExitCode::usage, "--cell-size and --resolution exclude each other");
+    if (o.solver == "lpv" && o.tolerance && *o.tolerance < 1e-7)
+        throw Error(ExitCode::usage, "--tolerance: the lpv solver needs at least 1e-7");
+    if (o.solver == "lpv" && o.sh_order > 1)
+        throw Error(ExitCode::usage, "--sh-order: the lpv solver knows order 1 only; take --solver "
+                                     "gather");
 }
 
 BakeSettings to_settings(const BakeOptions& o) {
@@ -105,9 +124,20 @@ BakeSettings to_settings(const BakeOptions& o) {
     settings.rsm_size = o.rsm_size;
     settings.rsm_kernel = o.rsm_kernel;
     settings.emitters = !o.no_emitters;
-    settings.bounces = bounces_of(o.bounces);
+    settings.solver = o.solver == "gather" ? Solver::gather : Solver::lpv;
+    const bool lpv = settings.solver == Solver::lpv;
+    set_quality(o.quality == "fast"       ? Quality::fast
+                : o.quality == "accurate" ? Quality::accurate
+                                          : Quality::balanced,
+                settings);
+    settings.bounces = o.bounces.empty() ? default_bounces(settings.solver) : bounces_of(o.bounces);
+    if (o.sh_order != 0)
+        settings.gather.order = o.sh_order;
     settings.lpv.iterations = o.iterations;
-    settings.lpv.tolerance = float(o.tolerance);
+    if (o.tolerance)
+        (lpv ? settings.lpv.tolerance : settings.gather.tolerance) = float(*o.tolerance);
+    if (o.vpls)
+        settings.gather.vpls = *o.vpls;
     settings.lpv.occlusion = o.occlusion == "none" ? Occlusion::none
                              : o.occlusion == "sh" ? Occlusion::sh
                                                    : Occlusion::face;
@@ -273,7 +303,17 @@ void add_bake(CLI::App& root, Action& action) {
     add_light_options(list, o);
 
     list.group("Solver");
+    list.choice(
+        "--solver", o.solver, "lpv|gather",
+        "lpv: classic propagation. gather: from clusters of patches\nstraight to the cells");
+    list.choice("--quality", o.quality, "fast|balanced|accurate",
+                "gather: time against error (clusters, rays, tolerance)");
     add_bounces_option(list, o.bounces);
+    list.number("--sh-order", o.sh_order, 0, 4,
+                "Highest band of the spherical harmonics; 0: 1 for lpv, 2 for\ngather")
+        ->capture_default_str();
+    list.number("--vpls", o.vpls, 16, 1'000'000,
+                "gather: clusters of patches whose visibility a cell tests");
     list.number("--rsm-size", o.rsm_size, 0, 16384,
                 "Texels along a side of a reflective shadow map; 0: from the grid")
         ->capture_default_str();
@@ -283,9 +323,10 @@ void add_bake(CLI::App& root, Action& action) {
     list.number("--iterations", o.iterations, 0, 1'000'000,
                 "Propagation steps; 0: until --tolerance")
         ->capture_default_str();
-    list.number("--tolerance", o.tolerance, 1e-7, 1,
-                "Share of the injected power still under way at which\npropagation ends")
-        ->capture_default_str();
+    list.number("--tolerance", o.tolerance, 0, 1,
+                "lpv: share of the injected power still under way at which\n"
+                "propagation ends (0.01); gather: difference of irradiance below\n"
+                "which cells are interpolated (0.1; 0: none)");
     list.choice("--occlusion", o.occlusion, "none|sh|face",
                 "Blocking between cells: none, sh (SH geometry volume), face (a\n"
                 "transmittance a face; does not leak)");

@@ -56,9 +56,11 @@ CLI::Validator bounces_or_inf() {
 } // namespace
 
 void add_bounces_option(OptionList& list, std::string& bounces) {
-    list.text("--bounces", bounces, "N|inf", "Reflections of light at most, 0 to 10000, or all")
-        ->check(bounces_or_inf())
-        ->capture_default_str();
+    CLI::Option* option =
+        list.text("--bounces", bounces, "N|inf", "Reflections of light at most, 0 to 10000, or all")
+            ->check(bounces_or_inf());
+    if (!bounces.empty())
+        option->capture_default_str();
 }
 
 std::optional<int> bounces_of(const std::string& option) {

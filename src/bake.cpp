@@ -6,6 +6,7 @@
 #include "surface/patches.h"
 #include "text.h"
 #include "visibility/backs.h"
+#include "visibility/validity.h"
 #include "visibility/visibility.h"
 
 #include <algorithm>
@@ -142,6 +143,24 @@ void solve_lpv(const Work& work, std::future<LpvProgram> program) {
     baked.volume.metadata["injected_lm"] = format("%.9g", injection.power);
 }
 
+void find_validity(const Work& work) {
+    work.stages.begin("validity");
+    work.baked.volume.validity = trace_validity(work.visibility, work.plan.grid.dims);
+    work.stages.end(outside_geometry(work.baked.volume.validity));
+}
+
+/// Clusters of patches straight to the cells that need it, the other cells from these.
+void solve_gather(const Work& work, std::future<GatherProgram> program) {
+    find_validity(work);
+    work.stages.begin("gather");
+    const GatherReport report = program.get().gather(*work.lit, work.scene.sky, work.visibility,
+                                                     work.baked.volume, work.progress);
+    work.stages.end(format("%llu cells solved, %llu interpolated, %llu visibility rays",
+                           (unsigned long long)report.solved,
+                           (unsigned long long)report.interpolated,
+                           (unsigned long long)report.rays));
+}
+
 } // namespace
 
 Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& device,
@@ -154,9 +173,13 @@ Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& 
 
     // Shaders compile while the CPU traces.
     std::future<LpvProgram> lpv;
+    std::future<GatherProgram> gather;
     if (settings.solver == Solver::lpv)
         lpv = std::async(std::launch::async,
                          [&] { return LpvProgram(device, plan.grid, settings.lpv.occlusion); });
+    else
+        gather =
+            std::async(std::launch::async, [&] { return GatherProgram(device, settings.gather); });
 
     stages.begin("visibility");
     const Visibility visibility(scene, plan.frame);
@@ -174,10 +197,10 @@ Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& 
         LightingSettings lighting;
         lighting.bounces = settings.bounces;
         lighting.emitters = plan.emitters;
-        if (settings.solver == Solver::lpv) { // it blurs what more rays would bring
-            lighting.rays = 1 << 19;
-            lighting.maps = plan.rsm_maps > 0;
-        }
+        lighting.maps = plan.rsm_maps > 0;
+        lighting.rays = settings.lighting_rays;
+        if (settings.solver == Solver::lpv)
+            lighting.rays = 1 << 19; // it blurs what more would bring
         lit = light_surfaces(scene, visibility, plan.frame, lighting, progress);
         stages.end(format("%zu patches, %d reflections", lit.patches.size(), lit.bounces));
     }
@@ -187,6 +210,9 @@ Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& 
     switch (settings.solver) {
     case Solver::lpv:
         solve_lpv(work, std::move(lpv));
+        break;
+    case Solver::gather:
+        solve_gather(work, std::move(gather));
         break;
     }
     baked.volume.metadata["solver"] = name_of(settings.solver);

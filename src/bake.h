@@ -5,6 +5,7 @@
 #include "progress.h"
 #include "rsm/rsm.h"
 #include "scene/scene.h"
+#include "solver/gather/gather.h"
 #include "solver/lpv/lpv.h"
 #include "volume/volume.h"
 
@@ -16,9 +17,12 @@ namespace lpvbake {
 
 /// How light gets from the surfaces to the cells.
 enum class Solver {
-    lpv, ///< classic propagation from cell to cell
+    lpv,    ///< classic propagation from cell to cell
+    gather, ///< from clusters of patches straight to each cell
 };
 const char* name_of(Solver solver);
+/// How often light is reflected unless it is said: once with lpv, without end with the others.
+std::optional<int> default_bounces(Solver solver);
 
 struct BakeSettings {
     Solver solver = Solver::lpv;
@@ -27,9 +31,19 @@ struct BakeSettings {
     int rsm_size = 0;             ///< texels a side; 0: 8 a cell of the longest axis, at least 256
     int rsm_kernel = 4;           ///< texels a side of a clustered block
     bool emitters = true;         ///< emissive surfaces give light
-    std::optional<int> bounces = 1; ///< reflections at most; none: all
+    std::optional<int> bounces = 1;   ///< reflections at most; none: all
+    uint64_t lighting_rays = 1 << 21; ///< LightingSettings::rays of sn and gather
     LpvSettings lpv;
+    GatherSettings gather;
 };
+
+/// Highest band of the harmonics that a bake gives.
+int sh_order_of(const BakeSettings& settings);
+
+enum class Quality { fast, balanced, accurate };
+
+/// What trades time for error in each solver; nothing else is changed.
+void set_quality(Quality quality, BakeSettings& settings);
 
 /// What a stage did and cost.
 struct StageReport {
@@ -45,7 +59,7 @@ struct BakePlan {
     bool emitters = false; ///< some surface emits, and is wanted to
     bool lit = false;      ///< surfaces are lit as a whole, not by reflective shadow maps alone
     int rsm_size = 0;
-    int rsm_maps = 0;
+    int rsm_maps = 0; ///< 0: nothing is drawn
     uint64_t triangles = 0;
     uint64_t device_bytes = 0; ///< peak of the solver's device memory
     uint64_t host_bytes = 0;   ///< estimate

@@ -32,13 +32,23 @@ void warn_of_empty_bounds(const Scene& scene, const Bounds& bounds,
         }
 }
 
+uint64_t device_bytes(const Grid& grid, const BakeSettings& settings) {
+    switch (settings.solver) {
+    case Solver::lpv:
+        return lpv_device_bytes(grid, settings.lpv.occlusion);
+    case Solver::gather:
+        return gather_device_bytes(settings.gather);
+    }
+    return 0;
+}
+
 /// The largest resolution at which the same box fits the device.
 int largest_resolution(const Bounds& box, const BakeSettings& settings, uint64_t memory) {
     int fits = 0;
     for (int low = 3, high = 2048; low <= high;) {
         const int middle = (low + high) / 2;
         const Grid grid = fit_grid(box.lo, box.hi, {middle, 0.0, settings.grid.margin});
-        if (lpv_device_bytes(grid, settings.lpv.occlusion) <= memory) {
+        if (device_bytes(grid, settings) <= memory) {
             fits = middle;
             low = middle + 1;
         } else {
@@ -54,8 +64,38 @@ const char* name_of(Solver solver) {
     switch (solver) {
     case Solver::lpv:
         return "lpv";
+    case Solver::gather:
+        return "gather";
     }
     return "";
+}
+
+std::optional<int> default_bounces(Solver solver) {
+    return solver == Solver::lpv ? std::optional(1) : std::nullopt;
+}
+
+int sh_order_of(const BakeSettings& settings) {
+    return settings.solver == Solver::lpv ? 1 : settings.gather.order;
+}
+
+void set_quality(Quality quality, BakeSettings& settings) {
+    switch (quality) {
+    case Quality::fast:
+        settings.lighting_rays = 1 << 19;
+        settings.gather.vpls = 96;
+        settings.gather.tolerance = 0.2f;
+        break;
+    case Quality::balanced:
+        settings.lighting_rays = BakeSettings().lighting_rays;
+        settings.gather.vpls = GatherSettings().vpls;
+        settings.gather.tolerance = GatherSettings().tolerance;
+        break;
+    case Quality::accurate:
+        settings.lighting_rays = 1 << 23;
+        settings.gather.vpls = 768;
+        settings.gather.tolerance = 0.03f;
+        break;
+    }
 }
 
 BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
@@ -77,7 +117,8 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
                     scene.path
                         + ": without reflections no light of its lights is in the field; set "
                           "--bounces 1 or more");
-    plan.lit = settings.bounces != 1 || plan.emitters || has_sky(scene);
+    plan.lit =
+        settings.solver != Solver::lpv || settings.bounces != 1 || plan.emitters || has_sky(scene);
 
     const Bounds scene_bounds = bounds_of(scene);
     const Bounds box = settings.bounds.value_or(scene_bounds);
@@ -92,7 +133,7 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
     plan.grid = fit_grid(box.lo, box.hi, settings.grid);
     plan.frame = {plan.grid.origin, plan.grid.cell, glm::dvec3(plan.grid.dims)};
     const uint64_t cells = plan.grid.size();
-    plan.device_bytes = lpv_device_bytes(plan.grid, settings.lpv.occlusion);
+    plan.device_bytes = device_bytes(plan.grid, settings);
     if (plan.device_bytes > device.memory)
         throw Error(ExitCode::memory,
                     format("a grid of %d x %d x %d needs %.1f GiB of %s's %.1f GiB; the largest "
@@ -105,13 +146,6 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
 
     // Costs a unit, measured on two threads of a CPU device; a GPU is faster than this says.
     const int longest = std::max({plan.grid.dims.x, plan.grid.dims.y, plan.grid.dims.z});
-    // In a closed room what is left falls like the slowest mode of a diffusion whose coefficient is
-    // 0.38 cells^2 a step; an open scene takes fewer steps.
-    const glm::dvec3 dims(plan.grid.dims);
-    const double decay = 0.38 * 9.87 * glm::dot(1.0 / dims, 1.0 / dims);
-    const double steps = settings.lpv.iterations
-                             ? settings.lpv.iterations
-                             : -std::log(double(settings.lpv.tolerance)) / decay;
     const auto stage = [&](const char* name, double seconds, std::string why) {
         plan.stages.push_back({name, seconds, std::move(why)});
         plan.seconds += seconds;
@@ -122,7 +156,7 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
         stage("lighting", 0.3 + 4e-5 * double(cells) / longest,
               settings.bounces ? format("%d reflections from patch to patch", *settings.bounces)
                                : "all reflections from patch to patch");
-    if (!scene.lights.empty() && settings.bounces != 0) {
+    if (settings.solver == Solver::lpv && !scene.lights.empty() && settings.bounces != 0) {
         plan.rsm_size = rsm_size_of(plan.grid, settings);
         const glm::dvec3 lo = plan.frame.from_world(scene_bounds.lo);
         const glm::dvec3 hi = plan.frame.from_world(scene_bounds.hi);
@@ -133,16 +167,37 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
               format("%zu lights, %d maps of %d x %d", scene.lights.size(), plan.rsm_maps,
                      plan.rsm_size, plan.rsm_size));
     }
-    if (settings.lpv.occlusion != Occlusion::none)
-        stage("geometry", 1e-6 * double(plan.triangles), "geometry volume");
-    stage("links", 15e-6 * double(cells) / longest,
-          settings.lpv.occlusion == Occlusion::face ? "validity and face transmittance"
-                                                    : "validity");
-    stage("inject", 0.01, "virtual point lights into cells");
-    stage("propagate", 0.2 + 3e-8 * double(cells) * steps,
-          settings.lpv.iterations ? format("%d iterations", settings.lpv.iterations)
-                                  : format("until %.3g %% of the power is left",
-                                           100.0 * double(settings.lpv.tolerance)));
+    // Patches go with the area of surface, two and a half sides of the grid's box.
+    const uint64_t patches = plan.triangles + 30 * cells / uint64_t(longest);
+    switch (settings.solver) {
+    case Solver::lpv: {
+        // In a closed room what is left falls like the slowest mode of a diffusion whose
+        // coefficient is 0.38 cells^2 a step; an open scene takes fewer steps.
+        const glm::dvec3 dims(plan.grid.dims);
+        const double decay = 0.38 * 9.87 * glm::dot(1.0 / dims, 1.0 / dims);
+        const double steps = settings.lpv.iterations
+                                 ? settings.lpv.iterations
+                                 : -std::log(double(settings.lpv.tolerance)) / decay;
+        if (settings.lpv.occlusion != Occlusion::none)
+            stage("geometry", 1e-6 * double(plan.triangles), "geometry volume");
+        stage("links", 15e-6 * double(cells) / longest,
+              settings.lpv.occlusion == Occlusion::face ? "validity and face transmittance"
+                                                        : "validity");
+        stage("inject", 0.01, "virtual point lights into cells");
+        stage("propagate", 0.2 + 3e-8 * double(cells) * steps,
+              settings.lpv.iterations ? format("%d iterations", settings.lpv.iterations)
+                                      : format("until %.3g %% of the power is left",
+                                               100.0 * double(settings.lpv.tolerance)));
+        break;
+    }
+    case Solver::gather:
+        stage("validity", 5e-6 * double(cells) / longest, "which cells lie outside geometry");
+        stage("gather", gather_seconds(plan.grid, patches, settings.gather),
+              format("%d clusters, tolerance %.3g, order %d", settings.gather.vpls,
+                     double(settings.gather.tolerance), settings.gather.order));
+        plan.host_bytes += gather_host_bytes(plan.grid, patches, settings.gather);
+        break;
+    }
     return plan;
 }
 

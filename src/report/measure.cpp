@@ -17,24 +17,15 @@ double relative(double x, double whole) {
 
 } // namespace
 
-FieldRules field_rules(const Scene& scene, const BakeSettings& settings) {
-    FieldRules rules;
-    if (!scene.lights.empty())
-        rules.push_back({1, false});
-    if (settings.emitters && has_emitters(scene))
-        rules.push_back({0, true});
-    return rules;
+PathRules field_rules(const BakeSettings& settings) {
+    return {settings.bounces, settings.emitters};
 }
 
 Truth trace_truth(const Scene& scene, const Visibility& visibility, const Frame& frame,
                   std::span<const glm::vec3> points, std::span<const glm::dvec3> own,
-                  const FieldRules& rules, const TruthSettings& settings, Progress& progress) {
+                  const PathRules& rules, const TruthSettings& settings, Progress& progress) {
     const auto begin = std::chrono::steady_clock::now();
     const std::size_t normals = own.empty() ? neighbour_normals().size() : 1;
-    Truth truth;
-    truth.sh.assign(std::size_t(sh_count(truth_order)),
-                    std::vector<glm::vec3>(points.size(), glm::vec3(0.0f)));
-    truth.irradiance.assign(points.size() * normals, glm::dvec3(0.0));
     std::vector<uint64_t> keys(points.size());
     for (std::size_t i = 0; i < keys.size(); ++i)
         keys[i] = i;
@@ -43,33 +34,26 @@ Truth trace_truth(const Scene& scene, const Visibility& visibility, const Frame&
     reference.sh_order = truth_order;
     reference.noise = settings.noise;
     reference.rays = settings.most_rays;
-    double variance = 0, light = 0; // of the mean irradiance, and it
-    for (std::size_t rule = 0; rule < rules.size(); ++rule) {
-        reference.paths = rules[rule];
-        reference.seed = join_bits(settings.seed, rule);
-        ProbeNormals wanted;
-        if (own.empty())
-            wanted.common = neighbour_normals();
-        else
-            wanted.own = own;
-        const ProbeField field =
-            trace_probes(scene, visibility, frame, points, keys, reference, progress, wanted);
-        double own_light = 0;
-        for (std::size_t i = 0; i < points.size(); ++i) {
-            for (std::size_t k = 0; k < truth.sh.size(); ++k)
-                truth.sh[k][i] += field.sh[k][i];
-            for (std::size_t n = 0; n < normals; ++n)
-                truth.irradiance[i * normals + n] +=
-                    glm::dvec3(own.empty() ? field.irradiance[n][i] : field.own_irradiance[i]);
-            own_light += double(field.sh[0][i].x + field.sh[0][i].y + field.sh[0][i].z);
-        }
-        variance += field.noise * own_light * field.noise * own_light;
-        light += own_light;
-        truth.rays += field.rays;
-        truth.traced += field.traced;
-        truth.converged = truth.converged && field.converged;
-    }
-    truth.noise = light > 0 ? std::sqrt(variance) / light : 0;
+    reference.paths = rules;
+    reference.seed = settings.seed;
+    ProbeNormals wanted;
+    if (own.empty())
+        wanted.common = neighbour_normals();
+    else
+        wanted.own = own;
+    ProbeField field =
+        trace_probes(scene, visibility, frame, points, keys, reference, progress, wanted);
+    Truth truth;
+    truth.irradiance.resize(points.size() * normals);
+    for (std::size_t i = 0; i < points.size(); ++i)
+        for (std::size_t n = 0; n < normals; ++n)
+            truth.irradiance[i * normals + n] =
+                glm::dvec3(own.empty() ? field.irradiance[n][i] : field.own_irradiance[i]);
+    truth.sh = std::move(field.sh);
+    truth.noise = field.noise;
+    truth.rays = field.rays;
+    truth.traced = field.traced;
+    truth.converged = field.converged;
     truth.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     return truth;
 }

@@ -13,16 +13,13 @@ namespace lpvbake {
 /// Highest band of the reference: what lower orders cost is told from the same rays.
 inline constexpr int truth_order = 4;
 
-/// Which light a field holds, as the sum of what these paths carry.
-using FieldRules = std::vector<PathRules>;
-
-/// The light that bake puts into its field, as far as the scene has such.
-FieldRules field_rules(const Scene& scene, const BakeSettings& settings);
+/// The light that bake puts into its field.
+PathRules field_rules(const BakeSettings& settings);
 
 /// How exact a reference is to be.
 struct TruthSettings {
     double noise = 0.01;          ///< as ReferenceSettings::noise
-    uint64_t most_rays = 1 << 16; ///< from each point, for each of FieldRules
+    uint64_t most_rays = 1 << 16; ///< from each point
     uint64_t seed = 1;
 };
 
@@ -34,7 +31,7 @@ struct Truth {
     /// a point.
     std::vector<glm::dvec3> irradiance;
     double noise = 0;  ///< as ProbeField::noise
-    uint64_t rays = 0; ///< from each point, over all rules
+    uint64_t rays = 0; ///< from each point
     uint64_t traced = 0;
     double seconds = 0;
     bool converged = true;
@@ -44,7 +41,7 @@ struct Truth {
 /// the 26 of neighbour_normals(). Throws what trace_probes throws.
 Truth trace_truth(const Scene& scene, const Visibility& visibility, const Frame& frame,
                   std::span<const glm::vec3> points, std::span<const glm::dvec3> own,
-                  const FieldRules& rules, const TruthSettings& settings, Progress& progress);
+                  const PathRules& rules, const TruthSettings& settings, Progress& progress);
 
 /// Irradiance (lux) from the coefficients up to `order` at every point, towards each of the 26
 /// normals: [point * 26 + n]; 0 where it is negative, which `negative` counts (values, RGB).

@@ -58,7 +58,7 @@ struct SurfaceTruth {
 };
 
 SurfaceTruth trace_surfaces(const Scene& scene, const Grid& grid, const Bounds& box,
-                            const FieldRules& rules, const ReportSettings& settings,
+                            const PathRules& rules, const ReportSettings& settings,
                             Progress& progress) {
     const Place place(scene, grid);
     SurfaceTruth surfaces;
@@ -133,26 +133,20 @@ FieldError surface_error(const Volume& volume, const SurfaceTruth& surfaces, Rea
 /// Rays a second that Embree alone makes of those that the peer traces, a million of them at most:
 /// the median of `repeats`.
 double embree_rate(const Scene& scene, const Place& place, std::span<const glm::vec3> points,
-                   std::span<const PeerSettings> rules, uint64_t traced, int repeats) {
+                   const PeerSettings& settings, uint64_t traced, int repeats) {
     const std::size_t stride = std::size_t(traced / (uint64_t(1) << 20)) + 1;
     std::vector<glm::vec3> some;
     for (std::size_t i = 0; i < points.size(); i += stride)
         some.push_back(points[i]);
-    std::vector<PackedRays> packed;
-    uint64_t rays = 0;
-    for (const PeerSettings& settings : rules) {
-        packed.push_back(peer_rays(scene, place.visibility, place.frame, some, settings));
-        rays += packed.back().size();
-    }
+    const PackedRays packed = peer_rays(scene, place.visibility, place.frame, some, settings);
     std::vector<double> seconds;
     for (int repeat = 0; repeat < repeats; ++repeat) {
         const Clock::time_point begin = Clock::now();
-        for (const PackedRays& batch : packed)
-            batch.trace(place.visibility);
+        packed.trace(place.visibility);
         seconds.push_back(since(begin));
     }
     const double median = timing_of(seconds).median;
-    return median > 0 ? double(rays) / median : 0;
+    return median > 0 ? double(packed.size()) / median : 0;
 }
 
 /// Path-traced probes at the same cells. `setup` seconds come once, whatever the number of cells.
@@ -164,14 +158,11 @@ std::vector<PeerPoint> trace_peers(const Scene& scene, const Place& place, const
     progress.begin("", std::size(peer_rays_each) * std::size_t(settings.repeats));
     uint64_t done = 0;
     for (const uint32_t rays : peer_rays_each) {
-        std::vector<PeerSettings> rules;
-        for (const PathRules& rule : grid.rules) {
-            rules.emplace_back();
-            rules.back().paths = rule;
-            rules.back().sh_order = truth_order;
-            rules.back().rays = rays;
-            rules.back().seed = join_bits(settings.seed, rules.size());
-        }
+        PeerSettings peer;
+        peer.paths = grid.rules;
+        peer.sh_order = truth_order;
+        peer.rays = rays;
+        peer.seed = join_bits(settings.seed, 1);
         PeerPoint point;
         point.rays = rays;
         std::vector<std::vector<glm::vec3>> sh;
@@ -179,18 +170,10 @@ std::vector<PeerPoint> trace_peers(const Scene& scene, const Place& place, const
         std::vector<double> seconds, measured;
         for (int repeat = 0; repeat < settings.repeats; ++repeat) {
             progress.advance(done++);
-            sh.assign(std::size_t(sh_count(truth_order)),
-                      std::vector<glm::vec3>(points.size(), glm::vec3(0.0f)));
-            traced = 0;
             const Clock::time_point begin = Clock::now();
-            for (const PeerSettings& rule : rules) {
-                const PeerField field =
-                    trace_peer(scene, place.visibility, place.frame, points, rule);
-                for (std::size_t k = 0; k < sh.size(); ++k)
-                    for (std::size_t i = 0; i < points.size(); ++i)
-                        sh[k][i] += field.sh[k][i];
-                traced += field.traced;
-            }
+            PeerField field = trace_peer(scene, place.visibility, place.frame, points, peer);
+            sh = std::move(field.sh);
+            traced = field.traced;
             measured.push_back(since(begin));
             seconds.push_back(setup + measured.back() * double(grid.valid) / double(grid.probes));
         }
@@ -198,7 +181,7 @@ std::vector<PeerPoint> trace_peers(const Scene& scene, const Place& place, const
         point.measured = timing_of(measured).median;
         point.rays_per_second = double(traced) / point.measured;
         point.embree_rays_per_second =
-            embree_rate(scene, place, points, rules, traced, settings.repeats);
+            embree_rate(scene, place, points, peer, traced, settings.repeats);
         for (std::size_t i = 0; i < floor_orders.size(); ++i)
             measure(sh, floor_orders[i], truth, point.error[i], point.projected[i]);
         curve.push_back(point);
@@ -326,7 +309,7 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
         const BakePlan plan = plan_bake(scene, row.settings, device.info());
         RowResult result;
         result.row = row;
-        const FieldRules rules = field_rules(scene, row.settings);
+        const PathRules rules = field_rules(row.settings);
         const auto same = [&](const GridResult& g) {
             return g.grid == plan.grid && g.rules == rules;
         };
@@ -346,18 +329,29 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
     const auto finest =
         std::ranges::min_element(report.grids, {}, [](const GridResult& g) { return g.grid.cell; });
     Titled on_surfaces(progress, "surfaces: ");
-    const SurfaceTruth surfaces =
-        trace_surfaces(scene, finest->grid, rows[0].settings.bounds.value_or(bounds_of(scene)),
-                       finest->rules, settings, on_surfaces);
-    report.surface_points = surfaces.points.size();
-    report.surface_noise = surfaces.truth.noise;
-    report.surface_rays = surfaces.truth.rays;
+    std::vector<std::pair<PathRules, SurfaceTruth>> surfaces;
+    for (const GridResult& grid : report.grids)
+        if (std::ranges::none_of(surfaces, [&](const auto& s) { return s.first == grid.rules; }))
+            surfaces.emplace_back(grid.rules,
+                                  trace_surfaces(scene, finest->grid,
+                                                 rows[0].settings.bounds.value_or(bounds_of(scene)),
+                                                 grid.rules, settings, on_surfaces));
+    report.surface_points = surfaces[0].second.points.size();
+    report.surface_noise = surfaces[0].second.truth.noise;
+    report.surface_rays = surfaces[0].second.truth.rays;
 
     std::size_t done = 0;
     for (std::size_t g = 0; g < report.grids.size(); ++g) {
         GridResult& grid = report.grids[g];
+        std::set<int> orders;
+        for (const RowResult& row : report.rows)
+            if (row.grid == g)
+                orders.insert(sh_order_of(row.row.settings));
+        const SurfaceTruth& on_them = std::ranges::find_if(surfaces, [&](const auto& s) {
+                                          return s.first == grid.rules;
+                                      })->second;
         Titled on_grid(progress, format("grid %zu/%zu: ", g + 1, report.grids.size()));
-        const GridTruth truth = trace_grid(scene, grid, {1}, settings, on_grid);
+        const GridTruth truth = trace_grid(scene, grid, orders, settings, on_grid);
         if (!grid.converged)
             report.warnings.push_back(format("the reference's noise on the grid of %d x %d x %d "
                                              "is still %.3g %%; raise --rays",
@@ -371,7 +365,7 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
                 continue;
             Titled on_row(progress, format("row %zu/%zu: ", ++done, report.rows.size()));
             const Volume volume = bake_row(scene, settings.repeats, device, row, on_row);
-            measure_row(volume, truth, surfaces, row);
+            measure_row(volume, truth, on_them, row);
             if (truth.layers.contains(row.sh_order)
                 && (!best || row.error.relative_l1 < report.rows[best_row].error.relative_l1)) {
                 best = layer_of(volume, truth.layer);

@@ -57,8 +57,8 @@ struct RowResult {
 /// Path-traced probes with one number of rays.
 struct PeerPoint {
     uint64_t rays = 0;                 ///< from each probe
-    Timing seconds; ///< for all valid cells of the grid, scaled from the probes
-    double measured = 0; ///< median seconds of the probes
+    Timing seconds;                    ///< for all valid cells of the grid, scaled from the probes
+    double measured = 0;               ///< median seconds of the probes
     double rays_per_second = 0;        ///< traced in all, reflected and shadow rays included
     double embree_rays_per_second = 0; ///< the same rays without anything done to them; 0: unknown
     std::array<FieldError, 3> error;   ///< of floor_orders, against the true irradiance
@@ -83,7 +83,7 @@ struct Slices {
 /// What the rows on one grid share.
 struct GridResult {
     Grid grid;
-    FieldRules rules;
+    PathRules rules;
     uint64_t valid = 0;  ///< cells
     uint64_t probes = 0; ///< of them measured
     double noise = 0;    ///< of the reference, as ProbeField::noise

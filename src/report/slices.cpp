@@ -77,7 +77,7 @@ Volume layer_of(const Volume& volume, LayerChoice layer) {
 
 std::optional<Volume> trace_layer(const Scene& scene, const Visibility& visibility,
                                   const Grid& grid, const std::vector<float>& validity,
-                                  LayerChoice layer, int order, const FieldRules& rules,
+                                  LayerChoice layer, int order, const PathRules& rules,
                                   uint64_t seed, uint64_t& rays, Progress& progress) {
     Volume volume = empty_layer(grid, layer, order);
     if (volume.grid.size() > most_cells)
@@ -97,16 +97,14 @@ std::optional<Volume> trace_layer(const Scene& scene, const Visibility& visibili
     ReferenceSettings settings;
     settings.sh_order = order;
     settings.rays = usual_rays;
-    for (std::size_t rule = 0; rule < rules.size(); ++rule) {
-        settings.paths = rules[rule];
-        settings.seed = join_bits(seed, rule);
-        const ProbeField field =
-            trace_probes(scene, visibility, frame, points, keys, settings, progress);
-        for (std::size_t k = 0; k < volume.sh.size(); ++k)
-            for (std::size_t i = 0; i < cells.size(); ++i)
-                volume.sh[k][cells[i]] += field.sh[k][i];
-        rays = field.rays;
-    }
+    settings.paths = rules;
+    settings.seed = seed;
+    const ProbeField field =
+        trace_probes(scene, visibility, frame, points, keys, settings, progress);
+    for (std::size_t k = 0; k < volume.sh.size(); ++k)
+        for (std::size_t i = 0; i < cells.size(); ++i)
+            volume.sh[k][cells[i]] = field.sh[k][i];
+    rays = field.rays;
     return volume;
 }
 

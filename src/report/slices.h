@@ -18,7 +18,7 @@ Volume layer_of(const Volume& volume, LayerChoice layer);
 /// where the layer has more than 2^18 of them. `validity` is the whole grid's.
 std::optional<Volume> trace_layer(const Scene& scene, const Visibility& visibility,
                                   const Grid& grid, const std::vector<float>& validity,
-                                  LayerChoice layer, int order, const FieldRules& rules,
+                                  LayerChoice layer, int order, const PathRules& rules,
                                   uint64_t seed, uint64_t& rays, Progress& progress);
 
 /// The three pictures of a layer; result and reference are volumes of that layer alone.

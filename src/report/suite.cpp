@@ -124,8 +124,9 @@ public:
             const Visibility visibility(scene,
                                         Frame{grid.origin, grid.cell, glm::dvec3(grid.dims)});
             const SuiteCells cells = choose_cells(c, visibility, grid);
-            const TruthField truth = find_truth(c.truth, scene, visibility, grid, wanted(c, cells),
-                                                truth_settings(c, solver), progress_);
+            const TruthField truth = find_truth(
+                c.truth, scene, visibility, grid, wanted(c, cells),
+                SuiteTracing{c.options.bounces, c.options.rays, c.options.noise}, progress_);
             const Volume* other = nullptr;
             if (c.same_as) {
                 const SuiteCase& twin =
@@ -171,14 +172,6 @@ private:
         return both;
     }
 
-    static SuiteTracing truth_settings(const SuiteCase& c, const SuiteSolver& solver) {
-        SuiteTracing settings{solver.light, c.options.rays, c.options.noise};
-        std::optional<int>& bounces = settings.paths.bounces;
-        if (c.options.bounces)
-            bounces = std::min(*c.options.bounces, bounces.value_or(*c.options.bounces));
-        return settings;
-    }
-
     const Baked& field(const SuiteCase& c, const Scene& scene, const SuiteSolver& solver) {
         const auto [found, is_new] = baked_.try_emplace({c.name, solver.name});
         if (is_new) {
@@ -216,23 +209,28 @@ void hold_within(SuiteRow& row, const char* what, double value, SuiteRange range
 } // namespace
 
 std::vector<std::string> suite_solver_names() {
-    return {"lpv"};
+    return {"lpv", "gather"};
 }
 
 std::vector<SuiteSolver> suite_solvers(const gpu::Device& device) {
-    const auto settings_of = [](const SuiteOptions& o) {
+    const auto settings_of = [](Solver solver, const SuiteOptions& o) {
         BakeSettings settings;
+        settings.solver = solver;
+        settings.bounces = o.bounces;
         settings.grid.resolution = o.resolution;
         settings.grid.margin = o.margin;
         settings.bounds = o.bounds;
         settings.lpv.iterations = o.iterations;
         return settings;
     };
-    const auto lpv = [&device, settings_of](const Scene& scene, const SuiteOptions& o,
-                                            Progress& progress) {
-        return bake(scene, settings_of(o), device, progress).volume;
-    };
-    return {{"lpv", {1, false}, lpv}};
+    std::vector<SuiteSolver> solvers;
+    for (const Solver solver : {Solver::lpv, Solver::gather})
+        solvers.push_back({name_of(solver),
+                           [&device, settings_of, solver](const Scene& scene, const SuiteOptions& o,
+                                                          Progress& progress) {
+                               return bake(scene, settings_of(solver, o), device, progress).volume;
+                           }});
+    return solvers;
 }
 
 SuiteRow judge(const SuiteCase& c, const SuiteLimits& limits, const Volume& baked,

@@ -50,7 +50,7 @@ struct SuiteOptions {
     int resolution = 16;
     int margin = 1;
     std::optional<Bounds> bounds;   ///< [x0, y0, z0, x1, y1, z1], metres
-    std::optional<int> bounces = 1; ///< or "inf"; a solver that does fewer is held to its own
+    std::optional<int> bounces = 1; ///< or "inf"
     double max_albedo = 0.95;
     int iterations = 0;    ///< of lpv; 0: until it has converged
     uint64_t probes = 300; ///< cells at which the truth is found, and as many in the region
@@ -91,10 +91,9 @@ struct Suite {
 /// outside the suite's folder; a solver or a case that there is not).
 Suite load_suite(const std::string& path);
 
-/// A way to bake a case, and which light its field holds.
+/// A way to bake a case.
 struct SuiteSolver {
     std::string name;
-    LightPaths light;
     std::function<Volume(const Scene&, const SuiteOptions&, Progress&)> bake;
 };
 

@@ -21,10 +21,8 @@ glm::ivec3 cell_of(const Grid& grid, size_t index) {
     return {int(index % nx), int(index / nx % ny), int(index / (nx * ny))};
 }
 
-/// Adds what paths of these rules carry to `field`; the noise becomes that of the sum.
-void add_traced(const PathRules& rules, const Scene& scene, const Visibility& visibility,
-                std::span<const size_t> cells, const SuiteTracing& settings, Progress& progress,
-                TruthField& field) {
+void trace(const Scene& scene, const Visibility& visibility, std::span<const size_t> cells,
+           const SuiteTracing& settings, Progress& progress, TruthField& field) {
     const Grid& grid = field.volume.grid;
     std::vector<glm::vec3> points;
     std::vector<uint64_t> keys;
@@ -33,7 +31,7 @@ void add_traced(const PathRules& rules, const Scene& scene, const Visibility& vi
         keys.push_back(cell);
     }
     ReferenceSettings reference;
-    reference.paths = rules;
+    reference.paths = {settings.bounces, true};
     reference.sh_order = suite_truth_order;
     reference.rays = settings.rays;
     reference.noise = settings.noise;
@@ -42,8 +40,8 @@ void add_traced(const PathRules& rules, const Scene& scene, const Visibility& vi
                      keys, reference, progress);
     for (size_t k = 0; k < traced.sh.size(); ++k)
         for (size_t i = 0; i < cells.size(); ++i)
-            field.volume.sh[k][cells[i]] += traced.sh[k][i];
-    field.noise = std::hypot(field.noise, traced.noise);
+            field.volume.sh[k][cells[i]] = traced.sh[k][i];
+    field.noise = traced.noise;
 }
 
 } // namespace
@@ -74,13 +72,11 @@ std::array<double, sh_count(suite_truth_order)> polygon_light(std::span<const gl
     return light;
 }
 
-double furnace_luminance(const FurnaceTruth& furnace, const LightPaths& paths) {
-    if (!paths.reflects_emitters)
-        return furnace.emission;
-    if (!paths.bounces)
+double furnace_luminance(const FurnaceTruth& furnace, std::optional<int> bounces) {
+    if (!bounces)
         return furnace.emission / (1.0 - furnace.albedo);
     double sum = 0.0;
-    for (int i = 0; i <= *paths.bounces; ++i)
+    for (int i = 0; i <= *bounces; ++i)
         sum += std::pow(furnace.albedo, i);
     return furnace.emission * sum;
 }
@@ -98,9 +94,9 @@ TruthField find_truth(const SuiteTruth& truth, const Scene& scene, const Visibil
     for (const size_t cell : cells)
         volume.validity[cell] = 1.0f;
 
-    const LightPaths& paths = settings.paths;
     if (const auto* furnace = std::get_if<FurnaceTruth>(&truth)) {
-        const double c0 = furnace_luminance(*furnace, paths) * std::sqrt(4.0 * std::numbers::pi);
+        const double c0 =
+            furnace_luminance(*furnace, settings.bounces) * std::sqrt(4.0 * std::numbers::pi);
         const float across = 2.0f * glm::distance(visibility.lo(), visibility.hi())
                              + 2.0f * float(std::max({grid.dims.x, grid.dims.y, grid.dims.z}));
         for (const size_t cell : cells) {
@@ -115,13 +111,8 @@ TruthField find_truth(const SuiteTruth& truth, const Scene& scene, const Visibil
             for (size_t k = 0; k < light.size(); ++k)
                 volume.sh[k][cell] = glm::vec3(float(polygon->luminance * light[k]));
         }
-    } else if (std::holds_alternative<NoTruth>(truth)) {
-    } else if (paths.reflects_emitters || !has_emitters(scene)) {
-        add_traced({paths.bounces, true}, scene, visibility, cells, settings, progress, field);
-    } else { // what a path of no reflection carries is the emitters' direct light
-        add_traced({0, true}, scene, visibility, cells, settings, progress, field);
-        if (!scene.lights.empty())
-            add_traced({paths.bounces, false}, scene, visibility, cells, settings, progress, field);
+    } else if (std::holds_alternative<TracedTruth>(truth)) {
+        trace(scene, visibility, cells, settings, progress, field);
     }
     return field;
 }

@@ -14,14 +14,6 @@
 
 namespace lpvbake {
 
-/// Which light a solver's field holds.
-struct LightPaths {
-    std::optional<int> bounces = 1; ///< reflections at most; none: all
-    /// Light of emissive surfaces is reflected as often as that of punctual ones; otherwise it is
-    /// there directly alone.
-    bool reflects_emitters = true;
-};
-
 /// Path-traced.
 struct TracedTruth {};
 
@@ -53,13 +45,13 @@ inline constexpr int suite_truth_order = sh_max_order;
 std::array<double, sh_count(suite_truth_order)> polygon_light(std::span<const glm::dvec3> corners,
                                                               glm::dvec3 point);
 
-/// emission (1 + albedo + albedo^2 + ...), as many terms as the paths have reflections.
-double furnace_luminance(const FurnaceTruth& furnace, const LightPaths& paths);
+/// emission (1 + albedo + albedo^2 + ...) with `bounces` reflections; none: all.
+double furnace_luminance(const FurnaceTruth& furnace, std::optional<int> bounces);
 
 struct SuiteTracing {
-    LightPaths paths;
-    uint64_t rays = 4096; ///< from each cell at most
-    double noise = 0.01;  ///< stop at this relative standard error of irradiance
+    std::optional<int> bounces = 1; ///< reflections at most; none: all
+    uint64_t rays = 4096;           ///< from each cell at most
+    double noise = 0.01;            ///< stop at this relative standard error of irradiance
 };
 
 struct TruthField {

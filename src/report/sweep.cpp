@@ -51,16 +51,52 @@ bool set_occlusion(const std::string& text, BakeSettings& settings) {
     return false;
 }
 
+bool set_solver(const std::string& text, BakeSettings& settings) {
+    for (const Solver solver : {Solver::lpv, Solver::gather})
+        if (text == name_of(solver)) {
+            settings.solver = solver;
+            settings.bounces = default_bounces(solver);
+            return true;
+        }
+    return false;
+}
+
+bool set_bounces(const std::string& text, BakeSettings& settings) {
+    const std::optional<int> bounces = number_in(text, 0, 10'000);
+    settings.bounces = bounces;
+    return bounces || text == "inf";
+}
+
+bool set_quality_by_name(const std::string& text, BakeSettings& settings) {
+    constexpr std::pair<const char*, Quality> qualities[] = {
+        {"fast", Quality::fast}, {"balanced", Quality::balanced}, {"accurate", Quality::accurate}};
+    for (const auto& [name, quality] : qualities)
+        if (text == name) {
+            set_quality(quality, settings);
+            return true;
+        }
+    return false;
+}
+
 const std::vector<Option>& options() {
     static const std::vector<Option> all = {
-        {"solver", "lpv", [](const std::string& text, BakeSettings&) { return text == "lpv"; }},
+        {"solver", "lpv, gather", set_solver},
+        {"bounces", "whole numbers from 0 to 10000, inf", set_bounces},
+        {"quality", "fast, balanced, accurate", set_quality_by_name},
+        {"sh-order", "1, 2, 4",
+         number(1, 4, [](BakeSettings& s) -> int& { return s.gather.order; })},
+        {"vpls", "whole numbers from 16 to 1000000",
+         number(16, 1'000'000, [](BakeSettings& s) -> int& { return s.gather.vpls; })},
         {"resolution", "whole numbers from 3 to 65536",
          number(3, 65536, [](BakeSettings& s) -> int& { return s.grid.resolution; })},
         {"occlusion", "none, sh, face", set_occlusion},
         {"iterations", "whole numbers from 0 to 1000000",
          number(0, 1'000'000, [](BakeSettings& s) -> int& { return s.lpv.iterations; })},
         {"tolerance", "numbers from 1e-7 to 1",
-         number(1e-7f, 1.0f, [](BakeSettings& s) -> float& { return s.lpv.tolerance; })},
+         number(1e-7f, 1.0f,
+                [](BakeSettings& s) -> float& {
+                    return s.solver == Solver::lpv ? s.lpv.tolerance : s.gather.tolerance;
+                })},
         {"rsm-size", "whole numbers from 0 to 16384",
          number(0, 16384, [](BakeSettings& s) -> int& { return s.rsm_size; })},
         {"rsm-kernel", "whole numbers from 1 to 64",
@@ -102,6 +138,10 @@ std::vector<Sweep> default_sweeps() {
         {{"solver", {"lpv"}},
          {"resolution", {"16", "32", "64"}},
          {"occlusion", {"none", "sh", "face"}}},
+        {{"solver", {"gather"}},
+         {"bounces", {"1"}},
+         {"resolution", {"16", "32", "64"}},
+         {"quality", {"fast", "balanced", "accurate"}}},
         {{"solver", {"lpv"}},
          {"resolution", {"32"}},
          {"occlusion", {"face"}},

@@ -35,8 +35,9 @@ std::vector<std::string> sweep_options();
 /// takes.
 void check_sweep_value(const std::string& option, const std::string& value);
 
-/// Each occlusion mode of lpv at 16, 32 and 64 cells; and at 32 cells a propagation that is cut
-/// off after 16 steps, and reflective shadow maps of a quarter of the usual texels.
+/// Each occlusion mode of lpv and each quality of gather at 16, 32 and 64 cells, one bounce; and at
+/// 32 cells a propagation that is cut off after 16 steps, and reflective shadow maps of a quarter
+/// of the usual texels.
 std::vector<Sweep> default_sweeps();
 
 /// The rows of all sweeps in order, the last axis of each running fastest; a row that was there

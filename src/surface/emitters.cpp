@@ -34,9 +34,17 @@ void emit_vpls(const LitSurfaces& surfaces, const Frame& frame, std::vector<Vpl>
             || glm::any(glm::greaterThan(patch.position, glm::vec3(frame.extent))))
             continue;
         const double area = double(patch.area) * double(patch.alpha) * frame.unit * frame.unit;
-        if (area > 0.0)
-            vpls.push_back({patch.position, i % 2 ? -patch.normal : patch.normal,
-                            glm::vec3(glm::pi<double>() * area * glm::dvec3(luminance))});
+        if (!(area > 0.0))
+            continue;
+        // The four halves of its halves: a patch is as large as a cell, and may lie before several.
+        static constexpr glm::vec2 parts[] = {{1.0f / 6.0f, 1.0f / 6.0f},
+                                              {2.0f / 3.0f, 1.0f / 6.0f},
+                                              {1.0f / 6.0f, 2.0f / 3.0f},
+                                              {1.0f / 3.0f, 1.0f / 3.0f}};
+        const glm::vec3 power{0.25 * glm::pi<double>() * area * glm::dvec3(luminance)};
+        for (const glm::vec2 part : parts)
+            vpls.push_back({patch.crossed ? patch.position : patch.at(part),
+                            i % 2 ? -patch.normal : patch.normal, power});
     }
 }
 

@@ -8,7 +8,8 @@
 
 namespace lpvbake {
 
-/// Appends a VPL of power pi * L * A (lm) for each side of a patch in the grid that light leaves.
+/// Appends VPLs for each side of a patch in the grid that light leaves, four that share its power
+/// of pi * L * A (lm).
 void emit_vpls(const LitSurfaces& surfaces, const Frame& frame, std::vector<Vpl>& vpls);
 
 /// Appends the sky's light where it enters the grid: a VPL on each outer face of a border cell, as

@@ -46,6 +46,19 @@ json lpv_furnace(double stairs) {
     return {{"error", 0.6}, {"energy", {1.2 / stairs, 1.5}}, {"negative", 0.3}};
 }
 
+/// Of solvers that keep directions: what is exact but for the grid. Invariances and leaks are as
+/// for lpv, where it is bound to them.
+json exact(const json& lpv) {
+    json limits{{"negative", 0.3}};
+    if (lpv.contains("error") || lpv.contains("energy"))
+        limits.update({{"error", 0.1}, {"energy", {0.97, 1.02}}});
+    if (lpv.contains("leak"))
+        limits["leak"] = lpv["leak"][1] == 0 ? lpv["leak"] : json{0.95, 1.05};
+    if (lpv.contains("same"))
+        limits["same"] = std::min(lpv["same"].get<double>(), 0.02);
+    return limits;
+}
+
 /// The cases of one file, written as they are added.
 struct Writer {
     std::string folder;
@@ -57,7 +70,7 @@ struct Writer {
         write_gltf(scene, folder + "/" + name + ".gltf");
         json c{{"name", name}, {"reason", reason}, {"scene", name + ".gltf"}};
         c.update(extra);
-        c["limits"] = {{"lpv", std::move(lpv)}};
+        c["limits"] = {{"lpv", lpv}, {"gather", exact(lpv)}};
         c["cheap"] = cheap;
         cases.push_back(std::move(c));
     }

@@ -234,7 +234,7 @@ TEST(Truth, AFurnaceIsTheSameFromAllSidesAndOnItsWalls) {
     const Scene scene = scenes::furnace(1.0f, 0.5f, 10.0f); // 20 nits everywhere
     const Frame frame{glm::dvec3(0), 0.125, glm::dvec3(8)};
     const Visibility visibility(scene, frame);
-    const FieldRules rules = {{std::nullopt, true}};
+    const PathRules rules = {std::nullopt, true};
     const TruthSettings settings{0.01, 1 << 14, 3};
     Progress silent;
     const std::vector<glm::vec3> points = {{4, 4, 4}, {1.5f, 6, 2}};
@@ -255,35 +255,11 @@ TEST(Truth, AFurnaceIsTheSameFromAllSidesAndOnItsWalls) {
 }
 
 TEST(Truth, RulesAreThoseOfTheBake) {
-    Scene scene = scenes::furnace(1.0f, 0.5f, 10.0f);
     BakeSettings settings;
-    EXPECT_EQ(field_rules(scene, settings), (FieldRules{{0, true}}));
-    scene.lights.push_back(scenes::sun({0, -1, 0}, 1000));
-    EXPECT_EQ(field_rules(scene, settings), (FieldRules{{1, false}, {0, true}}));
+    EXPECT_EQ(field_rules(settings), (PathRules{1, true}));
+    settings.bounces = std::nullopt;
     settings.emitters = false;
-    EXPECT_EQ(field_rules(scene, settings), (FieldRules{{1, false}}));
-}
-
-TEST(Truth, TwoRulesAddUp) {
-    // Below a lamp and a sun, the field of both is the sum of the fields of each.
-    Scene scene = scenes::floor_quad(2.0f, glm::vec3(0.5f));
-    const int lamp = scenes::add_material(scene, glm::vec3(0.0f), glm::vec3(100.0f));
-    scenes::add_quad(scene, lamp, {-0.5f, 2, -0.5f}, {1, 0, 0}, {0, 0, 1});
-    const Frame frame{glm::dvec3(-1, 0, -1), 0.25, glm::dvec3(8)};
-    const Visibility visibility(scene, frame);
-    scene.lights.push_back(scenes::sun({0.3, -1, 0.1}, 1000));
-    const std::vector<glm::vec3> points = {{4, 3, 4}, {2, 2, 5}};
-    Progress silent;
-    const auto trace = [&](const FieldRules& rules) {
-        return trace_truth(scene, visibility, frame, points, {}, rules, {0.01, 1 << 14, 1}, silent);
-    };
-    const Truth both = trace({{1, false}, {0, true}}), sun = trace({{1, false}}),
-                lamp_only = trace({{0, true}});
-    for (std::size_t i = 0; i < both.irradiance.size(); ++i)
-        EXPECT_NEAR(both.irradiance[i].x, sun.irradiance[i].x + lamp_only.irradiance[i].x,
-                    0.05 * 1000);
-    EXPECT_GT(lamp_only.irradiance[13].x + sun.irradiance[13].x, 0);
-    EXPECT_EQ(both.rays, sun.rays + lamp_only.rays);
+    EXPECT_EQ(field_rules(settings), (PathRules{std::nullopt, false}));
 }
 
 // ---------------------------------------------------------------- what is written

@@ -24,6 +24,7 @@ std::vector<Emitter> emitters_of(const LitSurfaces& surfaces) {
             e.power = (e.luminance.x + e.luminance.y + e.luminance.z) * patch.area;
             if (!(e.power > 0.0f))
                 continue;
+            e.crossed = patch.crossed;
             e.normal = side == 0 ? patch.normal : -patch.normal;
             e.a = patch.position - (patch.edge_u + patch.edge_v) / 3.0f;
             e.b = e.a + patch.edge_u;
@@ -148,7 +149,9 @@ private:
 } // namespace
 
 glm::vec3 Emitter::point(glm::vec2 u) const {
-    const float root = std::sqrt(u.x);
+    const float root = std::sqrt(crossed ? 4.0f / 9.0f : u.x);
+    if (crossed)
+        u.y = 0.5f;
     const glm::vec3 p = a + root * (1.0f - u.y) * (b - a) + root * u.y * (c - a);
     return p + 2.0f * lift_of(p) * normal;
 }

@@ -14,8 +14,10 @@ struct Emitter {
     glm::vec3 normal;    ///< unit, to where the light goes
     glm::vec3 luminance; ///< nits, times the covered share
     float power;         ///< sum of the luminance's channels times the area
+    bool crossed;        ///< Patch::crossed
 
-    /// Lifted off the surface; u in [0, 1)^2 spreads evenly over the triangle.
+    /// Lifted off the surface; u in [0, 1)^2 spreads evenly over the triangle. Where something
+    /// crosses it, its centroid: the light is that of there, and must not start behind a wall.
     glm::vec3 point(glm::vec2 u) const;
 };
 
