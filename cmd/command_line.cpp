@@ -51,9 +51,9 @@ bool has_extension(const std::string& path, const char* extension) {
 void apply_config(CLI::App& app, const std::string& path) {
     for (const ConfigEntry& entry : read_config(path, app.get_name())) {
         const std::string place = path + ":" + std::to_string(entry.line) + ": ";
-        CLI::Option* option = app.get_option_no_throw("--" + entry.key);
+        CLI::Option* option = app.get_option_no_throw(entry.key); // a positional comes first
         if (!option)
-            option = app.get_option_no_throw(entry.key);
+            option = app.get_option_no_throw("--" + entry.key);
         if (!option || !option->get_configurable())
             throw Error(ExitCode::usage, place + "'" + entry.key + "' is not an option of "
                                              + app.get_name() + " that a file can set");

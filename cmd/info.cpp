@@ -2,10 +2,12 @@
 
 #include "commands.h"
 #include "error.h"
+#include "image/image.h"
 #include "io/io.h"
 #include "io/layout.h"
 #include "io/slice.h"
 #include "scene/gltf/load.h"
+#include "scene_options.h"
 #include "slice_option.h"
 #include "terminal.h"
 
@@ -39,9 +41,11 @@ Examples:
   lpvbake info room.exr --format json
   lpvbake info room.vdb --slice z=16 -o slice.png
 
-JSON of a scene: {"command": "info", "file", "kind": "scene", "triangles", "meshes", "instances",
-"bounds": {"lo", "hi"} or null, "materials": {"count", "emissive", "mask", "blend",
-"double_sided"}, "textures", "images": [{"name", "width", "height"}], "emitters", "lights":
+JSON of a scene: {"command": "info", "file", "kind": "scene", "generator", "extensions":
+{"used", "required"}, "scenes": [NAME], "animations": [{"name", "duration"}], "variants": [NAME],
+"triangles", "meshes", "instances", "bounds": {"lo", "hi"} or null, "materials": {"count",
+"emissive", "mask", "blend", "double_sided", "list": [{"name", "base_color",
+"base_color_texture", "emission", "alpha", "double_sided"}]}, "textures", "images": [{"name", "width", "height"}], "emitters", "lights":
 [{"type", "name", "color", "intensity", "unit", "position", "direction", "range", "inner_cone",
 "outer_cone"}], "cameras": [{"name", "yfov", "aspect", "position"}], "warnings"}.
 JSON of a volume: {"command": "info", "file", "kind": "volume", "grid": {"dims", "cell",
@@ -50,6 +54,7 @@ JSON of a volume: {"command": "info", "file", "kind": "volume", "grid": {"dims",
 
 struct InfoOptions {
     std::string file;
+    LoadOptions load;
     std::string slice;
     std::string output;
     float white = 0; ///< nits; 0: the slice's own
@@ -65,6 +70,10 @@ void print_json(const Json& document) {
 }
 
 // ---------------------------------------------------------------- scenes
+
+const char* alpha_name(AlphaMode mode) {
+    return mode == AlphaMode::mask ? "mask" : mode == AlphaMode::blend ? "blend" : "opaque";
+}
 
 const char* type_name(LightType type) {
     return type == LightType::directional ? "directional"
@@ -87,27 +96,47 @@ void print_scene(const InfoOptions& o, const Scene& scene) {
     const bool emitters = has_emitters(scene);
 
     if (o.format == "json") {
-        Json document{{"command", "info"},
-                      {"file", o.file},
-                      {"kind", "scene"},
-                      {"triangles", triangles},
-                      {"meshes", scene.meshes.size()},
-                      {"instances", scene.instances.size()},
-                      {"bounds", nullptr},
-                      {"materials",
-                       {{"count", scene.materials.size()},
-                        {"emissive", emissive},
-                        {"mask", mask},
-                        {"blend", blend},
-                        {"double_sided", two_sided}}},
-                      {"textures", scene.textures.size()},
-                      {"images", Json::array()},
-                      {"emitters", emitters},
-                      {"lights", Json::array()},
-                      {"cameras", Json::array()},
-                      {"warnings", scene.warnings}};
+        Json document{
+            {"command", "info"},
+            {"file", o.file},
+            {"kind", "scene"},
+            {"generator", scene.file.generator},
+            {"extensions",
+             {{"used", scene.file.extensions_used}, {"required", scene.file.extensions_required}}},
+            {"scenes", scene.file.scenes},
+            {"animations", Json::array()},
+            {"variants", scene.file.variants},
+            {"triangles", triangles},
+            {"meshes", scene.meshes.size()},
+            {"instances", scene.instances.size()},
+            {"bounds", nullptr},
+            {"materials",
+             {{"count", scene.materials.size()},
+              {"emissive", emissive},
+              {"mask", mask},
+              {"blend", blend},
+              {"double_sided", two_sided},
+              {"list", Json::array()}}},
+            {"textures", scene.textures.size()},
+            {"images", Json::array()},
+            {"emitters", emitters},
+            {"lights", Json::array()},
+            {"cameras", Json::array()},
+            {"warnings", scene.warnings}};
         if (!bounds.empty())
             document["bounds"] = {{"lo", to_json(bounds.lo)}, {"hi", to_json(bounds.hi)}};
+        for (const SceneFile::Animation& animation : scene.file.animations)
+            document["animations"].push_back(
+                {{"name", animation.name}, {"duration", animation.duration}});
+        for (const Material& m : scene.materials)
+            document["materials"]["list"].push_back(
+                {{"name", m.name},
+                 {"base_color", {m.base_color.r, m.base_color.g, m.base_color.b, m.base_color.a}},
+                 {"base_color_texture",
+                  m.base_color_texture < 0 ? Json(nullptr) : Json(m.base_color_texture)},
+                 {"emission", to_json(m.emission)},
+                 {"alpha", alpha_name(m.alpha_mode)},
+                 {"double_sided", m.double_sided}});
         for (const Image& image : scene.images)
             document["images"].push_back(
                 {{"name", image.name}, {"width", image.width}, {"height", image.height}});
@@ -139,6 +168,24 @@ void print_scene(const InfoOptions& o, const Scene& scene) {
     }
 
     std::printf("scene      %s\n", o.file.c_str());
+    if (!scene.file.generator.empty())
+        std::printf("generator  %s\n", scene.file.generator.c_str());
+    const auto print_names = [](const char* title, const std::vector<std::string>& names) {
+        for (std::size_t i = 0; i < names.size(); ++i)
+            std::printf("%-9s  %zu \"%s\"\n", i == 0 ? title : "", i, names[i].c_str());
+    };
+    for (const std::string& name : scene.file.extensions_used) {
+        const auto& required = scene.file.extensions_required;
+        const bool is_required =
+            std::find(required.begin(), required.end(), name) != required.end();
+        std::printf("extension  %s%s\n", name.c_str(), is_required ? " (required)" : "");
+    }
+    if (scene.file.scenes.size() > 1)
+        print_names("scenes", scene.file.scenes);
+    print_names("variants", scene.file.variants);
+    for (std::size_t i = 0; i < scene.file.animations.size(); ++i)
+        std::printf("animation  %zu \"%s\", %.4g s\n", i, scene.file.animations[i].name.c_str(),
+                    scene.file.animations[i].duration);
     std::printf("triangles  %llu in %zu placed meshes (%zu different)\n",
                 static_cast<unsigned long long>(triangles), scene.instances.size(),
                 scene.meshes.size());
@@ -298,7 +345,12 @@ void run(const InfoOptions& o) {
     if (extension == ".gltf" || extension == ".glb") {
         if (!o.slice.empty())
             throw Error(ExitCode::usage, "--slice: " + o.file + " is a scene, not a volume");
-        const Scene scene = load_gltf(o.file, {});
+        ImageModulePreload preload;
+        SceneOptions scene_options;
+        scene_options.scene = o.file;
+        if (mentions_images(scene_options))
+            preload = preload_image_module();
+        const Scene scene = load_gltf(o.file, load_settings(o.load));
         for (const std::string& warning : scene.warnings)
             std::fprintf(stderr, "lpvbake: warning: %s\n", warning.c_str());
         print_scene(o, scene);
@@ -337,6 +389,8 @@ void add_info(CLI::App& root, Action& action) {
                                                         : "'" + text + "' is none of text|json";
             },
             ""));
+    OptionList list(*app);
+    add_load_options(list, options->load);
     app->callback([&action, options] { action = [options] { run(*options); }; });
 }
 

@@ -2,11 +2,12 @@
 
 #include "error.h"
 #include "scene/gltf/light_file.h"
-#include "scene/gltf/load.h"
 #include "scene/lights.h"
 #include "scene_hash.h"
 
+#include <cctype>
 #include <cerrno>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -53,6 +54,25 @@ CLI::Validator bounces_or_inf() {
             ""};
 }
 
+/// Bytes of "1500", "512M", "4G", "0.5T".
+uint64_t parse_bytes(const char* option, const std::string& text) {
+    constexpr std::string_view units = "KMGT";
+    std::string digits = text;
+    int shift = 0;
+    if (const size_t unit =
+            text.empty() ? std::string_view::npos
+                         : units.find(char(std::toupper(static_cast<unsigned char>(text.back()))));
+        unit != std::string_view::npos) {
+        digits.pop_back();
+        shift = 10 * (int(unit) + 1);
+    }
+    const std::optional<double> value = parse_number(digits);
+    if (!value || !(*value > 0) || !(std::ldexp(*value, shift) < 0x1p62))
+        throw Error(ExitCode::usage,
+                    std::string(option) + ": '" + text + "' is not a size such as 512M or 4G");
+    return uint64_t(std::ldexp(*value, shift));
+}
+
 } // namespace
 
 void add_bounces_option(OptionList& list, std::string& bounces) {
@@ -65,6 +85,36 @@ void add_bounces_option(OptionList& list, std::string& bounces) {
 
 std::optional<int> bounces_of(const std::string& option) {
     return option == "inf" ? std::nullopt : std::optional(std::atoi(option.c_str()));
+}
+
+void add_load_options(OptionList& list, LoadOptions& o) {
+    list.group("Scene");
+    list.text("--scene,--scene-name", o.scene_name, "NAME|INDEX",
+              "Scene of the file; default: the one that the file names");
+    list.text("--animation", o.animation, "NAME|INDEX",
+              "Pose the scene by an animation; default: none, the first\nwhere --time is given");
+    list.text("--time", o.time, "SECONDS", "Time of the animation; default: 0");
+    list.text("--variant", o.variant, "NAME|INDEX", "Material variant of the file");
+    list.flag("--strict", o.strict, "Take warnings of the scene for errors");
+    list.flag("--allow-external", o.allow_external, "Let the scene read files outside its folder");
+    list.text("--max-memory", o.max_memory, "SIZE", "Memory that loading the scene may take")
+        ->capture_default_str();
+}
+
+LoadSettings load_settings(const LoadOptions& o) {
+    LoadSettings settings;
+    settings.scene = o.scene_name;
+    settings.animation = o.animation;
+    if (!o.time.empty()) {
+        settings.time = parse_number(o.time);
+        if (!settings.time)
+            throw Error(ExitCode::usage, "--time: '" + o.time + "' is not a number of seconds");
+    }
+    settings.variant = o.variant;
+    settings.strict = o.strict;
+    settings.allow_external = o.allow_external;
+    settings.max_memory = parse_bytes("--max-memory", o.max_memory);
+    return settings;
 }
 
 CLI::Option* add_grid_options(OptionList& list, SceneOptions& o) {
@@ -102,6 +152,7 @@ void add_run_options(OptionList& list, RunOptions& o) {
 }
 
 void add_light_options(OptionList& list, SceneOptions& o) {
+    add_load_options(list, o.load);
     list.group("Light");
     list.list("--sun", o.suns, "AZIMUTH,ELEVATION,LUX[,COLOUR]",
               "Directional light: where it stands, degrees from +Z towards +X and\n"
@@ -145,6 +196,18 @@ void append_grid_settings(const SceneOptions& o, std::vector<Setting>& settings)
 }
 
 void append_light_settings(const SceneOptions& o, std::vector<Setting>& settings) {
+    const LoadOptions standard;
+    const auto add = [&](const char* name, const std::string& value, const std::string& usual) {
+        settings.push_back({name, toml_string(value), value != usual});
+    };
+    add("scene-name", o.load.scene_name, standard.scene_name);
+    add("animation", o.load.animation, standard.animation);
+    add("time", o.load.time, standard.time);
+    add("variant", o.load.variant, standard.variant);
+    // Textures are halved to fit into memory, so that it may show in the result.
+    add("max-memory", o.load.max_memory, standard.max_memory);
+    settings.push_back({"strict", toml_flag(o.load.strict), false});
+    settings.push_back({"allow-external", toml_flag(o.load.allow_external), false});
     settings.insert(settings.end(), {
                                         {"sun", toml_array(o.suns), true},
                                         {"point", toml_array(o.points), true},
@@ -180,8 +243,9 @@ std::vector<Light> command_line_lights(const SceneOptions& o) {
 }
 
 Scene load_scene(const SceneOptions& o, const std::vector<Light>& lights) {
-    Scene scene =
-        load_gltf(o.scene, {float(o.max_albedo), o.metallic == "black", o.backfaces == "cull"});
+    LoadSettings settings = load_settings(o.load);
+    settings.rules = {float(o.max_albedo), o.metallic == "black", o.backfaces == "cull"};
+    Scene scene = load_gltf(o.scene, settings);
     if (o.no_scene_lights)
         scene.lights.clear();
     scene.lights.insert(scene.lights.end(), lights.begin(), lights.end());

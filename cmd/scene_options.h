@@ -4,6 +4,7 @@
 #include "command_line.h"
 #include "io/io.h"
 #include "result.h"
+#include "scene/gltf/load.h"
 #include "scene/scene.h"
 #include "terminal.h"
 #include "volume/grid.h"
@@ -18,9 +19,24 @@
 
 namespace lpvbake {
 
+/// What of the scene's file is taken, and how strictly it is read.
+struct LoadOptions {
+    std::string scene_name;
+    std::string animation;
+    std::string time; ///< seconds; empty: not given
+    std::string variant;
+    bool strict = false;
+    bool allow_external = false;
+    std::string max_memory = "4G";
+};
+void add_load_options(OptionList& list, LoadOptions& o);
+/// Throws Error (usage).
+LoadSettings load_settings(const LoadOptions& o);
+
 /// Scene, grid and light as given.
 struct SceneOptions {
     std::string scene;
+    LoadOptions load;
     int resolution = 32;
     double cell_size = 0;
     std::string bounds;
@@ -41,6 +57,7 @@ CLI::Option* add_grid_options(OptionList& list, SceneOptions& o);
 void add_bounces_option(OptionList& list, std::string& bounces);
 /// None: "inf".
 std::optional<int> bounces_of(const std::string& option);
+/// Begins with add_load_options.
 void add_light_options(OptionList& list, SceneOptions& o);
 
 /// Applies the file `config` unless it is empty. --resolution and --cell-size replace each other:

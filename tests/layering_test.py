@@ -41,6 +41,8 @@ DRIVER = ["src/bake.h", "src/bake.cpp", "src/plan.cpp"]  # may include everythin
 PACKAGES = {  # start of the header's name -> where it may be included
     "openvdb/": "src/io/",
     "tiny_gltf": "src/scene/gltf/",
+    "draco/": "src/scene/gltf/",
+    "meshoptimizer": "src/scene/gltf/",
     "CLI/": "cmd/",
     "embree": "src/visibility/",
     "OpenImageIO/": "src/image/",

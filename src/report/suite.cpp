@@ -161,7 +161,7 @@ private:
     static Scene load(const SuiteCase& c) {
         MaterialRules rules;
         rules.max_albedo = float(c.options.max_albedo);
-        return load_gltf(c.scene, rules);
+        return load_gltf(c.scene, {.rules = rules});
     }
 
     static std::vector<size_t> wanted(const SuiteCase& c, const SuiteCells& cells) {

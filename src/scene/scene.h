@@ -99,8 +99,23 @@ struct Sky {
     glm::vec3 luminance{0.0f}; ///< nits
 };
 
+/// What a scene's file says of itself, beyond what is taken from it.
+struct SceneFile {
+    struct Animation {
+        std::string name;
+        double duration = 0.0; ///< seconds
+    };
+    std::string generator; ///< the program that wrote it
+    std::vector<std::string> extensions_used;
+    std::vector<std::string> extensions_required;
+    std::vector<std::string> scenes; ///< names, by index; empty where there is none
+    std::vector<std::string> variants;
+    std::vector<Animation> animations;
+};
+
 struct Scene {
     std::string path;
+    SceneFile file;
     std::vector<Image> images;
     std::vector<Texture> textures;
     std::vector<Material> materials;
@@ -110,7 +125,7 @@ struct Scene {
     std::vector<Camera> cameras;
     Sky sky;
     MaterialRules rules;
-    std::vector<std::string> warnings; ///< one line each; names the place
+    std::vector<std::string> warnings; ///< one line each: file, place, what, remedy
 };
 
 /// Axis-aligned box in world space, metres. Empty while lo > hi.

@@ -277,6 +277,15 @@ TEST_F(Cli, ConfigFileRoundTrips) {
                                              "--bounds=-1,0,-1,1,2,1",
                                              "--margin",
                                              "2",
+                                             "--scene",
+                                             "1",
+                                             "--animation",
+                                             "walk",
+                                             "--time",
+                                             "0.5",
+                                             "--max-memory",
+                                             "1G",
+                                             "--strict",
                                              "--sun",
                                              "10,20,3e4,#ffeedd",
                                              "--sun",
@@ -335,7 +344,7 @@ TEST_F(Cli, ConfigFileRoundTrips) {
         const std::size_t at = line.find("--");
         if (at == std::string::npos || line.substr(0, 2) != "  " || at > 5)
             continue;
-        const std::string name = line.substr(at + 2, line.find_first_of(" =", at) - at - 2);
+        const std::string name = line.substr(at + 2, line.find_first_of(" =,", at) - at - 2);
         if (name == "help" || name == "config" || name == "print-config" || name == "dry-run"
             || name == "resolution") // --cell-size took its place
             continue;

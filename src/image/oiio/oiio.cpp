@@ -1,6 +1,7 @@
 // The image module: everything that sees OpenImageIO. Images pass through memory, so that files,
 // their errors and their atomicity are the business of those who own them.
 #include "error.h"
+#include "image/header.h"
 #include "image/oiio/module.h"
 
 #include <OpenImageIO/filesystem.h>
@@ -30,47 +31,6 @@ std::string one_line(std::string text) {
     return text.empty() ? "no reason given" : text;
 }
 
-int byte_at(std::span<const std::byte> data, size_t i) {
-    return i < data.size() ? std::to_integer<int>(data[i]) : 0;
-}
-
-uint64_t big_endian(std::span<const std::byte> data, size_t at, int bytes) {
-    uint64_t value = 0;
-    for (int i = 0; i < bytes; ++i)
-        value = value << 8 | unsigned(byte_at(data, at + size_t(i)));
-    return value;
-}
-
-bool starts_with(std::span<const std::byte> data, size_t at, std::string_view magic) {
-    for (size_t i = 0; i < magic.size(); ++i)
-        if (at + i >= data.size() || char(byte_at(data, at + i)) != magic[i])
-            return false;
-    return true;
-}
-
-/// Texels that a JPEG's frame header (marker SOFn, ITU T.81 B.2.2) announces; 0 if there is none.
-uint64_t jpeg_texels(std::span<const std::byte> data) {
-    size_t at = 2;
-    while (at + 9 < data.size()) {
-        if (byte_at(data, at) != 0xff)
-            return 0;
-        const int marker = byte_at(data, at + 1);
-        if (marker == 0xff) { // fill byte
-            ++at;
-            continue;
-        }
-        const bool frame =
-            marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc;
-        if (frame)
-            return big_endian(data, at + 5, 2) * big_endian(data, at + 7, 2);
-        if (marker == 0xda || marker == 0xd9) // image data or the end, and no frame before it
-            return 0;
-        const bool alone = marker == 0x01 || (marker >= 0xd0 && marker <= 0xd8);
-        at += 2 + (alone ? 0 : big_endian(data, at + 2, 2));
-    }
-    return 0;
-}
-
 /// A PNG reduced to the chunks that make its picture. Without the others libpng has nothing to warn
 /// about on stderr and no compressed text or profile to unpack.
 std::vector<std::byte> picture_chunks(std::span<const std::byte> png, const std::string& name) {
@@ -81,29 +41,13 @@ std::vector<std::byte> picture_chunks(std::span<const std::byte> png, const std:
             reject(name, "the image cannot be decoded: the PNG data end early");
         bool keep = false;
         for (const char* type : {"IHDR", "PLTE", "tRNS", "IDAT", "IEND"})
-            keep |= starts_with(png, at + 4, type);
+            keep |= has_bytes(png, at + 4, type);
         if (keep)
             kept.insert(kept.end(), png.begin() + long(at), png.begin() + long(at + length));
-        if (starts_with(png, at + 4, "IEND"))
+        if (has_bytes(png, at + 4, "IEND"))
             return kept;
         at += length;
     }
-}
-
-struct Format {
-    const char* name = nullptr; ///< OpenImageIO's
-    uint64_t texels = 0;        ///< as the header announces
-};
-
-/// Codecs may take memory for the whole image as soon as they are opened, so the size is read here.
-Format recognise(std::span<const std::byte> data) {
-    if (starts_with(data, 0, "\x89PNG\r\n\x1a\n"))
-        return {"png", big_endian(data, 16, 4) * big_endian(data, 20, 4)};
-    if (starts_with(data, 0, "\xff\xd8\xff"))
-        return {"jpeg", jpeg_texels(data)};
-    if (starts_with(data, 0, "RIFF") && starts_with(data, 8, "WEBP"))
-        return {"webp", 1}; // at most 16383 a side; checked once it is open
-    return {};
 }
 
 void check_size(uint64_t texels, uint64_t max_texels, const std::string& name) {
@@ -136,15 +80,16 @@ std::unique_ptr<ImageInput> open_input(const char* format, OIIO::Filesystem::IOM
 }
 
 Rgba8 decode(std::span<const std::byte> data, const std::string& name, uint64_t max_texels) {
-    const Format format = recognise(data);
-    if (!format.name)
+    const ImageHeader header = read_image_header(data);
+    if (!header.format)
         reject(name, "the image is neither PNG nor JPEG nor WebP; convert it to one of them");
-    check_size(format.texels, max_texels, name);
+    // Codecs may take memory for the whole image as soon as they are opened.
+    check_size(header.texels, max_texels, name);
     std::vector<std::byte> chunks;
-    if (format.name == std::string_view("png"))
+    if (header.format == std::string_view("png"))
         data = chunks = picture_chunks(data, name);
     OIIO::Filesystem::IOMemReader reader(const_cast<std::byte*>(data.data()), data.size());
-    const auto input = open_input(format.name, reader, name, max_texels);
+    const auto input = open_input(header.format, reader, name, max_texels);
     const ImageSpec& spec = input->spec();
     const size_t texels = size_t(spec.width) * size_t(spec.height);
     const size_t channels = size_t(spec.nchannels);
@@ -211,7 +156,7 @@ std::vector<unsigned char> encode_png_bytes(const Pixels& pixels, const std::str
 
 Pixels decode_exr_bytes(std::span<const std::byte> data, const std::string& name,
                         uint64_t max_texels) {
-    if (!starts_with(data, 0, "\x76\x2f\x31\x01"))
+    if (!has_bytes(data, 0, "\x76\x2f\x31\x01"))
         reject(name, "this is not an OpenEXR file");
     OIIO::Filesystem::IOMemReader reader(const_cast<std::byte*>(data.data()), data.size());
     const auto input = open_input("openexr", reader, name, max_texels);

@@ -2,6 +2,7 @@
 
 #include "error.h"
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 #include <fstream>
@@ -37,7 +38,7 @@ bool lies_below(const fs::path& folder, const fs::path& file) {
 
 } // namespace
 
-std::vector<unsigned char> read_file(const fs::path& path, const std::string& place) {
+uint64_t file_size(const fs::path& path, const std::string& place) {
     std::error_code error;
     const fs::file_status status = fs::status(path, error);
     if (!fs::exists(status))
@@ -45,12 +46,20 @@ std::vector<unsigned char> read_file(const fs::path& path, const std::string& pl
     if (!fs::is_regular_file(status))
         throw Error(ExitCode::file, place + ": is not a file");
     const uintmax_t size = fs::file_size(path, error);
+    if (error)
+        throw Error(ExitCode::file, place + ": cannot be read: " + error.message());
+    return size;
+}
+
+std::vector<unsigned char> read_file(const fs::path& path, const std::string& place,
+                                     uint64_t most) {
+    const uint64_t size = std::min(file_size(path, place), most);
     std::ifstream file(path, std::ios::binary);
-    if (error || !file)
+    if (!file)
         throw Error(ExitCode::file, place + ": cannot be opened: " + std::strerror(errno));
     std::vector<unsigned char> bytes(size);
     file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
-    if (static_cast<uintmax_t>(file.gcount()) != size)
+    if (static_cast<uint64_t>(file.gcount()) != size)
         throw Error(ExitCode::file, place + ": cannot be read to its end");
     return bytes;
 }
@@ -69,22 +78,27 @@ std::string percent_decoded(std::string_view uri) {
     return result;
 }
 
-fs::path resolve_uri(const fs::path& folder, std::string_view uri, const std::string& place) {
+fs::path resolve_uri(const fs::path& folder, std::string_view uri, const std::string& place,
+                     bool allow_external) {
     const std::string name = percent_decoded(uri);
-    const auto refuse = [&](const std::string& why) {
-        throw Error(ExitCode::invalid, place + ": \"" + std::string(uri) + "\" " + why
-                                           + "; files have to lie in the scene's folder");
+    const auto refuse = [&](const std::string& why, const char* remedy) {
+        throw Error(ExitCode::invalid,
+                    place + ": \"" + std::string(uri) + "\" " + why + "; " + remedy);
     };
+    constexpr const char* stay_inside =
+        "files have to lie in the scene's folder unless --allow-external is given";
     if (name.empty() || name.find('\0') != std::string::npos)
-        refuse("is not a file name");
+        refuse("is not a file name", "repair the file or export it again");
     if (has_scheme(uri))
-        refuse("is not a relative path");
-    if (name.front() == '/' || name.front() == '\\')
-        refuse("is an absolute path");
+        refuse("is not a relative path", "files have to lie in the scene's folder");
     const fs::path relative(name);
-    for (const fs::path& part : relative)
-        if (part == "..")
-            refuse("leads out through \"..\"");
+    if (!allow_external) {
+        if (name.front() == '/' || name.front() == '\\')
+            refuse("is an absolute path", stay_inside);
+        for (const fs::path& part : relative)
+            if (part == "..")
+                refuse("leads out through \"..\"", stay_inside);
+    }
     std::error_code error;
     const fs::path base = fs::canonical(folder.empty() ? fs::path(".") : folder, error);
     if (error)
@@ -92,8 +106,8 @@ fs::path resolve_uri(const fs::path& folder, std::string_view uri, const std::st
     const fs::path file = fs::canonical(base / relative, error);
     if (error)
         throw Error(ExitCode::file, place + ": \"" + name + "\": there is no such file");
-    if (!lies_below(base, file))
-        refuse("is a link that leads out");
+    if (!allow_external && !lies_below(base, file))
+        refuse("is a link that leads out", stay_inside);
     return file;
 }
 

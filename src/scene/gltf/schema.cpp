@@ -21,6 +21,7 @@ enum class Kind {
     string,
     index,   ///< into the array that the rule names
     indices, ///< an array of such
+    numbers, ///< an array of any length
     vec2,
     vec3,
     vec4,
@@ -36,6 +37,7 @@ struct Rule {
 };
 
 constexpr const char* lights_array = "extensions.KHR_lights_punctual.lights";
+constexpr const char* variants_array = "extensions.KHR_materials_variants.variants";
 
 constexpr Rule rules[] = {
     {"asset!", Kind::object},
@@ -50,12 +52,18 @@ constexpr Rule rules[] = {
     {"buffers[]", Kind::object},
     {"buffers[].byteLength!", Kind::size},
     {"buffers[].uri", Kind::string},
+    {"buffers[].extensions", Kind::object},
+    {"buffers[].extensions.EXT_meshopt_compression", Kind::object},
+    {"buffers[].extensions.EXT_meshopt_compression.fallback", Kind::boolean},
+    {"buffers[].extensions.KHR_meshopt_compression", Kind::object},
+    {"buffers[].extensions.KHR_meshopt_compression.fallback", Kind::boolean},
     {"bufferViews", Kind::array},
     {"bufferViews[]", Kind::object},
     {"bufferViews[].buffer!", Kind::index, "buffers"},
     {"bufferViews[].byteOffset", Kind::size},
     {"bufferViews[].byteLength!", Kind::size},
     {"bufferViews[].byteStride", Kind::integer},
+    {"bufferViews[].extensions", Kind::object},
     {"accessors", Kind::array},
     {"accessors[]", Kind::object},
     {"accessors[].bufferView", Kind::index, "bufferViews"},
@@ -85,9 +93,26 @@ constexpr Rule rules[] = {
     {"meshes[].primitives[].material", Kind::index, "materials"},
     {"meshes[].primitives[].mode", Kind::integer},
     {"meshes[].primitives[].targets", Kind::array},
+    {"meshes[].primitives[].targets[]", Kind::object},
+    {"meshes[].primitives[].targets[]{}", Kind::index, "accessors"},
+    {"meshes[].primitives[].extensions", Kind::object},
+    {"meshes[].primitives[].extensions.KHR_draco_mesh_compression", Kind::object},
+    {"meshes[].primitives[].extensions.KHR_draco_mesh_compression.bufferView!", Kind::index,
+     "bufferViews"},
+    {"meshes[].primitives[].extensions.KHR_draco_mesh_compression.attributes!", Kind::object},
+    {"meshes[].primitives[].extensions.KHR_draco_mesh_compression.attributes{}", Kind::integer},
+    {"meshes[].primitives[].extensions.KHR_materials_variants", Kind::object},
+    {"meshes[].primitives[].extensions.KHR_materials_variants.mappings!", Kind::array},
+    {"meshes[].primitives[].extensions.KHR_materials_variants.mappings[]", Kind::object},
+    {"meshes[].primitives[].extensions.KHR_materials_variants.mappings[].material!", Kind::index,
+     "materials"},
+    {"meshes[].primitives[].extensions.KHR_materials_variants.mappings[].variants!", Kind::indices,
+     variants_array},
+    {"meshes[].weights", Kind::numbers},
 
     {"images", Kind::array},
     {"images[]", Kind::object},
+    {"images[].name", Kind::string},
     {"images[].uri", Kind::string},
     {"images[].bufferView", Kind::index, "bufferViews"},
     {"textures", Kind::array},
@@ -97,6 +122,8 @@ constexpr Rule rules[] = {
     {"textures[].extensions", Kind::object},
     {"textures[].extensions.EXT_texture_webp", Kind::object},
     {"textures[].extensions.EXT_texture_webp.source", Kind::index, "images"},
+    {"textures[].extensions.KHR_texture_basisu", Kind::object},
+    {"textures[].extensions.KHR_texture_basisu.source", Kind::index, "images"},
     {"samplers", Kind::array},
     {"samplers[]", Kind::object},
     {"samplers[].magFilter", Kind::integer},
@@ -118,6 +145,12 @@ constexpr Rule rules[] = {
     {"materials[].extensions.KHR_materials_emissive_strength.emissiveStrength", Kind::number},
     {"materials[].extensions.KHR_materials_pbrSpecularGlossiness", Kind::object},
     {"materials[].extensions.KHR_materials_pbrSpecularGlossiness.diffuseFactor", Kind::vec4},
+    {"materials[].extensions.KHR_materials_transmission", Kind::object},
+    {"materials[].extensions.KHR_materials_transmission.transmissionFactor", Kind::number},
+    {"extensions.KHR_materials_variants", Kind::object},
+    {"extensions.KHR_materials_variants.variants", Kind::array},
+    {"extensions.KHR_materials_variants.variants[]", Kind::object},
+    {"extensions.KHR_materials_variants.variants[].name", Kind::string},
 
     {"cameras", Kind::array},
     {"cameras[]", Kind::object},
@@ -150,14 +183,37 @@ constexpr Rule rules[] = {
     {"nodes[].translation", Kind::vec3},
     {"nodes[].rotation", Kind::vec4},
     {"nodes[].scale", Kind::vec3},
+    {"nodes[].weights", Kind::numbers},
     {"nodes[].extensions", Kind::object},
     {"nodes[].extensions.KHR_lights_punctual", Kind::object},
     {"nodes[].extensions.KHR_lights_punctual.light!", Kind::index, lights_array},
     {"nodes[].extensions.EXT_mesh_gpu_instancing", Kind::object},
     {"nodes[].extensions.EXT_mesh_gpu_instancing.attributes!", Kind::object},
     {"nodes[].extensions.EXT_mesh_gpu_instancing.attributes{}", Kind::index, "accessors"},
+    {"nodes[].extensions.KHR_node_visibility", Kind::object},
+    {"nodes[].extensions.KHR_node_visibility.visible", Kind::boolean},
+    {"skins", Kind::array},
+    {"skins[]", Kind::object},
+    {"skins[].joints!", Kind::indices, "nodes"},
+    {"skins[].inverseBindMatrices", Kind::index, "accessors"},
+    {"skins[].skeleton", Kind::index, "nodes"},
+    {"animations", Kind::array},
+    {"animations[]", Kind::object},
+    {"animations[].name", Kind::string},
+    {"animations[].channels!", Kind::array},
+    {"animations[].channels[]", Kind::object},
+    {"animations[].channels[].sampler!", Kind::integer},
+    {"animations[].channels[].target!", Kind::object},
+    {"animations[].channels[].target.node", Kind::index, "nodes"},
+    {"animations[].channels[].target.path!", Kind::string},
+    {"animations[].samplers!", Kind::array},
+    {"animations[].samplers[]", Kind::object},
+    {"animations[].samplers[].input!", Kind::index, "accessors"},
+    {"animations[].samplers[].output!", Kind::index, "accessors"},
+    {"animations[].samplers[].interpolation", Kind::string},
     {"scenes", Kind::array},
     {"scenes[]", Kind::object},
+    {"scenes[].name", Kind::string},
     {"scenes[].nodes", Kind::indices, "nodes"},
     {"scene", Kind::index, "scenes"},
 };
@@ -168,6 +224,7 @@ constexpr const char* texture_places[] = {
     "materials[].pbrMetallicRoughness.metallicRoughnessTexture",
     "materials[].emissiveTexture",
     "materials[].extensions.KHR_materials_pbrSpecularGlossiness.diffuseTexture",
+    "materials[].extensions.KHR_materials_transmission.transmissionTexture",
 };
 constexpr Rule texture_rules[] = {
     {"", Kind::object},
@@ -179,6 +236,22 @@ constexpr Rule texture_rules[] = {
     {".extensions.KHR_texture_transform.scale", Kind::vec2},
     {".extensions.KHR_texture_transform.rotation", Kind::number},
     {".extensions.KHR_texture_transform.texCoord", Kind::integer},
+};
+
+/// Either name of meshoptimizer's extension, and what is checked in it.
+constexpr const char* meshopt_places[] = {
+    "bufferViews[].extensions.EXT_meshopt_compression",
+    "bufferViews[].extensions.KHR_meshopt_compression",
+};
+constexpr Rule meshopt_rules[] = {
+    {"", Kind::object},
+    {".buffer!", Kind::index, "buffers"},
+    {".byteOffset", Kind::size},
+    {".byteLength!", Kind::size},
+    {".byteStride!", Kind::integer},
+    {".count!", Kind::size},
+    {".mode!", Kind::string},
+    {".filter", Kind::string},
 };
 
 class Checker {
@@ -197,7 +270,8 @@ public:
 
 private:
     [[noreturn]] void fail(const std::string& place, const std::string& why) const {
-        throw Error(ExitCode::invalid, file_ + ": " + place + ": " + why);
+        throw Error(ExitCode::invalid,
+                    file_ + ": " + place + ": " + why + "; repair the file or export it again");
     }
 
     size_t size_of(std::string_view path) const {
@@ -265,6 +339,9 @@ private:
             for (size_t i = 0; i < value.size(); ++i)
                 test_index(value[i], place + "[" + std::to_string(i) + "]");
             return;
+        case Kind::numbers:
+            require(value.is_array(), place, "must be an array");
+            return test_numbers(value, place, value.size());
         case Kind::vec2:
             return test_numbers(value, place, 2);
         case Kind::vec3:
@@ -306,7 +383,10 @@ private:
 
 constexpr int max_depth = 200;
 
-void check_depth(std::string_view text, const std::string& file) {
+} // namespace
+
+uint64_t json_elements(std::string_view text, const std::string& file) {
+    uint64_t elements = 1;
     int depth = 0;
     bool in_string = false;
     for (size_t i = 0; i < text.size(); ++i) {
@@ -316,28 +396,30 @@ void check_depth(std::string_view text, const std::string& file) {
                 ++i;
             else if (c == '"')
                 in_string = false;
-        } else if (c == '"') {
-            in_string = true;
-        } else if (c == '[' || c == '{') {
+            continue;
+        }
+        in_string = c == '"';
+        elements += c == ',' || c == '[' || c == '{';
+        if (c == '[' || c == '{') {
             if (++depth > max_depth)
                 throw Error(ExitCode::invalid, file + ": the JSON is nested more than "
-                                                   + std::to_string(max_depth) + " levels deep");
+                                                   + std::to_string(max_depth)
+                                                   + " levels deep; glTF needs a dozen");
         } else if (c == ']' || c == '}') {
             --depth;
         }
     }
+    return elements;
 }
 
-} // namespace
-
 json parse_json(std::string_view text, const std::string& file) {
-    check_depth(text, file);
     try {
         return json::parse(text);
     } catch (const json::exception& error) {
         std::string_view what = error.what();
         what.remove_prefix(std::min(what.size(), what.find("] ") + 2));
-        throw Error(ExitCode::invalid, file + ": is not JSON: " + std::string(what));
+        throw Error(ExitCode::invalid, file + ": is not JSON: " + std::string(what)
+                                           + "; is it a glTF file, and whole?");
     }
 }
 
@@ -350,6 +432,9 @@ void check_schema(const json& root, const std::string& file) {
         checker.check(rule.path, rule.kind, rule.array);
     for (const std::string place : texture_places)
         for (const Rule& rule : texture_rules)
+            checker.check(place + rule.path, rule.kind, rule.array);
+    for (const std::string place : meshopt_places)
+        for (const Rule& rule : meshopt_rules)
             checker.check(place + rule.path, rule.kind, rule.array);
 }
 

@@ -1,0 +1,51 @@
+// Materials and the images that they need.
+#pragma once
+
+#include "scene/gltf/document.h"
+
+#include <vector>
+
+namespace lpvbake {
+
+/// Which coordinates a texture is looked up with: set TEXCOORD_<set>, transformed by
+/// KHR_texture_transform, uv' = offset + R(rotation) * (scale * uv), R turning counter-clockwise as
+/// seen in an image, whose v points down.
+struct UvSource {
+    int set = 0;
+    glm::dvec2 offset{0.0};
+    glm::dvec2 scale{1.0};
+    double rotation = 0.0;
+
+    glm::vec2 operator()(glm::vec2 uv) const;
+    bool is_identity() const {
+        return offset == glm::dvec2(0.0) && scale == glm::dvec2(1.0) && rotation == 0.0;
+    }
+};
+
+/// A material with texture references that are still glTF's, -1 for none.
+struct SourceMaterial {
+    Material material;
+    std::string place;
+    int base_texture = -1;
+    int emission_texture = -1;
+    int metallic_texture = -1; ///< only where metal is to be black
+    double metallic = 0.0;     ///< factor; 0 unless metal is to be black
+    int transmission_texture = -1;
+    double transmission = 0.0;
+    UvSource base_uv;
+    UvSource emission_uv;
+    bool unlit = false;
+};
+
+/// The material of that index, glTF's default one for -1. Throws Error.
+SourceMaterial read_material(const Document& document, int index, const MaterialRules& rules);
+
+/// Decodes what the materials need, each image once, puts images and textures that are sampled into
+/// the scene, points the materials at them, and settles what depends on texels: how much of a
+/// material is metal, and how much light it lets through. Returns each material's brightest base
+/// colour texel (linear, a channel at a time). Images that would take more than half of the
+/// document's memory together are halved, the largest first, with a warning.
+std::vector<glm::vec3> load_textures(Document& document, std::vector<SourceMaterial>& materials,
+                                     Scene& scene);
+
+} // namespace lpvbake

@@ -1,0 +1,34 @@
+// Primitives of glTF meshes as triangle lists.
+#pragma once
+
+#include "scene/gltf/document.h"
+#include "scene/gltf/materials.h"
+#include "scene/gltf/nodes.h"
+
+#include <utility>
+#include <vector>
+
+namespace lpvbake {
+
+/// One primitive of a shape, to become a Mesh.
+struct Job {
+    int shape;
+    size_t primitive;
+    int material; ///< index into Jobs::materials
+};
+
+/// The primitives of all placed shapes that hold triangles.
+struct Jobs {
+    std::vector<Job> jobs;
+    std::vector<std::pair<size_t, size_t>> of_shape; ///< [begin, end) in `jobs`
+    std::vector<int> materials;                      ///< glTF materials in use, -1: the default
+};
+
+/// Takes the memory that the meshes will need. Throws Error.
+Jobs collect_jobs(Document& document, const LoadSettings& settings, const Graph& graph);
+
+/// Decodes all jobs, in their order; warnings go to the document. Throws Error.
+std::vector<Mesh> read_meshes(Document& document, const Graph& graph, const Jobs& jobs,
+                              const std::vector<SourceMaterial>& materials);
+
+} // namespace lpvbake

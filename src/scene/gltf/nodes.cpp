@@ -1,0 +1,387 @@
+#include "scene/gltf/nodes.h"
+
+#include "scene/gltf/attributes.h"
+#include "scene/lights.h"
+
+#include <glm/gtc/matrix_transform.hpp>
+#include <glm/gtc/quaternion.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <optional>
+#include <tuple>
+
+namespace lpvbake {
+namespace {
+
+// ---------------------------------------------------------------- transforms
+
+glm::dmat4 compose(glm::dvec3 translation, glm::dquat rotation, glm::dvec3 scale) {
+    return glm::scale(glm::translate(glm::dmat4(1.0), translation) * glm::mat4_cast(rotation),
+                      scale);
+}
+
+glm::dmat4 local_transform(Document& document, int index, const Pose& pose) {
+    const tinygltf::Node& node = document.model.nodes[index];
+    const auto posed = pose.find(index);
+    const NodePose animated = posed == pose.end() ? NodePose() : posed->second;
+    const bool moves = animated.translation || animated.rotation || animated.scale;
+    if (!node.matrix.empty()) {
+        if (moves)
+            document.warnings.add("matrix", at("nodes", index) + ".matrix",
+                                  "an animated node has to have none: its animation is ignored; "
+                                  "export the file again with separate transforms");
+        glm::dmat4 matrix;
+        for (int i = 0; i < 16; ++i)
+            matrix[i / 4][i % 4] = node.matrix.at(i);
+        if (matrix[0][3] != 0 || matrix[1][3] != 0 || matrix[2][3] != 0 || matrix[3][3] != 1)
+            document.fail(at("nodes", index) + ".matrix",
+                          "is not affine: its last row must be 0 0 0 1");
+        return matrix;
+    }
+    glm::dvec3 translation(0.0), scale(1.0);
+    glm::dquat rotation(1.0, 0.0, 0.0, 0.0);
+    if (const auto& t = node.translation; !t.empty())
+        translation = {t.at(0), t.at(1), t.at(2)};
+    if (const auto& s = node.scale; !s.empty())
+        scale = {s.at(0), s.at(1), s.at(2)};
+    if (const auto& r = node.rotation; !r.empty())
+        rotation = unit_quaternion(document, {r.at(0), r.at(1), r.at(2), r.at(3)},
+                                   at("nodes", index) + ".rotation");
+    return compose(animated.translation.value_or(translation), animated.rotation.value_or(rotation),
+                   animated.scale.value_or(scale));
+}
+
+bool is_finite(const glm::dmat4& matrix) {
+    for (int column = 0; column < 4; ++column)
+        for (int row = 0; row < 4; ++row)
+            if (!(std::abs(matrix[column][row]) < 1e100))
+                return false;
+    return true;
+}
+
+/// False if the transform presses everything onto a line or a point.
+bool leaves_area(const glm::dmat4& matrix) {
+    const glm::dvec3 x(matrix[0]), y(matrix[1]), z(matrix[2]);
+    const double longest = std::max({glm::length(x), glm::length(y), glm::length(z)});
+    const double area = std::max({glm::length(glm::cross(x, y)), glm::length(glm::cross(y, z)),
+                                  glm::length(glm::cross(z, x))});
+    return longest > 0.0 && area > 1e-12 * longest * longest;
+}
+
+/// World transforms of all nodes, in whichever scene they stand. Nodes have to form trees.
+std::vector<glm::dmat4> world_transforms(Document& document, const Pose& pose) {
+    const std::vector<tinygltf::Node>& nodes = document.model.nodes;
+    std::vector<int> parent(nodes.size(), -1);
+    for (size_t i = 0; i < nodes.size(); ++i)
+        for (size_t k = 0; k < nodes[i].children.size(); ++k) {
+            const int child = nodes[i].children[k];
+            const std::string place = at("nodes", i) + "." + at("children", k);
+            if (parent[child] >= 0)
+                document.fail(place, at("nodes", child) + " is a child of "
+                                         + at("nodes", parent[child]) + " already");
+            parent[child] = static_cast<int>(i);
+        }
+    std::vector<glm::dmat4> worlds(nodes.size());
+    std::vector<bool> seen(nodes.size());
+    std::vector<int> open;
+    for (size_t i = nodes.size(); i-- > 0;)
+        if (parent[i] < 0)
+            open.push_back(static_cast<int>(i));
+    while (!open.empty()) {
+        const int node = open.back();
+        open.pop_back();
+        seen[node] = true;
+        const glm::dmat4 local = local_transform(document, node, pose);
+        worlds[node] = parent[node] < 0 ? local : worlds[parent[node]] * local;
+        if (!is_finite(worlds[node]))
+            document.fail(at("nodes", node), "its transform is not finite");
+        const std::vector<int>& children = nodes[node].children;
+        open.insert(open.end(), children.rbegin(), children.rend());
+    }
+    if (const auto lost = std::find(seen.begin(), seen.end(), false); lost != seen.end())
+        document.fail(at("nodes", static_cast<size_t>(lost - seen.begin())) + ".children",
+                      "the node is its own ancestor: nodes must form trees");
+    return worlds;
+}
+
+// ---------------------------------------------------------------- what nodes hold
+
+/// The transforms of EXT_mesh_gpu_instancing, relative to the node.
+std::vector<glm::dmat4> instance_transforms(Document& document, const tinygltf::Value& extension,
+                                            const std::string& node_place) {
+    const std::string place = node_place + ".extensions.EXT_mesh_gpu_instancing.attributes.";
+    const tinygltf::Value& attributes = extension.Get("attributes");
+    std::optional<size_t> count;
+    const auto read = [&]<int N>(const char* name, std::integral_constant<int, N>) {
+        std::vector<glm::vec<N, float>> values;
+        if (!attributes.Has(name))
+            return values;
+        const int accessor = attributes.Get(name).GetNumberAsInt();
+        document.memory.take(document.model.accessors.at(accessor).count,
+                             2 * N * sizeof(float) + sizeof(glm::dmat4) + sizeof(Instance),
+                             place + name);
+        values = read_vectors<N>(document, accessor, place + name);
+        for (const glm::vec<N, float>& value : values)
+            for (int k = 0; k < N; ++k)
+                if (!std::isfinite(value[k]))
+                    document.fail(place + name, "a value is not finite");
+        if (count && *count != values.size())
+            document.fail(place + name, "has another count than the attributes beside it");
+        count = values.size();
+        return values;
+    };
+    const auto translations = read("TRANSLATION", std::integral_constant<int, 3>());
+    const auto rotations = read("ROTATION", std::integral_constant<int, 4>());
+    const auto scales = read("SCALE", std::integral_constant<int, 3>());
+    std::vector<glm::dmat4> transforms(count.value_or(0));
+    for (size_t i = 0; i < transforms.size(); ++i)
+        transforms[i] =
+            compose(translations.empty() ? glm::dvec3(0.0) : glm::dvec3(translations[i]),
+                    rotations.empty() ? glm::dquat(1.0, 0.0, 0.0, 0.0)
+                                      : unit_quaternion(document, rotations[i], place + "ROTATION"),
+                    scales.empty() ? glm::dvec3(1.0) : glm::dvec3(scales[i]));
+    return transforms;
+}
+
+std::optional<Light> placed_light(Document& document, int index, const glm::dmat4& to_world,
+                                  const std::string& node_place) {
+    const tinygltf::Light& source = document.model.lights.at(index);
+    const std::string place = at("extensions.KHR_lights_punctual.lights", index);
+    Light light;
+    light.name = source.name;
+    if (source.type == "directional")
+        light.type = LightType::directional;
+    else if (source.type == "point")
+        light.type = LightType::point;
+    else if (source.type == "spot")
+        light.type = LightType::spot;
+    else
+        document.fail(place + ".type", "\"" + source.type + "\" is not a type of light");
+    if (!source.color.empty())
+        light.color = glm::dvec3(source.color.at(0), source.color.at(1), source.color.at(2));
+    light.intensity = source.intensity;
+    light.range = source.range;
+    light.inner_cone = source.spot.innerConeAngle;
+    light.outer_cone = source.spot.outerConeAngle;
+    light.position = glm::dvec3(to_world[3]);
+    if (light.type != LightType::point) {
+        const double length = glm::length(glm::dvec3(to_world[2]));
+        if (!(length > 0.0)) {
+            document.warnings.add("lights of scale 0", node_place,
+                                  "the scale is 0, which leaves its light without a direction: "
+                                  "the light is ignored; scale the node to 1");
+            return std::nullopt;
+        }
+        light.direction = -glm::dvec3(to_world[2]) / length;
+    }
+    check_light(light, document.file + ": " + place);
+    return light;
+}
+
+std::optional<Camera> placed_camera(Document& document, int index, const glm::dmat4& to_world) {
+    const tinygltf::Camera& source = document.model.cameras.at(index);
+    const std::string place = at("cameras", index);
+    if (source.type != "perspective") {
+        document.warnings.add("orthographic cameras", place,
+                              "orthographic cameras are not supported: it is ignored; a bake "
+                              "needs no camera");
+        return std::nullopt;
+    }
+    if (!(source.perspective.yfov > 0.0 && source.perspective.yfov < 3.14159))
+        document.fail(place + ".perspective.yfov", "must lie between 0 and pi");
+    return Camera{source.name, to_world, source.perspective.yfov,
+                  std::max(0.0, source.perspective.aspectRatio)};
+}
+
+bool is_hidden(const tinygltf::Node& node) {
+    const auto* extension = find_extension(node.extensions, "KHR_node_visibility");
+    return extension && extension->Has("visible") && !extension->Get("visible").Get<bool>();
+}
+
+// ---------------------------------------------------------------- shapes
+
+/// Makes shapes, each once.
+class Shapes {
+public:
+    Shapes(Document& document, const Pose& pose, const std::vector<glm::dmat4>& worlds)
+        : document_(document),
+          pose_(pose),
+          worlds_(worlds) {}
+
+    /// Places the mesh of a node.
+    PlacedShape place(int index) {
+        const tinygltf::Node& node = document_.model.nodes[index];
+        Shape shape{node.mesh, weights_of(index), node.skin, {}};
+        const auto [entry, is_new] = known_.try_emplace({shape.mesh, shape.weights, shape.skin},
+                                                        static_cast<int>(shapes.size()));
+        const glm::dmat4 to_world =
+            shape.skin < 0 ? worlds_[index] : glm::translate(glm::dmat4(1.0), anchor(shape.skin));
+        if (is_new) {
+            if (shape.skin >= 0)
+                shape.joints = joints_of(shape.skin);
+            shapes.push_back(std::move(shape));
+        }
+        return {entry->second, to_world};
+    }
+
+    std::vector<Shape> shapes;
+
+private:
+    /// Weights of a node's morph targets; empty where they change nothing.
+    std::vector<double> weights_of(int index) const {
+        const tinygltf::Node& node = document_.model.nodes[index];
+        const tinygltf::Mesh& mesh = document_.model.meshes[node.mesh];
+        std::vector<double> weights = node.weights.empty() ? mesh.weights : node.weights;
+        if (const auto posed = pose_.find(index);
+            posed != pose_.end() && !posed->second.weights.empty())
+            weights = posed->second.weights;
+        size_t targets = 0;
+        for (const tinygltf::Primitive& primitive : mesh.primitives)
+            targets = std::max(targets, primitive.targets.size());
+        weights.resize(targets);
+        for (const double weight : weights)
+            if (!(std::abs(weight) < 1e30))
+                document_.fail(at("nodes", index) + ".weights", "a weight is not finite");
+        const auto is_zero = [](double weight) { return weight == 0.0; };
+        if (std::all_of(weights.begin(), weights.end(), is_zero))
+            weights.clear();
+        return weights;
+    }
+
+    /// A point of the skeleton: vertices are kept relative to it, so that single precision does
+    /// for a figure far from the origin.
+    glm::dvec3 anchor(int skin) const {
+        const std::vector<int>& joints = document_.model.skins[skin].joints;
+        if (joints.empty())
+            document_.fail(at("skins", skin) + ".joints", "is empty");
+        return glm::dvec3(worlds_[joints.front()][3]);
+    }
+
+    std::vector<glm::dmat4> joints_of(int index) const {
+        const tinygltf::Skin& skin = document_.model.skins[index];
+        const std::string place = at("skins", index);
+        document_.memory.take(skin.joints.size(), sizeof(glm::dmat4) + 2 * sizeof(glm::mat4),
+                              place);
+        std::vector<float> inverse_bind;
+        if (skin.inverseBindMatrices >= 0) {
+            document_.memory.take(document_.model.accessors.at(skin.inverseBindMatrices).count,
+                                  sizeof(glm::mat4), place);
+            inverse_bind = read_floats(document_, skin.inverseBindMatrices, 16,
+                                       place + ".inverseBindMatrices");
+            if (inverse_bind.size() < 16 * skin.joints.size())
+                document_.fail(place + ".inverseBindMatrices", "has fewer matrices than joints");
+        }
+        const glm::dmat4 from_world = glm::translate(glm::dmat4(1.0), -anchor(index));
+        std::vector<glm::dmat4> joints;
+        for (size_t i = 0; i < skin.joints.size(); ++i) {
+            glm::dmat4 bind(1.0);
+            for (int k = 0; k < 16 && !inverse_bind.empty(); ++k)
+                bind[k / 4][k % 4] = inverse_bind[16 * i + k];
+            joints.push_back(from_world * worlds_[skin.joints[i]] * bind);
+            if (!is_finite(joints.back()))
+                document_.fail(place + "." + at("joints", i), "its matrix is not finite");
+        }
+        return joints;
+    }
+
+    Document& document_;
+    const Pose& pose_;
+    const std::vector<glm::dmat4>& worlds_;
+    std::map<std::tuple<int, std::vector<double>, int>, int> known_;
+};
+
+// ---------------------------------------------------------------- the scene
+
+std::vector<int> scene_roots(const Document& document, const LoadSettings& settings) {
+    const tinygltf::Model& model = document.model;
+    if (model.scenes.empty())
+        document.fail("scenes", "there is no scene; export the file with one");
+    int index = std::max(0, model.defaultScene);
+    if (!settings.scene.empty()) {
+        std::vector<std::string> names;
+        for (const tinygltf::Scene& scene : model.scenes)
+            names.push_back(scene.name);
+        index = find_named(names, settings.scene, "--scene");
+    }
+    const std::vector<int>& roots = model.scenes.at(index).nodes;
+    const std::string place = at("scenes", index);
+    if (roots.empty())
+        document.fail(place, model.scenes.size() > 1
+                                 ? "has no nodes: there is nothing to bake; name another --scene"
+                                 : "has no nodes: there is nothing to bake; export it with some");
+    std::vector<bool> is_child(model.nodes.size()), listed(model.nodes.size());
+    for (const tinygltf::Node& node : model.nodes)
+        for (const int child : node.children)
+            is_child[child] = true;
+    for (size_t i = 0; i < roots.size(); ++i) {
+        const std::string root_place = place + "." + at("nodes", i);
+        if (is_child[roots[i]])
+            document.fail(root_place, at("nodes", roots[i]) + " is a child of another node");
+        if (listed[roots[i]])
+            document.fail(root_place, at("nodes", roots[i]) + " is listed twice");
+        listed[roots[i]] = true;
+    }
+    return roots;
+}
+
+} // namespace
+
+Graph walk(Document& document, const LoadSettings& settings, const Pose& pose) {
+    struct Visit {
+        int node;
+        bool hidden;
+    };
+    const tinygltf::Model& model = document.model;
+    const std::vector<glm::dmat4> worlds = world_transforms(document, pose);
+    const std::vector<int> roots = scene_roots(document, settings);
+    Graph graph;
+    Shapes shapes(document, pose, worlds);
+    const auto place = [&](const PlacedShape& placed, const std::string& node_place) {
+        if (leaves_area(placed.to_world))
+            graph.placed.push_back(placed);
+        else
+            document.warnings.add("meshes without area", node_place,
+                                  "its transform is singular and leaves its mesh no area: the "
+                                  "mesh is left out; scale the node to more than 0");
+    };
+    std::vector<Visit> open;
+    for (auto root = roots.rbegin(); root != roots.rend(); ++root)
+        open.push_back({*root, false});
+    while (!open.empty()) {
+        const int index = open.back().node;
+        const tinygltf::Node& node = model.nodes[index];
+        const bool hidden = open.back().hidden || is_hidden(node);
+        open.pop_back();
+        const std::string node_place = at("nodes", index);
+        const glm::dmat4& to_world = worlds[index];
+        if (node.mesh >= 0 && !hidden) {
+            const PlacedShape placed = shapes.place(index);
+            const auto* instancing = find_extension(node.extensions, "EXT_mesh_gpu_instancing");
+            if (instancing && node.skin < 0)
+                for (const glm::dmat4& transform :
+                     instance_transforms(document, *instancing, node_place)) {
+                    if (!is_finite(to_world * transform))
+                        document.fail(node_place, "the transform of an instance is not finite");
+                    place({placed.shape, to_world * transform}, node_place);
+                }
+            else
+                place(placed, node_place);
+        }
+        if (const auto* reference = find_extension(node.extensions, "KHR_lights_punctual");
+            reference && !hidden)
+            if (const auto light = placed_light(document, reference->Get("light").GetNumberAsInt(),
+                                                to_world, node_place))
+                graph.lights.push_back(*light);
+        if (node.camera >= 0)
+            if (const auto camera = placed_camera(document, node.camera, to_world))
+                graph.cameras.push_back(*camera);
+        for (auto child = node.children.rbegin(); child != node.children.rend(); ++child)
+            open.push_back({*child, hidden});
+    }
+    graph.shapes = std::move(shapes.shapes);
+    return graph;
+}
+
+} // namespace lpvbake

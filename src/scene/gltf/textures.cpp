@@ -1,0 +1,324 @@
+#include "image/header.h"
+#include "image/image.h"
+#include "scene/gltf/folder.h"
+#include "scene/gltf/materials.h"
+#include "scene/srgb.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+
+namespace lpvbake {
+namespace {
+
+constexpr uint64_t max_image_texels = 1ull << 28; ///< of one image, 16384 x 16384
+
+// ---------------------------------------------------------------- references
+
+int extension_source(const tinygltf::Texture& texture, const char* name) {
+    const auto* extension = find_extension(texture.extensions, name);
+    return extension && extension->Has("source") ? extension->Get("source").GetNumberAsInt() : -1;
+}
+
+/// The image of a texture; -1 if it has none that is understood.
+int image_of(Document& document, int texture_index) {
+    const tinygltf::Texture& texture = document.model.textures.at(texture_index);
+    if (const int webp = extension_source(texture, "EXT_texture_webp"); webp >= 0)
+        return webp;
+    if (texture.source >= 0)
+        return texture.source;
+    const std::string place = at("textures", texture_index);
+    if (extension_source(texture, "KHR_texture_basisu") >= 0) {
+        document.warnings.add("KHR_texture_basisu", place + ".extensions.KHR_texture_basisu",
+                              "Basis Universal images cannot be read and there is none to fall "
+                              "back on: materials use their factors alone; add a PNG, JPEG or "
+                              "WebP image as source");
+        return -1;
+    }
+    std::string names;
+    for (const auto& [name, unused] : texture.extensions)
+        names += (names.empty() ? "" : ", ") + name;
+    if (!names.empty())
+        document.fail(place,
+                      "has no source but for " + names
+                          + ", which is not supported; add a PNG, JPEG or WebP image as source",
+                      ExitCode::unsupported);
+    document.warnings.add("textures without source", place,
+                          "has no source: materials use their factors alone; add an image");
+    return -1;
+}
+
+Texture texture_of(const Document& document, int index) {
+    Texture texture;
+    const int sampler_index = document.model.textures.at(index).sampler;
+    if (sampler_index < 0)
+        return texture;
+    const tinygltf::Sampler& sampler = document.model.samplers.at(sampler_index);
+    const auto wrap = [&](int mode, const char* property) {
+        switch (mode) {
+        case TINYGLTF_TEXTURE_WRAP_REPEAT:
+            return Wrap::repeat;
+        case TINYGLTF_TEXTURE_WRAP_MIRRORED_REPEAT:
+            return Wrap::mirrored_repeat;
+        case TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE:
+            return Wrap::clamp_to_edge;
+        default:
+            document.fail(at("samplers", sampler_index) + property,
+                          std::to_string(mode) + " is not a wrap mode");
+        }
+    };
+    texture.wrap_u = wrap(sampler.wrapS, ".wrapS");
+    texture.wrap_v = wrap(sampler.wrapT, ".wrapT");
+    texture.nearest = sampler.magFilter == TINYGLTF_TEXTURE_FILTER_NEAREST;
+    return texture;
+}
+
+// ---------------------------------------------------------------- images
+
+/// The encoded bytes of an image, its first `most` if it has more and lies in a file.
+class EncodedImage {
+public:
+    EncodedImage(const Document& document, int index, uint64_t most) {
+        const ImageSource& source = document.images.at(index);
+        const std::string place = document.file + ": " + at("images", index);
+        name = place;
+        if (source.view >= 0) {
+            bytes = document.views.at(source.view).bytes;
+        } else if (source.uri.starts_with("data:")) {
+            storage_ = decode_data_uri(source.uri, place + ".uri");
+            bytes = storage_;
+        } else if (!source.uri.empty()) {
+            name += " (" + percent_decoded(source.uri) + ")";
+            storage_ = read_file(
+                resolve_uri(document.folder, source.uri, place + ".uri", document.allow_external),
+                place + ".uri", most);
+            bytes = storage_;
+        } else {
+            document.fail(at("images", index), "has neither a uri nor a bufferView");
+        }
+    }
+    EncodedImage(const EncodedImage&) = delete;
+
+    std::string name; ///< for messages
+    Bytes bytes;
+
+private:
+    std::vector<unsigned char> storage_;
+};
+
+uint64_t texels_of(const Document& document, int index) {
+    constexpr uint64_t head = 1 << 20; // metadata before a JPEG's size is smaller, but for few
+    for (const uint64_t most : {head, std::numeric_limits<uint64_t>::max()}) {
+        const EncodedImage image(document, index, most);
+        if (const uint64_t texels = read_image_header(std::as_bytes(image.bytes)).texels)
+            return texels;
+    }
+    return 1; // no size: the decoder says what is wrong
+}
+
+/// An image and what materials want to know of it.
+struct DecodedImage {
+    Image image;
+    glm::vec3 brightest{0.0f};   ///< linear, a channel at a time
+    glm::dvec3 mean{0.0};        ///< linear
+    glm::dvec3 mean_stored{0.0}; ///< of the stored values, 0 to 1
+};
+
+DecodedImage with_statistics(Image image) {
+    std::array<std::array<uint64_t, 256>, 3> counts{};
+    for (size_t i = 0; i < image.rgba.size(); i += 4)
+        for (size_t channel = 0; channel < 3; ++channel)
+            ++counts[channel][image.rgba[i + channel]];
+    DecodedImage result;
+    const auto texels = static_cast<double>(image.rgba.size() / 4);
+    for (int channel = 0; channel < 3; ++channel)
+        for (int value = 0; value < 256; ++value)
+            if (const uint64_t count = counts[channel][value]; count > 0) {
+                const double linear = srgb_to_linear(value / 255.0);
+                const double share = static_cast<double>(count) / texels;
+                result.brightest[channel] = static_cast<float>(linear);
+                result.mean[channel] += share * linear;
+                result.mean_stored[channel] += share * (value / 255.0);
+            }
+    result.image = std::move(image);
+    return result;
+}
+
+/// Half as wide and half as high: the mean of 2 x 2 texels, colour in linear light.
+Image halved(const Image& image) {
+    static const std::array<float, 256> linear = [] {
+        std::array<float, 256> table;
+        for (int i = 0; i < 256; ++i)
+            table[i] = static_cast<float>(srgb_to_linear(i / 255.0));
+        return table;
+    }();
+    Image half{image.name, std::max(1, image.width / 2), std::max(1, image.height / 2), {}};
+    half.rgba.resize(size_t{4} * half.width * half.height);
+    for (int y = 0; y < half.height; ++y)
+        for (int x = 0; x < half.width; ++x)
+            for (int channel = 0; channel < 4; ++channel) {
+                float sum = 0.0f;
+                for (int k = 0; k < 4; ++k) {
+                    const int column = std::min(2 * x + k % 2, image.width - 1);
+                    const int row = std::min(2 * y + k / 2, image.height - 1);
+                    const uint8_t value =
+                        image.rgba[4 * (size_t(row) * image.width + column) + channel];
+                    sum += channel < 3 ? linear[value] : value;
+                }
+                const float mean = sum / 4.0f;
+                const float stored =
+                    channel == 3 ? mean : 255.0f * static_cast<float>(linear_to_srgb(mean));
+                half.rgba[4 * (size_t(y) * half.width + x) + channel] =
+                    static_cast<uint8_t>(stored + 0.5f);
+            }
+    return half;
+}
+
+DecodedImage load_image(const Document& document, int index, int halvings) {
+    const EncodedImage encoded(document, index, std::numeric_limits<uint64_t>::max());
+    Rgba8 decoded = decode_image(std::as_bytes(encoded.bytes), encoded.name, max_image_texels);
+    const std::string& name = document.images[index].name;
+    DecodedImage result = with_statistics({name.empty() ? encoded.name : name, decoded.width,
+                                           decoded.height, std::move(decoded.texels)});
+    for (int i = 0; i < halvings; ++i)
+        result.image = halved(result.image);
+    return result;
+}
+
+/// How often each image is to be halved, so that all fit into half of what memory is left.
+std::vector<int> plan_halvings(Document& document, const std::vector<int>& images) {
+    std::vector<uint64_t> texels;
+    uint64_t sum = 0, largest = 0;
+    for (const int image : images) {
+        texels.push_back(texels_of(document, image));
+        sum += texels.back();
+        largest = std::max(largest, texels.back());
+    }
+    std::vector<int> halvings(images.size(), 0);
+    const uint64_t limit = document.memory.left() / 2 / 4;
+    size_t reduced = 0;
+    while (sum > limit && largest > 4) {
+        const uint64_t level = largest / 4;
+        largest = 0;
+        for (size_t i = 0; i < images.size(); ++i) {
+            if (sum > limit && texels[i] > 4 && texels[i] >= level * 2) {
+                reduced += halvings[i] == 0;
+                ++halvings[i];
+                sum -= texels[i] - texels[i] / 4;
+                texels[i] /= 4;
+            }
+            largest = std::max(largest, texels[i]);
+        }
+    }
+    document.memory.take(sum, 4, "images");
+    if (reduced > 0)
+        document.warnings.add("images", "images",
+                              std::to_string(reduced) + " of " + std::to_string(images.size())
+                                  + " are halved, or halved again, to fit into memory; allow more "
+                                    "with --max-memory or use smaller ones");
+    return halvings;
+}
+
+/// Light that passes, coloured by the base colour, as light that passes uncovered: what is
+/// reflected and what passes keep their luminance (the colour of what passes is lost).
+void transmit(Document& document, SourceMaterial& source, double share, glm::dvec3 mean_texel) {
+    if (!(share > 0.0))
+        return;
+    Material& material = source.material;
+    if (material.alpha_mode == AlphaMode::mask) {
+        document.warnings.add("masked transmission", source.place + ".alphaMode",
+                              "a material with a mask cannot transmit as well: it is taken for "
+                              "opaque where the mask covers; use BLEND");
+        return;
+    }
+    const glm::dvec3 color = glm::min(glm::dvec3(material.base_color) * mean_texel, 1.0);
+    const double passing = share * glm::dot(color, glm::dvec3(0.2126, 0.7152, 0.0722));
+    if (material.alpha_mode == AlphaMode::opaque)
+        material.base_color.a = 1.0f;
+    material.alpha_mode = AlphaMode::blend;
+    material.base_color.a *= static_cast<float>(1.0 - passing);
+    const double reflected = passing < 1.0 ? (1.0 - share) / (1.0 - passing) : 0.0;
+    for (int channel = 0; channel < 3; ++channel)
+        material.base_color[channel] *= static_cast<float>(reflected);
+}
+
+} // namespace
+
+std::vector<glm::vec3> load_textures(Document& document, std::vector<SourceMaterial>& materials,
+                                     Scene& scene) {
+    std::map<int, int> image_of_texture; // by glTF texture
+    std::map<int, bool> sampled;         // by glTF image: false if only its mean is wanted
+    const auto need = [&](int& texture, bool is_sampled) {
+        if (texture < 0)
+            return;
+        if (!image_of_texture.contains(texture))
+            image_of_texture[texture] = image_of(document, texture);
+        const int image = image_of_texture[texture];
+        if (image < 0)
+            texture = -1;
+        else
+            sampled[image] |= is_sampled;
+    };
+    for (SourceMaterial& material : materials) {
+        need(material.base_texture, true);
+        need(material.emission_texture, true);
+        need(material.metallic_texture, false);
+        need(material.transmission_texture, false);
+    }
+
+    std::vector<int> wanted;
+    for (const auto& [image, unused] : sampled)
+        wanted.push_back(image);
+    const std::vector<int> halvings = plan_halvings(document, wanted);
+    std::vector<DecodedImage> decoded(wanted.size());
+    for_all(wanted.size(), [&](size_t i) {
+        decoded[i] = load_image(document, wanted[i], halvings[i]);
+        if (!sampled.at(wanted[i]))
+            decoded[i].image = {};
+    });
+
+    std::map<int, size_t> place_of_image; // in `decoded`
+    std::map<int, int> scene_image;
+    for (size_t i = 0; i < wanted.size(); ++i) {
+        place_of_image[wanted[i]] = i;
+        if (sampled[wanted[i]]) {
+            scene_image[wanted[i]] = static_cast<int>(scene.images.size());
+            scene.images.push_back(std::move(decoded[i].image));
+        }
+    }
+    std::map<int, int> scene_texture; // by glTF texture
+    const auto resolve = [&](int texture) {
+        if (texture < 0)
+            return -1;
+        const auto [entry, is_new] =
+            scene_texture.try_emplace(texture, static_cast<int>(scene.textures.size()));
+        if (is_new) {
+            scene.textures.push_back(texture_of(document, texture));
+            scene.textures.back().image = scene_image.at(image_of_texture.at(texture));
+        }
+        return entry->second;
+    };
+    const auto statistics = [&](int texture) {
+        return texture < 0 ? nullptr : &decoded[place_of_image.at(image_of_texture.at(texture))];
+    };
+    std::vector<glm::vec3> brightest;
+    for (SourceMaterial& source : materials) {
+        source.material.base_color_texture = resolve(source.base_texture);
+        source.material.emission_texture = resolve(source.emission_texture);
+        double metallic = source.metallic, transmission = source.transmission;
+        if (const DecodedImage* image = statistics(source.metallic_texture))
+            metallic *= image->mean_stored.b;
+        const auto diffuse = static_cast<float>(1.0 - std::min(metallic, 1.0));
+        for (int channel = 0; channel < 3; ++channel)
+            source.material.base_color[channel] *= diffuse;
+        if (const DecodedImage* image = statistics(source.transmission_texture))
+            transmission *= image->mean_stored.r;
+        const DecodedImage* base = statistics(source.base_texture);
+        transmit(document, source, transmission, base ? base->mean : glm::dvec3(1.0));
+        brightest.push_back(base ? base->brightest : glm::vec3(1.0f));
+    }
+    return brightest;
+}
+
+} // namespace lpvbake
