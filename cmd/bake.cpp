@@ -24,7 +24,7 @@ const char summary[] = "Bakes the light that a scene's surfaces send on into vol
 const char manual[] =
     R"(The field holds the reflected light of directional, point and spot lights, and the light of
 emissive surfaces and of the sky (--sky), direct and reflected; --bounces says how often, once with
-the lpv solver and without end with gather unless told. Lengths are metres, +Y is up. Lights come from the file
+the lpv solver and without end with the others unless told. Lengths are metres, +Y is up. Lights come from the file
 (KHR_lights_punctual), from --sun, --point and --lights; at least one light or emitter is needed.
 
 Examples:
@@ -54,13 +54,15 @@ struct BakeOptions : SceneOptions, RunOptions {
     OutputOptions outputs;
     std::string solver = "lpv";
     std::string quality = "balanced";
-    std::string bounces; ///< empty: 1 for lpv, all for gather
-    int sh_order = 0;    ///< 0: 1 for lpv, 2 for gather
+    std::string bounces; ///< empty: 1 for lpv, all for the others
+    int sh_order = 0;    ///< 0: 1 for lpv, 2 for the others
     int rsm_size = 0;
     int rsm_kernel = 4;
     int iterations = 0;
     std::optional<double> tolerance;
     std::string occlusion = "face";
+    std::optional<int> directions;
+    bool first_flight = false;
     std::optional<int> vpls;
     std::string device;
     bool validation = false;
@@ -84,10 +86,13 @@ std::vector<Setting> settings_of(const BakeOptions& o) {
         settings.push_back({"bounces", toml_string(o.bounces), true});
     if (o.tolerance)
         settings.push_back({"tolerance", toml_number(*o.tolerance), true});
+    if (o.directions)
+        settings.push_back({"directions", std::to_string(*o.directions), true});
     if (o.vpls)
         settings.push_back({"vpls", std::to_string(*o.vpls), true});
     settings.insert(settings.end(), {
                                         {"sh-order", std::to_string(o.sh_order), true},
+                                        {"first-flight", toml_flag(o.first_flight), true},
                                         {"rsm-size", std::to_string(o.rsm_size), true},
                                         {"rsm-kernel", std::to_string(o.rsm_kernel), true},
                                         {"iterations", std::to_string(o.iterations), true},
@@ -113,8 +118,9 @@ void check_options(const BakeOptions& o, bool cell_and_resolution) {
     if (o.solver == "lpv" && o.tolerance && *o.tolerance < 1e-7)
         throw Error(ExitCode::usage, "--tolerance: the lpv solver needs at least 1e-7");
     if (o.solver == "lpv" && o.sh_order > 1)
-        throw Error(ExitCode::usage, "--sh-order: the lpv solver knows order 1 only; take --solver "
-                                     "gather");
+        throw Error(ExitCode::usage,
+                    "--sh-order: the lpv solver knows order 1 only; take --solver sn or "
+                    "gather");
 }
 
 BakeSettings to_settings(const BakeOptions& o) {
@@ -124,7 +130,9 @@ BakeSettings to_settings(const BakeOptions& o) {
     settings.rsm_size = o.rsm_size;
     settings.rsm_kernel = o.rsm_kernel;
     settings.emitters = !o.no_emitters;
-    settings.solver = o.solver == "gather" ? Solver::gather : Solver::lpv;
+    settings.solver = o.solver == "sn"       ? Solver::sn
+                      : o.solver == "gather" ? Solver::gather
+                                             : Solver::lpv;
     const bool lpv = settings.solver == Solver::lpv;
     set_quality(o.quality == "fast"       ? Quality::fast
                 : o.quality == "accurate" ? Quality::accurate
@@ -132,10 +140,13 @@ BakeSettings to_settings(const BakeOptions& o) {
                 settings);
     settings.bounces = o.bounces.empty() ? default_bounces(settings.solver) : bounces_of(o.bounces);
     if (o.sh_order != 0)
-        settings.gather.order = o.sh_order;
+        settings.sn.order = settings.gather.order = o.sh_order;
     settings.lpv.iterations = o.iterations;
     if (o.tolerance)
         (lpv ? settings.lpv.tolerance : settings.gather.tolerance) = float(*o.tolerance);
+    if (o.directions)
+        settings.sn.directions = *o.directions;
+    settings.sn.first_flight = o.first_flight;
     if (o.vpls)
         settings.gather.vpls = *o.vpls;
     settings.lpv.occlusion = o.occlusion == "none" ? Occlusion::none
@@ -303,15 +314,18 @@ void add_bake(CLI::App& root, Action& action) {
     add_light_options(list, o);
 
     list.group("Solver");
-    list.choice(
-        "--solver", o.solver, "lpv|gather",
-        "lpv: classic propagation. gather: from clusters of patches\nstraight to the cells");
+    list.choice("--solver", o.solver, "lpv|sn|gather",
+                "lpv: classic propagation. sn: discrete ordinates. gather: from\n"
+                "clusters of patches straight to the cells");
     list.choice("--quality", o.quality, "fast|balanced|accurate",
-                "gather: time against error (clusters, rays, tolerance)");
+                "sn and gather: time against error (directions, clusters, rays,\ntolerance)");
     add_bounces_option(list, o.bounces);
     list.number("--sh-order", o.sh_order, 0, 4,
-                "Highest band of the spherical harmonics; 0: 1 for lpv, 2 for\ngather")
+                "Highest band of the spherical harmonics; 0: 1 for lpv, 2 for\nthe others")
         ->capture_default_str();
+    list.number("--directions", o.directions, 48, 384, "sn: directions over the sphere");
+    list.flag("--first-flight", o.first_flight,
+              "sn: rays, not neighbours, bring light to cells next to surfaces");
     list.number("--vpls", o.vpls, 16, 1'000'000,
                 "gather: clusters of patches whose visibility a cell tests");
     list.number("--rsm-size", o.rsm_size, 0, 16384,

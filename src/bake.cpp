@@ -149,6 +149,16 @@ void find_validity(const Work& work) {
     work.stages.end(outside_geometry(work.baked.volume.validity));
 }
 
+/// Luminance along fixed directions, from cell to cell, downstream.
+void solve_sn(const Work& work, std::future<SnProgram> program) {
+    find_validity(work);
+    work.stages.begin("sweep", 100);
+    program.get().solve(*work.lit, work.visibility, work.scene.sky, work.progress,
+                        work.baked.volume);
+    work.stages.end(format("%d directions", work.settings.sn.directions));
+    work.baked.volume.metadata["directions"] = std::to_string(work.settings.sn.directions);
+}
+
 /// Clusters of patches straight to the cells that need it, the other cells from these.
 void solve_gather(const Work& work, std::future<GatherProgram> program) {
     find_validity(work);
@@ -173,10 +183,14 @@ Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& 
 
     // Shaders compile while the CPU traces.
     std::future<LpvProgram> lpv;
+    std::future<SnProgram> sn;
     std::future<GatherProgram> gather;
     if (settings.solver == Solver::lpv)
         lpv = std::async(std::launch::async,
                          [&] { return LpvProgram(device, plan.grid, settings.lpv.occlusion); });
+    else if (settings.solver == Solver::sn)
+        sn = std::async(std::launch::async,
+                        [&] { return SnProgram(device, plan.grid, settings.sn); });
     else
         gather =
             std::async(std::launch::async, [&] { return GatherProgram(device, settings.gather); });
@@ -210,6 +224,9 @@ Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& 
     switch (settings.solver) {
     case Solver::lpv:
         solve_lpv(work, std::move(lpv));
+        break;
+    case Solver::sn:
+        solve_sn(work, std::move(sn));
         break;
     case Solver::gather:
         solve_gather(work, std::move(gather));

@@ -7,6 +7,7 @@
 #include "scene/scene.h"
 #include "solver/gather/gather.h"
 #include "solver/lpv/lpv.h"
+#include "solver/sn/sn.h"
 #include "volume/volume.h"
 
 #include <optional>
@@ -18,6 +19,7 @@ namespace lpvbake {
 /// How light gets from the surfaces to the cells.
 enum class Solver {
     lpv,    ///< classic propagation from cell to cell
+    sn,     ///< discrete ordinates: swept along fixed directions
     gather, ///< from clusters of patches straight to each cell
 };
 const char* name_of(Solver solver);
@@ -34,6 +36,7 @@ struct BakeSettings {
     std::optional<int> bounces = 1;   ///< reflections at most; none: all
     uint64_t lighting_rays = 1 << 21; ///< LightingSettings::rays of sn and gather
     LpvSettings lpv;
+    SnSettings sn;
     GatherSettings gather;
 };
 

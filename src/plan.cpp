@@ -36,6 +36,8 @@ uint64_t device_bytes(const Grid& grid, const BakeSettings& settings) {
     switch (settings.solver) {
     case Solver::lpv:
         return lpv_device_bytes(grid, settings.lpv.occlusion);
+    case Solver::sn:
+        return sn_device_bytes(grid, settings.sn);
     case Solver::gather:
         return gather_device_bytes(settings.gather);
     }
@@ -64,6 +66,8 @@ const char* name_of(Solver solver) {
     switch (solver) {
     case Solver::lpv:
         return "lpv";
+    case Solver::sn:
+        return "sn";
     case Solver::gather:
         return "gather";
     }
@@ -75,25 +79,36 @@ std::optional<int> default_bounces(Solver solver) {
 }
 
 int sh_order_of(const BakeSettings& settings) {
-    return settings.solver == Solver::lpv ? 1 : settings.gather.order;
+    switch (settings.solver) {
+    case Solver::lpv:
+        return 1;
+    case Solver::sn:
+        return settings.sn.order;
+    case Solver::gather:
+        return settings.gather.order;
+    }
+    return 0;
 }
 
 void set_quality(Quality quality, BakeSettings& settings) {
     switch (quality) {
     case Quality::fast:
         settings.lighting_rays = 1 << 19;
+        settings.sn.directions = 144;
         settings.gather.vpls = 96;
-        settings.gather.tolerance = 0.2f;
+        settings.gather.tolerance = 0.5f;
         break;
     case Quality::balanced:
         settings.lighting_rays = BakeSettings().lighting_rays;
+        settings.sn.directions = SnSettings().directions;
         settings.gather.vpls = GatherSettings().vpls;
         settings.gather.tolerance = GatherSettings().tolerance;
         break;
     case Quality::accurate:
         settings.lighting_rays = 1 << 23;
+        settings.sn.directions = 384;
         settings.gather.vpls = 768;
-        settings.gather.tolerance = 0.03f;
+        settings.gather.tolerance = 0.1f;
         break;
     }
 }
@@ -190,6 +205,12 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
                                                100.0 * double(settings.lpv.tolerance)));
         break;
     }
+    case Solver::sn:
+        stage("validity", 5e-6 * double(cells) / longest, "which cells lie outside geometry");
+        stage("sweep", sn_seconds(plan.grid, settings.sn),
+              format("%d directions, order %d", settings.sn.directions, settings.sn.order));
+        plan.host_bytes += sn_host_bytes(plan.grid, settings.sn);
+        break;
     case Solver::gather:
         stage("validity", 5e-6 * double(cells) / longest, "which cells lie outside geometry");
         stage("gather", gather_seconds(plan.grid, patches, settings.gather),

@@ -31,7 +31,7 @@ BUILDS_ON = {
     "io": ["volume", "image"],
     "reference": ["scene", "visibility", "volume"],
     "render": ["scene", "rsm", "volume", "gpu"],
-    "report": ["reference", "render", "scene/gltf", "solver/lpv", "solver/gather", "io"],
+    "report": ["reference", "render", "scene/gltf", "solver/lpv", "solver/sn", "solver/gather", "io"],
 }
 EVERYWHERE = ["error.h", "progress.h", "text.h"]
 AFTER_DRIVER = ["report"]  # bakes: may include the driver's headers

@@ -209,7 +209,7 @@ void hold_within(SuiteRow& row, const char* what, double value, SuiteRange range
 } // namespace
 
 std::vector<std::string> suite_solver_names() {
-    return {"lpv", "gather"};
+    return {"lpv", "sn", "gather"};
 }
 
 std::vector<SuiteSolver> suite_solvers(const gpu::Device& device) {
@@ -224,7 +224,7 @@ std::vector<SuiteSolver> suite_solvers(const gpu::Device& device) {
         return settings;
     };
     std::vector<SuiteSolver> solvers;
-    for (const Solver solver : {Solver::lpv, Solver::gather})
+    for (const Solver solver : {Solver::lpv, Solver::sn, Solver::gather})
         solvers.push_back({name_of(solver),
                            [&device, settings_of, solver](const Scene& scene, const SuiteOptions& o,
                                                           Progress& progress) {

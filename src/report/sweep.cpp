@@ -52,7 +52,7 @@ bool set_occlusion(const std::string& text, BakeSettings& settings) {
 }
 
 bool set_solver(const std::string& text, BakeSettings& settings) {
-    for (const Solver solver : {Solver::lpv, Solver::gather})
+    for (const Solver solver : {Solver::lpv, Solver::sn, Solver::gather})
         if (text == name_of(solver)) {
             settings.solver = solver;
             settings.bounces = default_bounces(solver);
@@ -80,11 +80,16 @@ bool set_quality_by_name(const std::string& text, BakeSettings& settings) {
 
 const std::vector<Option>& options() {
     static const std::vector<Option> all = {
-        {"solver", "lpv, gather", set_solver},
+        {"solver", "lpv, sn, gather", set_solver},
         {"bounces", "whole numbers from 0 to 10000, inf", set_bounces},
         {"quality", "fast, balanced, accurate", set_quality_by_name},
+        {"directions", "whole numbers from 48 to 384",
+         number(48, 384, [](BakeSettings& s) -> int& { return s.sn.directions; })},
         {"sh-order", "1, 2, 4",
-         number(1, 4, [](BakeSettings& s) -> int& { return s.gather.order; })},
+         number(1, 4,
+                [](BakeSettings& s) -> int& {
+                    return s.solver == Solver::sn ? s.sn.order : s.gather.order;
+                })},
         {"vpls", "whole numbers from 16 to 1000000",
          number(16, 1'000'000, [](BakeSettings& s) -> int& { return s.gather.vpls; })},
         {"resolution", "whole numbers from 3 to 65536",
@@ -138,7 +143,7 @@ std::vector<Sweep> default_sweeps() {
         {{"solver", {"lpv"}},
          {"resolution", {"16", "32", "64"}},
          {"occlusion", {"none", "sh", "face"}}},
-        {{"solver", {"gather"}},
+        {{"solver", {"sn", "gather"}},
          {"bounces", {"1"}},
          {"resolution", {"16", "32", "64"}},
          {"quality", {"fast", "balanced", "accurate"}}},

@@ -35,7 +35,7 @@ std::vector<std::string> sweep_options();
 /// takes.
 void check_sweep_value(const std::string& option, const std::string& value);
 
-/// Each occlusion mode of lpv and each quality of gather at 16, 32 and 64 cells, one bounce; and at
+/// Each occlusion mode of lpv and each quality of the others at 16, 32 and 64 cells, one bounce; and at
 /// 32 cells a propagation that is cut off after 16 steps, and reflective shadow maps of a quarter
 /// of the usual texels.
 std::vector<Sweep> default_sweeps();

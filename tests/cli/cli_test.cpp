@@ -298,6 +298,8 @@ TEST_F(Cli, ConfigFileRoundTrips) {
                                              "--no-emitters",
                                              "--bounces",
                                              "3",
+                                             "--directions",
+                                             "96",
                                              "--vpls",
                                              "99",
                                              "--rsm-size",

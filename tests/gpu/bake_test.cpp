@@ -210,39 +210,43 @@ TEST_F(Bake, ASkyAloneIsLightEnough) {
     expect_finite(baked.volume);
 }
 
-TEST_F(Bake, GatherReadsAFurnaceOfAllBounces) {
-    BakeSettings settings = coarse();
-    settings.solver = Solver::gather;
-    settings.bounces = default_bounces(settings.solver);
-    const Baked baked = run(scenes::furnace(2.0f, 0.5f, 100.0f), settings);
-    const Volume& volume = baked.volume;
-    ASSERT_EQ(volume.sh_order, 2);
-    ASSERT_EQ(volume.sh.size(), 9u);
-    EXPECT_EQ(volume.metadata.at("solver"), "gather");
-    EXPECT_EQ(volume.metadata.at("bounces"), "inf");
-    double sum = 0.0, cells = 0.0;
-    for (int z = 1; z + 1 < volume.grid.dims.z; ++z) // a cell of margin lies outside
-        for (int y = 1; y + 1 < volume.grid.dims.y; ++y)
-            for (int x = 1; x + 1 < volume.grid.dims.x; ++x) {
-                sum += double(volume.sh[0][volume.grid.index({x, y, z})].y);
-                ++cells;
-            }
-    ASSERT_EQ(cells, 1000.0);
-    EXPECT_NEAR(sum / cells / (200.0 * std::sqrt(4.0 * glm::pi<double>())), 1.0, 0.01);
+TEST_F(Bake, ExactSolversReadAFurnaceOfAllBounces) {
+    for (const Solver solver : {Solver::sn, Solver::gather}) {
+        BakeSettings settings = coarse();
+        settings.solver = solver;
+        settings.bounces = default_bounces(settings.solver);
+        const Baked baked = run(scenes::furnace(2.0f, 0.5f, 100.0f), settings);
+        const Volume& volume = baked.volume;
+        ASSERT_EQ(volume.sh_order, 2);
+        ASSERT_EQ(volume.sh.size(), 9u);
+        EXPECT_EQ(volume.metadata.at("solver"), name_of(solver));
+        EXPECT_EQ(volume.metadata.at("bounces"), "inf");
+        double sum = 0.0, cells = 0.0;
+        for (int z = 1; z + 1 < volume.grid.dims.z; ++z) // a cell of margin lies outside
+            for (int y = 1; y + 1 < volume.grid.dims.y; ++y)
+                for (int x = 1; x + 1 < volume.grid.dims.x; ++x) {
+                    sum += double(volume.sh[0][volume.grid.index({x, y, z})].y);
+                    ++cells;
+                }
+        ASSERT_EQ(cells, 1000.0);
+        EXPECT_NEAR(sum / cells / (200.0 * std::sqrt(4.0 * glm::pi<double>())), 1.0, 0.01);
+    }
 }
 
-TEST_F(Bake, GatherAndItsSurfacesNeedNoMaps) {
+TEST_F(Bake, ExactSolversNeedNoMaps) {
     const Scene scene = scenes::cornell_box_with_point();
-    BakeSettings settings = coarse();
-    settings.solver = Solver::gather;
-    const BakePlan plan = plan_bake(scene, settings, device().info());
-    EXPECT_EQ(plan.rsm_maps, 0);
-    EXPECT_TRUE(plan.lit);
-    for (const StageReport& stage : run(scene, settings).stages)
-        EXPECT_TRUE(
-            std::any_of(plan.stages.begin(), plan.stages.end(),
-                        [&](const StageReport& planned) { return planned.name == stage.name; }))
-            << stage.name;
+    for (const Solver solver : {Solver::sn, Solver::gather}) {
+        BakeSettings settings = coarse();
+        settings.solver = solver;
+        const BakePlan plan = plan_bake(scene, settings, device().info());
+        EXPECT_EQ(plan.rsm_maps, 0);
+        EXPECT_TRUE(plan.lit);
+        for (const StageReport& stage : run(scene, settings).stages)
+            EXPECT_TRUE(
+                std::any_of(plan.stages.begin(), plan.stages.end(),
+                            [&](const StageReport& planned) { return planned.name == stage.name; }))
+                << stage.name;
+    }
 }
 
 TEST_F(Bake, HardCasesEndInFiniteNumbers) {

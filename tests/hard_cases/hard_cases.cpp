@@ -70,7 +70,7 @@ struct Writer {
         write_gltf(scene, folder + "/" + name + ".gltf");
         json c{{"name", name}, {"reason", reason}, {"scene", name + ".gltf"}};
         c.update(extra);
-        c["limits"] = {{"lpv", lpv}, {"gather", exact(lpv)}};
+        c["limits"] = {{"lpv", lpv}, {"sn", exact(lpv)}, {"gather", exact(lpv)}};
         c["cheap"] = cheap;
         cases.push_back(std::move(c));
     }
