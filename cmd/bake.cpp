@@ -319,7 +319,10 @@ void add_bake(CLI::App& root, Action& action) {
                 "clusters of patches straight to the cells");
     list.choice("--quality", o.quality, "fast|balanced|accurate",
                 "sn and gather: time against error (directions, clusters, rays,\ntolerance)");
-    add_bounces_option(list, o.bounces);
+    add_bounces_option(list, o.bounces)
+        ->description(
+            "Reflections of light at most, 0 to 10000, or all; default: 1\nfor lpv, inf for "
+            "the others");
     list.number("--sh-order", o.sh_order, 0, 4,
                 "Highest band of the spherical harmonics; 0: 1 for lpv, 2 for\nthe others")
         ->capture_default_str();
@@ -340,7 +343,7 @@ void add_bake(CLI::App& root, Action& action) {
     list.number("--tolerance", o.tolerance, 0, 1,
                 "lpv: share of the injected power still under way at which\n"
                 "propagation ends (0.01); gather: difference of irradiance below\n"
-                "which cells are interpolated (0.1; 0: none)");
+                "which cells are interpolated (0.3; 0: none)");
     list.choice("--occlusion", o.occlusion, "none|sh|face",
                 "Blocking between cells: none, sh (SH geometry volume), face (a\n"
                 "transmittance a face; does not leak)");

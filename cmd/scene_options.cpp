@@ -75,12 +75,13 @@ uint64_t parse_bytes(const char* option, const std::string& text) {
 
 } // namespace
 
-void add_bounces_option(OptionList& list, std::string& bounces) {
+CLI::Option* add_bounces_option(OptionList& list, std::string& bounces) {
     CLI::Option* option =
         list.text("--bounces", bounces, "N|inf", "Reflections of light at most, 0 to 10000, or all")
             ->check(bounces_or_inf());
     if (!bounces.empty())
         option->capture_default_str();
+    return option;
 }
 
 std::optional<int> bounces_of(const std::string& option) {

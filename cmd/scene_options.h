@@ -54,7 +54,7 @@ struct SceneOptions {
 
 /// Returns --resolution, which `settle` needs.
 CLI::Option* add_grid_options(OptionList& list, SceneOptions& o);
-void add_bounces_option(OptionList& list, std::string& bounces);
+CLI::Option* add_bounces_option(OptionList& list, std::string& bounces);
 /// None: "inf".
 std::optional<int> bounces_of(const std::string& option);
 /// Begins with add_load_options.
