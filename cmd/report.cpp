@@ -49,9 +49,10 @@ measured at the same probes, on the same threads, and scaled to all valid cells 
 The ratio is the time in which they reach the row's error in the same SH bands, over the row's time.
 Beside their rays a second stands what Embree alone makes of the same rays.
 
-Without --sweep, and without lists of values on the command line, lpv is baked at 16, 32 and 64 cells
-in each mode of occlusion, and at 32 cells also cut off after 16 iterations and with maps of 128
-texels. --resolution, --occlusion, ... take lists instead: all their combinations are baked.
+Without --sweep, and without lists of values on the command line, each solver is baked with one bounce
+at 16, 32 and 64 cells, lpv in each mode of occlusion and the others in each quality, and lpv at 32
+cells also cut off after 16 iterations and with maps of 128 texels. --resolution, --occlusion, ...
+take lists instead: all their combinations are baked.
 A sweep file has one or more tables, each of which stands for all combinations of its values:
   [[sweep]]
   resolution = [16, 32, 64]
@@ -59,8 +60,8 @@ A sweep file has one or more tables, each of which stands for all combinations o
   [[sweep]]
   resolution = 32
   iterations = [8, 16, 32]
-Options that a sweep can set: solver, resolution, occlusion, iterations, tolerance, rsm-size,
-rsm-kernel; all others are the same for every row.
+Options that a sweep can set: solver, bounces, quality, sh-order, resolution, occlusion, iterations,
+tolerance, rsm-size, rsm-kernel, directions, vpls; all others are the same for every row.
 
 Examples:
   lpvbake report room.glb

@@ -45,21 +45,25 @@ std::string outside_geometry(const std::vector<float>& validity) {
                   100.0 * double(valid) / double(validity.size()));
 }
 
-/// "punctual lights after one reflection; emitters and sky direct and after one reflection".
+/// As a reference of the same light says it: "punctual lights after one reflection; emitters and
+/// sky direct and after one reflection".
 std::string content_of(const Scene& scene, const BakePlan& plan, std::optional<int> bounces) {
-    const std::string reflections = !bounces       ? "any number of reflections"
-                                    : bounces == 1 ? "one reflection"
-                                                   : format("up to %d reflections", *bounces);
     std::string content;
     if (!scene.lights.empty() && bounces != 0)
-        content = "punctual lights after " + reflections;
+        content = "punctual lights after "
+                  + (!bounces       ? "one reflection and more"
+                     : bounces == 1 ? "one reflection"
+                                    : format("1 to %d reflections", *bounces));
     if (plan.emitters || has_sky(scene)) {
         content += content.empty() ? "" : "; ";
         content += plan.emitters && has_sky(scene) ? "emitters and sky direct"
                    : plan.emitters                 ? "emitters direct"
                                                    : "sky direct";
         if (plan.lit && bounces != 0)
-            content += " and after " + reflections;
+            content += " and after "
+                       + (!bounces       ? "any number of reflections"
+                          : bounces == 1 ? "one reflection"
+                                         : format("up to %d reflections", *bounces));
     }
     return content;
 }
