@@ -143,21 +143,8 @@ Volume read(const std::string& path) {
 
 // ---------------------------------------------------------------- outputs
 
-/// What is drawn as white: the 99th percentile of the errors above zero, but at most six times
-/// their median, so that one bad spot leaves the rest visible. 1 if there are none.
-double white_point(std::vector<float> errors) {
-    std::erase_if(errors, [](float error) { return !(error > 0); });
-    if (errors.empty())
-        return 1;
-    std::ranges::sort(errors);
-    const auto quantile = [&](std::size_t percent) {
-        return double(errors[(errors.size() - 1) * percent / 100]);
-    };
-    return std::min({quantile(99), 6 * quantile(50), double(std::numeric_limits<float>::max())});
-}
-
 /// The error of one layer of cells as a volume of that layer alone, whose mean luminance is the
-/// false colour: black at 0, over red and yellow to white at `white`; that is chosen where it is 0.
+/// false colour, white at `white`; that is chosen where it is 0.
 Volume false_colours(const Volume& a, const Volume& b, const std::vector<float>& cell_error,
                      Slice slice, double& white) {
     Volume layer;
@@ -175,11 +162,9 @@ Volume false_colours(const Volume& a, const Volume& b, const std::vector<float>&
                     layer.validity.push_back(valid_in_both(a, b, a.grid.index(cell)));
                 }
     if (white == 0)
-        white = white_point(errors);
-    for (const float error : errors) {
-        const auto t = float(3 * std::min(error / white, 1.0));
-        layer.sh[0].push_back(glm::clamp(glm::vec3(t, t - 1, t - 2), 0.0f, 1.0f) / sh_y0);
-    }
+        white = error_white(errors);
+    for (const float error : errors)
+        layer.sh[0].push_back(false_colour(error / white) / sh_y0);
     return layer;
 }
 

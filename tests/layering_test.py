@@ -33,7 +33,7 @@ BUILDS_ON = {
     "render": ["scene", "rsm", "volume", "gpu"],
     "report": ["reference", "render", "scene/gltf", "solver/lpv", "solver/sn", "solver/gather", "io"],
 }
-EVERYWHERE = ["error.h", "progress.h", "text.h"]
+EVERYWHERE = ["error.h", "mix_word.h", "progress.h", "text.h"]
 AFTER_DRIVER = ["report"]  # bakes: may include the driver's headers
 DRIVER_HEADERS = ["bake.h"]
 DRIVER = ["src/bake.h", "src/bake.cpp", "src/plan.cpp"]  # may include everything

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace lpvbake {
 namespace {
@@ -96,6 +97,22 @@ Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<fl
                                                   : srgb_encode(colour[c]));
         }
     return picture;
+}
+
+glm::vec3 false_colour(double share) {
+    const auto t = float(3 * std::clamp(share, 0.0, 1.0));
+    return glm::clamp(glm::vec3(t, t - 1, t - 2), 0.0f, 1.0f);
+}
+
+double error_white(std::vector<float> errors) {
+    std::erase_if(errors, [](float error) { return !(error > 0); });
+    if (errors.empty())
+        return 1;
+    std::ranges::sort(errors);
+    const auto quantile = [&](std::size_t percent) {
+        return double(errors[(errors.size() - 1) * percent / 100]);
+    };
+    return std::min({quantile(99), 6 * quantile(50), double(std::numeric_limits<float>::max())});
 }
 
 void write_png(const std::string& path, const Pixels& pixels) {

@@ -6,6 +6,7 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace lpvbake {
 
@@ -22,6 +23,13 @@ Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<fl
 
 /// What slice_picture without `white` draws as white, nits. Throws Error (usage) as it does.
 float slice_white(const Volume& volume, int axis, int index);
+
+/// Error as colour: black at 0, over red and yellow to white at 1 and above.
+glm::vec3 false_colour(double share);
+
+/// Which error is drawn white: the 99th percentile of those above 0, but at most six times their
+/// median, so that one bad spot leaves the rest visible. 1 if there are none; finite.
+double error_white(std::vector<float> errors);
 
 /// Writes an 8-bit PNG; samples are display-referred values, clamped to [0, 1]. Atomic. Throws
 /// Error (file).

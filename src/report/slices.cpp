@@ -39,24 +39,6 @@ void for_cells(const Grid& layer_grid, LayerChoice layer, const Act& act) {
             }
 }
 
-/// Black at 0, over red and yellow to white at 1.
-glm::vec3 false_colour(float share) {
-    const float t = 3 * std::clamp(share, 0.0f, 1.0f);
-    return glm::clamp(glm::vec3(t, t - 1, t - 2), 0.0f, 1.0f);
-}
-
-/// The 99th percentile of the errors above 0, at most six times their median; 1 if there are none.
-float error_white(std::vector<float> errors) {
-    std::erase_if(errors, [](float error) { return !(error > 0); });
-    if (errors.empty())
-        return 1;
-    std::ranges::sort(errors);
-    const auto quantile = [&](std::size_t percent) {
-        return errors[(errors.size() - 1) * percent / 100];
-    };
-    return std::min(quantile(99), 6 * quantile(50));
-}
-
 } // namespace
 
 LayerChoice shown_layer(const Grid& grid) {
@@ -118,13 +100,12 @@ Slices draw_slices(const Volume& result, const Volume& reference, LayerChoice la
     slices.reference = encode_png(slice_picture(reference, layer.axis, 0, white), "slice");
 
     const Comparison comparison = compare(result, reference, {});
-    const float most = error_white(comparison.cell_error);
-    slices.error_white = double(most);
+    slices.error_white = error_white(comparison.cell_error);
     Volume error = reference;
     error.sh_order = 0;
     error.sh.resize(1);
     for (std::size_t i = 0; i < error.sh[0].size(); ++i) {
-        error.sh[0][i] = false_colour(comparison.cell_error[i] / most) / sh_y0;
+        error.sh[0][i] = false_colour(comparison.cell_error[i] / slices.error_white) / sh_y0;
         error.validity[i] = valid_in_both(result, reference, i);
     }
     slices.error = encode_png(slice_picture(error, layer.axis, 0, 1.0f), "slice");

@@ -1,6 +1,7 @@
 #include "surface/lit_surfaces.h"
 
 #include "error.h"
+#include "mix_word.h"
 #include "rsm/view.h"
 #include "scene/sky.h"
 #include "surface/emitter_sampling.h"
@@ -18,19 +19,10 @@ constexpr uint32_t black = ~0u; ///< what a ray meets that reflects nothing
 constexpr int shadow_samples = 4;
 constexpr int longest_sum = 20'000; ///< reflections, where their number is not bounded
 
-/// Spreads the bits of a word evenly (Wellons' lowbias32 constants).
-uint32_t mix(uint32_t x) {
-    x ^= x >> 16;
-    x *= 0x7feb352du;
-    x ^= x >> 15;
-    x *= 0x846ca68bu;
-    return x ^ (x >> 16);
-}
-
 /// Low-discrepancy points of one side: Halton's sequence, shifted by numbers of the side's own.
 class Points {
 public:
-    Points(uint32_t side, uint32_t purpose) : key_(mix(side * 8 + purpose)) {}
+    Points(uint32_t side, uint32_t purpose) : key_(mix_word(side * 8 + purpose)) {}
     /// Point `i` of dimension pair `d` in [0, 1)^2.
     glm::vec2 operator()(uint32_t i, uint32_t d) const {
         static constexpr uint32_t base[] = {2, 3, 5, 7};
@@ -40,7 +32,7 @@ public:
                 scale /= base[n];
                 inverse += scale * (k % base[n]);
             }
-            const double shifted = inverse + double(mix(key_ + n) >> 8) * 0x1p-24;
+            const double shifted = inverse + double(mix_word(key_ + n) >> 8) * 0x1p-24;
             return float(std::min(shifted - std::floor(shifted), 1.0 - 0x1p-24));
         };
         return {coordinate(2 * d), coordinate(2 * d + 1)};

@@ -1,6 +1,7 @@
 #include "visibility/visibility.h"
 
 #include "error.h"
+#include "mix_word.h"
 #include "scene/material.h"
 
 #include <embree3/rtcore.h>
@@ -20,15 +21,6 @@ struct Origin {
     uint32_t instance;
     uint32_t triangle;
 };
-
-/// Spreads the bits of a word evenly (Wellons' lowbias32 constants).
-uint32_t mix(uint32_t x) {
-    x ^= x >> 16;
-    x *= 0x7feb352du;
-    x ^= x >> 15;
-    x *= 0x846ca68bu;
-    return x ^ (x >> 16);
-}
 
 } // namespace
 
@@ -110,11 +102,11 @@ bool meets_back(RTCRayN* ray, RTCHitN* hit, unsigned n, unsigned i) {
 
 /// A number in [0, 1) that depends on the line of a ray and on a primitive.
 float draw(RTCRayN* ray, unsigned n, unsigned i, uint32_t primitive) {
-    uint32_t bits = mix(primitive);
+    uint32_t bits = mix_word(primitive);
     for (const float x :
          {RTCRayN_org_x(ray, n, i), RTCRayN_org_y(ray, n, i), RTCRayN_org_z(ray, n, i),
           RTCRayN_dir_x(ray, n, i), RTCRayN_dir_y(ray, n, i), RTCRayN_dir_z(ray, n, i)})
-        bits = mix(bits ^ std::bit_cast<uint32_t>(x));
+        bits = mix_word(bits ^ std::bit_cast<uint32_t>(x));
     return float(bits >> 8) * 0x1p-24f;
 }
 

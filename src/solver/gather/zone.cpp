@@ -1,5 +1,7 @@
 #include "solver/gather/zone.h"
 
+#include "mix_word.h"
+
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -15,15 +17,6 @@ constexpr size_t fewest_corners = 4;  ///< that have to agree
 constexpr float smallest = 0.25f;     ///< clusters of this size are not opened
 constexpr float near_triangle = 1.0f; ///< sizes of a triangle within which it is not a point
 constexpr float divided_weight = 8.0f;
-
-/// Spreads the bits of a word evenly (Wellons' lowbias32 constants).
-uint32_t mix(uint32_t x) {
-    x ^= x >> 16;
-    x *= 0x7feb352du;
-    x ^= x >> 15;
-    x *= 0x846ca68bu;
-    return x ^ (x >> 16);
-}
 
 float unit(uint32_t bits) {
     return float(bits >> 8) * 0x1p-24f;
@@ -92,12 +85,12 @@ Zone::Zone(const Surroundings& world, glm::ivec3 base)
     for (const uint32_t index : clusters_) {
         const Cluster& cluster = world_.clusters.nodes[index];
         for (uint32_t s = 0; s < strata; ++s) {
-            const uint32_t key = mix(mix(index) + s);
+            const uint32_t key = mix_word(mix_word(index) + s);
             const double share = (double(s) + double(unit(key))) / strata;
             const Emitter& emitter =
                 world_.clusters.emitters[world_.clusters.emitter_at(cluster, share)];
-            targets_.push_back(
-                {emitter.point({unit(mix(key + 1)), unit(mix(key + 2))}), emitter.normal});
+            targets_.push_back({emitter.point({unit(mix_word(key + 1)), unit(mix_word(key + 2))}),
+                                emitter.normal});
         }
     }
     words_ = (clusters_.size() + world_.sky.size() + 63) / 64;
@@ -160,11 +153,11 @@ bool Zone::usable(glm::ivec3 point) const {
 /// The ray by which a cell looks at a source. False: the cluster has its back to it.
 bool Zone::aim(glm::vec3 from, uint32_t source, uint32_t pattern, Ray& ray,
                float& threshold) const {
-    const uint32_t shift = mix(source + 1), key = mix(pattern ^ shift);
+    const uint32_t shift = mix_word(source + 1), key = mix_word(pattern ^ shift);
     threshold = unit(key);
     if (source >= clusters_.size()) {
         const SkyBin& bin = world_.sky[source - clusters_.size()];
-        ray = {from, bin.direction({unit(pattern + shift), unit(mix(key))}), 0.0f, HUGE_VALF};
+        ray = {from, bin.direction({unit(pattern + shift), unit(mix_word(key))}), 0.0f, HUGE_VALF};
         return true;
     }
     // The first of the points, from the cell's own on, that face it.
