@@ -166,122 +166,103 @@ float greatest(glm::vec3 v) {
     return std::max({v.x, v.y, v.z});
 }
 
-} // namespace
-
-LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, const Frame& frame,
-                           const LightingSettings& settings, Progress& progress) {
-    LitSurfaces lit;
-    lit.visibility = &visibility;
-    {
-        PatchCover cover = cover_surfaces(scene, frame, visibility, 1.0f);
-        lit.patches = std::move(cover.patches);
-        lit.tree = std::move(cover.tree);
+/// Luminance that every side sends by itself, nits.
+std::vector<glm::vec3> emission_of(const std::vector<Patch>& patches) {
+    std::vector<glm::vec3> emission(2 * patches.size(), glm::vec3(0.0f));
+    for (size_t i = 0; i < patches.size(); ++i) {
+        emission[2 * i] = patches[i].emission / patches[i].alpha;
+        if (patches[i].double_sided)
+            emission[2 * i + 1] = emission[2 * i];
     }
-    const std::vector<Patch>& patches = lit.patches;
-    const size_t sides = 2 * patches.size();
-    lit.luminance.assign(sides, glm::vec3(0.0f));
-    const bool no_reflection = settings.bounces == 0;
-    const bool emitters = settings.emitters && has_emitters(scene);
-    const bool sky = has_sky(scene);
-    const bool between = settings.bounces != 0 && settings.bounces != 1;
+    return emission;
+}
 
-    std::vector<glm::vec3> emission(emitters ? sides : 0, glm::vec3(0.0f));
-    if (emitters)
-        for (size_t i = 0; i < patches.size(); ++i) {
-            emission[2 * i] = patches[i].emission / patches[i].alpha;
-            if (patches[i].double_sided)
-                emission[2 * i + 1] = emission[2 * i];
+/// The sides that reflect: light between surfaces is computed for them alone.
+struct Reflectors {
+    std::vector<uint32_t> sides;    ///< 2 * patch + side
+    std::vector<uint32_t> ordinals; ///< a side: its place in `sides`, or `black`
+
+    explicit Reflectors(const std::vector<Patch>& patches) : ordinals(2 * patches.size(), black) {
+        for (size_t side = 0; side < ordinals.size(); ++side) {
+            const Patch& patch = patches[side / 2];
+            if (patch.albedo == glm::vec3(0.0f) || (side % 2 != 0 && !patch.double_sided))
+                continue;
+            ordinals[side] = uint32_t(sides.size());
+            sides.push_back(uint32_t(side));
         }
-    if (no_reflection) {
-        if (emitters)
-            lit.luminance = std::move(emission);
-        return lit;
     }
+};
 
-    // Direct light, and the rays that carry light between the patches.
-    const std::vector<Source> sources = sources_of(scene, visibility, frame);
-    const EmitterSampling aim(emitters ? patches : std::vector<Patch>{});
-    size_t reflecting = 0;
-    for (const Patch& patch : patches)
-        if (patch.albedo != glm::vec3(0.0f))
-            reflecting += patch.double_sided ? 2 : 1;
-    const int rays = emitters || sky || between
-                         ? std::clamp(int(settings.rays / std::max<size_t>(reflecting, 1)), 16, 256)
-                         : 0;
-    const int aimed_rays = rays / 8; // of as many that are not, if there are emitters
-    std::vector<glm::vec3> direct(sides, glm::vec3(0.0f)); // luminance reflected once
-    std::vector<glm::vec3> mapped(settings.maps ? sides : 0, glm::vec3(0.0f));
-    std::vector<uint32_t> hits(between ? sides * size_t(rays) : 0, black);
-    progress.begin("lighting", patches.size());
-    constexpr size_t block = 4096;
-    for (size_t first = 0; first < patches.size(); first += block) {
-        progress.advance(first);
-        const size_t end = std::min(patches.size(), first + block);
-        tbb::parallel_for(2 * first, 2 * end, [&](size_t index) {
-            const Patch& patch = patches[index / 2];
-            const bool back = index % 2;
-            if ((back && !patch.double_sided) || patch.albedo == glm::vec3(0.0f))
-                return;
-            const Side side{patch, uint32_t(index), back ? -patch.normal : patch.normal};
-            glm::vec3 lux = punctual(side, sources, visibility);
-            if (settings.maps)
-                mapped[index] = patch.albedo * lux / glm::pi<float>();
-            if (!aim.empty())
-                lux += aimed(side, aim, aimed_rays, rays, visibility);
-            const Points points(side.index, 2);
-            glm::vec3 seen{0.0f};
-            for (uint32_t i = 0; i < uint32_t(rays); ++i) {
-                const glm::vec3 from = side.point(on_triangle(points(i, 1)));
-                const glm::vec3 direction = around(side.normal, points(i, 0));
-                const Hit hit = visibility.closest({from, direction, 0.0f, HUGE_VALF});
-                if (hit.instance == no_hit) {
-                    seen += sky_luminance(scene.sky, direction);
-                    continue;
-                }
-                const uint32_t met = lit.side(hit, direction);
-                if (met == LitSurfaces::no_side)
-                    continue;
-                if (between)
-                    hits[index * size_t(rays) + i] = met;
-                if (!aim.empty() && emission[met] != glm::vec3(0.0f)) {
-                    const float cosine = glm::dot(direction, side.normal) / glm::pi<float>();
-                    const float there = std::abs(glm::dot(direction, hit.normal));
-                    const float aimed_density =
-                        aim.density(patches[met / 2]) * hit.t * hit.t / there;
-                    seen += emission[met]
-                            * (float(rays) * cosine
-                               / (float(aimed_rays) * aimed_density + float(rays) * cosine));
-                }
+/// What lights a side without another reflection: punctual lights, emitters and sky.
+struct DirectLight {
+    const LitSurfaces& lit;
+    const Visibility& visibility;
+    const Sky& sky;
+    const std::vector<glm::vec3>& emission; ///< a side, nits; empty without emitters
+    std::vector<Source> sources;
+    EmitterSampling aim;
+    int rays;       ///< into the half-space of a side
+    int aimed_rays; ///< towards emitters
+
+    /// Illuminance by the rays of a side, lux; `met` takes the sides that they hit, if it is not
+    /// empty.
+    glm::vec3 by_rays(const Side& side, std::span<uint32_t> met) const {
+        const Points points(side.index, 2);
+        glm::vec3 seen{0.0f};
+        for (uint32_t i = 0; i < uint32_t(rays); ++i) {
+            const glm::vec3 from = side.point(on_triangle(points(i, 1)));
+            const glm::vec3 direction = around(side.normal, points(i, 0));
+            const Hit hit = visibility.closest({from, direction, 0.0f, HUGE_VALF});
+            if (hit.instance == no_hit) {
+                seen += sky_luminance(sky, direction);
+                continue;
             }
-            if (rays > 0)
-                lux += seen * (glm::pi<float>() / float(rays));
-            direct[index] = patch.albedo * lux / glm::pi<float>();
-        });
+            const uint32_t there = lit.side(hit, direction);
+            if (there == LitSurfaces::no_side)
+                continue;
+            if (!met.empty())
+                met[i] = there;
+            if (!aim.empty() && emission[there] != glm::vec3(0.0f)) {
+                const float cosine = glm::dot(direction, side.normal) / glm::pi<float>();
+                const float slant = std::abs(glm::dot(direction, hit.normal));
+                const float aimed_density =
+                    aim.density(lit.patches[there / 2]) * hit.t * hit.t / slant;
+                seen += emission[there]
+                        * (float(rays) * cosine
+                           / (float(aimed_rays) * aimed_density + float(rays) * cosine));
+            }
+        }
+        return rays > 0 ? seen * (glm::pi<float>() / float(rays)) : seen;
     }
+};
 
-    // R = D + rho K R.
-    std::vector<glm::vec3> reflected = direct, next(between ? sides : 0);
-    lit.bounces = 1;
+/// R = D + rho K R, iterated. `reflected` comes as D and becomes R, a reflector; `hits` are their
+/// rays' ends.
+void reflect_between(const Scene& scene, const Reflectors& reflectors,
+                     const std::vector<uint32_t>& hits, const LightingSettings& settings,
+                     std::vector<glm::vec3>& reflected, LitSurfaces& lit, Progress& progress) {
+    const std::vector<glm::vec3> direct = reflected;
+    std::vector<glm::vec3> next(reflected.size());
+    const size_t rays = hits.size() / std::max<size_t>(reflected.size(), 1);
+    const auto patch_of = [&](size_t i) -> const Patch& {
+        return lit.patches[reflectors.sides[i] / 2];
+    };
     double previous = 0.0;
     const int most = settings.bounces.value_or(longest_sum);
-    if (between)
-        progress.begin("bounces", 0);
+    progress.begin("bounces", 0);
     while (lit.bounces < most) {
         progress.advance(0);
-        tbb::parallel_for(size_t(0), sides, [&](size_t index) {
+        tbb::parallel_for(size_t(0), reflected.size(), [&](size_t i) {
             glm::vec3 sum{0.0f};
-            if (patches[index / 2].albedo != glm::vec3(0.0f)) {
-                const uint32_t* hit = &hits[index * size_t(rays)];
-                for (int i = 0; i < rays; ++i)
-                    if (hit[i] != black)
-                        sum += reflected[hit[i]];
-            }
-            next[index] = direct[index] + patches[index / 2].albedo * sum / float(rays);
+            for (const uint32_t hit : std::span(hits).subspan(i * rays, rays))
+                if (hit != black)
+                    sum += reflected[hit];
+            next[i] = direct[i] + patch_of(i).albedo * sum / float(rays);
         });
         // The light of one more reflection, and all; both by power.
         double change = 0.0, all = 0.0;
-        for (size_t i = 0; i < sides; ++i) {
-            const double area = double(patches[i / 2].area) * double(patches[i / 2].alpha);
+        for (size_t i = 0; i < reflected.size(); ++i) {
+            const double area = double(patch_of(i).area) * double(patch_of(i).alpha);
             change += area * double(greatest(next[i] - reflected[i]));
             all += area * double(greatest(next[i]));
         }
@@ -303,13 +284,73 @@ LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, con
     }
     if (settings.bounces)
         lit.residual = 0.0;
+}
 
-    lit.luminance = std::move(reflected);
-    for (size_t i = 0; i < mapped.size(); ++i)
-        lit.luminance[i] = glm::max(lit.luminance[i] - mapped[i], 0.0f);
-    if (emitters)
-        for (size_t i = 0; i < sides; ++i)
-            lit.luminance[i] += emission[i];
+} // namespace
+
+LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, const Frame& frame,
+                           const LightingSettings& settings, Progress& progress) {
+    LitSurfaces lit;
+    lit.visibility = &visibility;
+    {
+        PatchCover cover = cover_surfaces(scene, frame, visibility, 1.0f);
+        lit.patches = std::move(cover.patches);
+        lit.tree = std::move(cover.tree);
+    }
+    const std::vector<Patch>& patches = lit.patches;
+    lit.luminance.assign(2 * patches.size(), glm::vec3(0.0f));
+    const bool emitters = settings.emitters && has_emitters(scene);
+    const std::vector<glm::vec3> emission =
+        emitters ? emission_of(patches) : std::vector<glm::vec3>{};
+    if (settings.bounces != 0) {
+        const Reflectors reflectors(patches);
+        const size_t count = reflectors.sides.size();
+        const bool between = settings.bounces != 1;
+        const int rays = emitters || has_sky(scene) || between
+                             ? std::clamp(int(settings.rays / std::max<size_t>(count, 1)), 16, 256)
+                             : 0;
+        const DirectLight light{lit,
+                                visibility,
+                                scene.sky,
+                                emission,
+                                sources_of(scene, visibility, frame),
+                                EmitterSampling(emitters ? patches : std::vector<Patch>{}),
+                                rays,
+                                rays / 8};
+        std::vector<glm::vec3> reflected(count); // luminance
+        std::vector<glm::vec3> mapped(settings.maps ? count : 0);
+        std::vector<uint32_t> hits(between ? count * size_t(rays) : 0, black);
+        progress.begin("lighting", count);
+        constexpr size_t block = 8192;
+        for (size_t first = 0; first < count; first += block) {
+            progress.advance(first);
+            tbb::parallel_for(first, std::min(count, first + block), [&](size_t i) {
+                const uint32_t index = reflectors.sides[i];
+                const Patch& patch = patches[index / 2];
+                const Side side{patch, index, index % 2 != 0 ? -patch.normal : patch.normal};
+                const glm::vec3 share = patch.albedo / glm::pi<float>();
+                glm::vec3 lux = punctual(side, light.sources, visibility);
+                if (settings.maps)
+                    mapped[i] = share * lux;
+                if (!light.aim.empty())
+                    lux += aimed(side, light.aim, light.aimed_rays, rays, visibility);
+                const std::span<uint32_t> met = std::span(hits).subspan(
+                    between ? i * size_t(rays) : 0, between ? size_t(rays) : 0);
+                reflected[i] = share * (lux + light.by_rays(side, met));
+                for (uint32_t& there : met)
+                    if (there != black)
+                        there = reflectors.ordinals[there];
+            });
+        }
+        lit.bounces = 1;
+        if (between)
+            reflect_between(scene, reflectors, hits, settings, reflected, lit, progress);
+        for (size_t i = 0; i < count; ++i)
+            lit.luminance[reflectors.sides[i]] =
+                settings.maps ? glm::max(reflected[i] - mapped[i], 0.0f) : reflected[i];
+    }
+    for (size_t i = 0; i < emission.size(); ++i)
+        lit.luminance[i] += emission[i];
     return lit;
 }
 
