@@ -64,6 +64,7 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::optional<int> directions;
     bool first_flight = false;
     std::optional<int> vpls;
+    int rsm_samples = 0;
     std::string device;
     bool validation = false;
     bool dry_run = false;
@@ -95,6 +96,7 @@ std::vector<Setting> settings_of(const BakeOptions& o) {
                                         {"first-flight", toml_flag(o.first_flight), true},
                                         {"rsm-size", std::to_string(o.rsm_size), true},
                                         {"rsm-kernel", std::to_string(o.rsm_kernel), true},
+                                        {"rsm-samples", std::to_string(o.rsm_samples), true},
                                         {"iterations", std::to_string(o.iterations), true},
                                         {"occlusion", toml_string(o.occlusion), true},
                                         {"precision", toml_string(o.outputs.precision), false},
@@ -149,6 +151,7 @@ BakeSettings to_settings(const BakeOptions& o) {
     settings.sn.first_flight = o.first_flight;
     if (o.vpls)
         settings.gather.vpls = *o.vpls;
+    settings.rsm_samples = o.rsm_samples;
     settings.lpv.occlusion = o.occlusion == "none" ? Occlusion::none
                              : o.occlusion == "sh" ? Occlusion::sh
                                                    : Occlusion::face;
@@ -336,6 +339,10 @@ void add_bake(CLI::App& root, Action& action) {
         ->capture_default_str();
     list.number("--rsm-kernel", o.rsm_kernel, 1, 64,
                 "Texels along a side of a block that becomes virtual point lights")
+        ->capture_default_str();
+    list.number("--rsm-samples", o.rsm_samples, 0, 65536,
+                "gather: texels of each map from which a cell takes the first\n"
+                "reflection of punctual lights, noisily; 0: from clusters")
         ->capture_default_str();
     list.number("--iterations", o.iterations, 0, 1'000'000,
                 "Propagation steps; 0: until --tolerance")

@@ -61,7 +61,7 @@ A sweep file has one or more tables, each of which stands for all combinations o
   resolution = 32
   iterations = [8, 16, 32]
 Options that a sweep can set: solver, bounces, quality, sh-order, resolution, occlusion, iterations,
-tolerance, rsm-size, rsm-kernel, directions, vpls; all others are the same for every row.
+tolerance, rsm-size, rsm-kernel, rsm-samples, directions, vpls; all others are the same for every row.
 
 Examples:
   lpvbake report room.glb

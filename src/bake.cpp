@@ -163,16 +163,27 @@ void solve_sn(const Work& work, std::future<SnProgram> program) {
     work.baked.volume.metadata["directions"] = std::to_string(work.settings.sn.directions);
 }
 
-/// Clusters of patches straight to the cells that need it, the other cells from these.
+/// Clusters of patches straight to the cells that need it, the other cells from these; the first
+/// reflection from the maps' texels, where that is wanted.
 void solve_gather(const Work& work, std::future<GatherProgram> program) {
     find_validity(work);
     work.stages.begin("gather");
-    const GatherReport report = program.get().gather(*work.lit, work.scene.sky, work.visibility,
-                                                     work.baked.volume, work.progress);
+    const LitSurfaces none;
+    const GatherReport report =
+        program.get().gather(work.lit ? *work.lit : none, work.scene.sky, work.visibility,
+                             work.baked.volume, work.progress);
     work.stages.end(format("%llu cells solved, %llu interpolated, %llu visibility rays",
                            (unsigned long long)report.solved,
                            (unsigned long long)report.interpolated,
                            (unsigned long long)report.rays));
+    if (work.plan.rsm_maps == 0)
+        return;
+    work.stages.begin("discs", work.scene.lights.size());
+    const DiscReport discs = gather_discs(work.device, work.scene, work.plan.frame, work.visibility,
+                                          {work.settings.rsm_samples, work.plan.rsm_size},
+                                          work.baked.volume, work.progress);
+    work.stages.end(format("%d maps of %d x %d, %llu visibility rays", discs.maps,
+                           work.plan.rsm_size, work.plan.rsm_size, (unsigned long long)discs.rays));
 }
 
 } // namespace

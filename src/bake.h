@@ -5,6 +5,7 @@
 #include "progress.h"
 #include "rsm/rsm.h"
 #include "scene/scene.h"
+#include "solver/gather/discs.h"
 #include "solver/gather/gather.h"
 #include "solver/lpv/lpv.h"
 #include "solver/sn/sn.h"
@@ -38,6 +39,9 @@ struct BakeSettings {
     LpvSettings lpv;
     SnSettings sn;
     GatherSettings gather;
+    /// gather: texels of each reflective shadow map from which a cell takes the first reflection of
+    /// punctual lights; 0: clusters of patches bring that too.
+    int rsm_samples = 0;
 };
 
 /// Highest band of the harmonics that a bake gives.

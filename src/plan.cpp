@@ -132,8 +132,9 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
                     scene.path
                         + ": without reflections no light of its lights is in the field; set "
                           "--bounces 1 or more");
-    plan.lit =
-        settings.solver != Solver::lpv || settings.bounces != 1 || plan.emitters || has_sky(scene);
+    const bool by_maps = settings.solver == Solver::lpv
+                         || (settings.solver == Solver::gather && settings.rsm_samples > 0);
+    plan.lit = !by_maps || settings.bounces != 1 || plan.emitters || has_sky(scene);
 
     const Bounds scene_bounds = bounds_of(scene);
     const Bounds box = settings.bounds.value_or(scene_bounds);
@@ -171,8 +172,10 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
         stage("lighting", 0.3 + 4e-5 * double(cells) / longest,
               settings.bounces ? format("%d reflections from patch to patch", *settings.bounces)
                                : "all reflections from patch to patch");
-    if (settings.solver == Solver::lpv && !scene.lights.empty() && settings.bounces != 0) {
+    if (by_maps && !scene.lights.empty() && settings.bounces != 0) {
         plan.rsm_size = rsm_size_of(plan.grid, settings);
+        if (settings.solver == Solver::gather)
+            plan.rsm_size = std::min(plan.rsm_size, largest_disc_map);
         const glm::dvec3 lo = plan.frame.from_world(scene_bounds.lo);
         const glm::dvec3 hi = plan.frame.from_world(scene_bounds.hi);
         for (const Light& light : scene.lights)
@@ -217,6 +220,9 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
               format("%d clusters, tolerance %.3g, order %d", settings.gather.vpls,
                      double(settings.gather.tolerance), settings.gather.order));
         plan.host_bytes += gather_host_bytes(plan.grid, patches, settings.gather);
+        if (plan.rsm_maps > 0)
+            stage("discs", 4e-7 * double(cells) * settings.rsm_samples * plan.rsm_maps,
+                  format("%d texels of each map for each cell", settings.rsm_samples));
         break;
     }
     return plan;

@@ -92,6 +92,8 @@ const std::vector<Option>& options() {
                 })},
         {"vpls", "whole numbers from 16 to 1000000",
          number(16, 1'000'000, [](BakeSettings& s) -> int& { return s.gather.vpls; })},
+        {"rsm-samples", "whole numbers from 0 to 65536",
+         number(0, 65536, [](BakeSettings& s) -> int& { return s.rsm_samples; })},
         {"resolution", "whole numbers from 3 to 65536",
          number(3, 65536, [](BakeSettings& s) -> int& { return s.grid.resolution; })},
         {"occlusion", "none, sh, face", set_occlusion},

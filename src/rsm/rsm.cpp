@@ -545,6 +545,7 @@ void RsmPass::render(const Light& light, int size, const std::function<void(cons
             for (int x = 0; x < size; x += max_tile) {
                 rsm.width = std::min(max_tile, size - x);
                 rsm.height = std::min(max_tile, size - y);
+                rsm.view = view;
                 const std::size_t texels = std::size_t(rsm.width) * rsm.height;
                 rsm.position.resize(texels);
                 rsm.normal.resize(texels);

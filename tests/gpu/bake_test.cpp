@@ -249,6 +249,23 @@ TEST_F(Bake, ExactSolversNeedNoMaps) {
     }
 }
 
+TEST_F(Bake, DiscsOfTheMapsBringNoMoreAndNoLessThanClusters) {
+    Scene scene = scenes::cornell_box_with_point();
+    BakeSettings settings = coarse();
+    settings.solver = Solver::gather;
+    for (const std::optional<int> bounces : {std::optional(1), std::optional<int>()}) {
+        settings.bounces = bounces;
+        settings.rsm_samples = 0;
+        const Volume clusters = run(scene, settings).volume;
+        settings.rsm_samples = 512;
+        EXPECT_EQ(plan_bake(scene, settings, device().info()).lit, bounces != 1);
+        const Baked discs = run(scene, settings);
+        EXPECT_EQ(discs.stages.back().name, "discs");
+        EXPECT_EQ(discs.volume.metadata.at("content"), clusters.metadata.at("content"));
+        EXPECT_NEAR(total_energy(discs.volume) / total_energy(clusters), 1.0, 0.015);
+    }
+}
+
 TEST_F(Bake, HardCasesEndInFiniteNumbers) {
     std::vector<std::pair<const char*, Scene>> cases;
     {
