@@ -75,9 +75,9 @@ std::string peers_table(const SceneReport& scene) {
         + head({"grid", "rays a probe", "seconds", "error, SH L1", "in the same SH", "error, SH L2",
                 "in the same SH", "error, SH L4", "Mrays/s", "Embree alone"});
     for (const GridResult& grid : scene.grids) {
-        for (const PeerPoint& point : grid.peer)
+        const auto add = [&](const PeerPoint& point, const char* kind) {
             html += "<tr>" + cell(dims_text(grid.grid))
-                    + cell(format("%llu", static_cast<unsigned long long>(point.rays)))
+                    + cell(format("%llu%s", static_cast<unsigned long long>(point.rays), kind))
                     + cell(seconds_text(point.seconds.median))
                     + cell(percent(point.error[0].relative_l1))
                     + cell(percent(point.projected[0].relative_l1))
@@ -89,6 +89,11 @@ std::string peers_table(const SceneReport& scene) {
                                ? format("%.3g", 1e-6 * point.embree_rays_per_second)
                                : "-")
                     + "</tr>\n";
+        };
+        for (const PeerPoint& point : grid.peer)
+            add(point, "");
+        for (const PeerPoint& point : grid.sharing)
+            add(point, ", sharing bounces");
         html += "<tr>" + cell(dims_text(grid.grid)) + cell("exact") + cell("")
                 + cell(percent(grid.floor[0].relative_l1)) + cell("0 %")
                 + cell(percent(grid.floor[1].relative_l1)) + cell("0 %")
@@ -143,7 +148,9 @@ std::string section(const SceneReport& scene) {
           "repeats, without loading and writing.</p>\n";
     html += "<h3>Path-traced probes, and what SH alone costs</h3>\n" + peers_table(scene);
     html += "<p class=\"note\">The peer's time is measured at the probes and scaled to all valid "
-            "cells of the grid. <i>exact</i> is the reference projected to the order: the floor "
+            "cells of the grid. Sharing bounces: its rays end where they hit first, on surfaces "
+            "lit as the bakes light them. <i>exact</i> is the reference projected to the order: "
+            "the floor "
             "of its error. Noise of the reference: ";
     for (const GridResult& grid : scene.grids)
         html += html_text(dims_text(grid.grid) + ": " + percent(grid.noise)) + "; ";

@@ -13,7 +13,9 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <functional>
 #include <map>
+#include <numbers>
 #include <set>
 
 namespace lpvbake {
@@ -149,11 +151,55 @@ double embree_rate(const Scene& scene, const Place& place, std::span<const glm::
     return median > 0 ? double(packed.size()) / median : 0;
 }
 
+/// Light between surfaces as the bakes of a grid solve it, for probes to look up.
+struct SharedBounces {
+    LitSurfaces lit;
+    std::vector<glm::vec3> irradiance; ///< a side: all but the direct light of punctual lights, lux
+    double seconds = 0;
+
+    SharedBounces(const Scene& scene, const Place& place, const PathRules& rules) {
+        const Clock::time_point begin = Clock::now();
+        LightingSettings settings;
+        settings.bounces = rules.bounces;
+        settings.emitters = rules.emitters;
+        settings.maps = true;
+        Progress silent;
+        lit = light_surfaces(scene, place.visibility, place.frame, settings, silent);
+        irradiance.assign(lit.luminance.size(), glm::vec3(0.0f));
+        for (std::size_t side = 0; side < irradiance.size(); ++side) {
+            const Patch& patch = lit.patches[side / 2];
+            const glm::vec3 own = rules.emitters ? patch.emission / patch.alpha : glm::vec3(0.0f);
+            for (int c = 0; c < 3; ++c)
+                if (patch.albedo[c] > 0.0f)
+                    irradiance[side][c] = std::max(0.0f, lit.luminance[side][c] - own[c])
+                                          * float(std::numbers::pi) / patch.albedo[c];
+        }
+        seconds = since(begin);
+    }
+
+    /// As IndirectLookup.
+    void operator()(std::span<const Hit> hits, std::span<glm::vec3> result) const {
+        for (std::size_t i = 0; i < hits.size(); ++i) {
+            Hit hit = hits[i];
+            glm::vec2 weights;
+            const uint32_t patch = lit.tree.find(hit, weights);
+            if (patch == PatchTree::none)
+                continue;
+            const glm::vec3 towards = hit.normal;
+            hit.normal = lit.patches[patch].normal;
+            const bool back = glm::dot(hit.normal, towards) < 0.0f;
+            if (!lit.patches[patch].crossed || lit.side(hit, -towards) != LitSurfaces::no_side)
+                result[i] = irradiance[2 * patch + (back ? 1 : 0)];
+        }
+    }
+};
+
 /// Path-traced probes at the same cells. `setup` seconds come once, whatever the number of cells.
+/// With `indirect` paths end at their first hit.
 std::vector<PeerPoint> trace_peers(const Scene& scene, const Place& place, const GridResult& grid,
                                    std::span<const glm::vec3> points, double setup,
-                                   const Truth& truth, const ReportSettings& settings,
-                                   Progress& progress) {
+                                   const Truth& truth, const IndirectLookup& indirect,
+                                   const ReportSettings& settings, Progress& progress) {
     std::vector<PeerPoint> curve;
     progress.begin("", std::size(peer_rays_each) * std::size_t(settings.repeats));
     uint64_t done = 0;
@@ -163,6 +209,7 @@ std::vector<PeerPoint> trace_peers(const Scene& scene, const Place& place, const
         peer.sh_order = truth_order;
         peer.rays = rays;
         peer.seed = join_bits(settings.seed, 1);
+        peer.indirect = indirect;
         PeerPoint point;
         point.rays = rays;
         std::vector<std::vector<glm::vec3>> sh;
@@ -218,7 +265,12 @@ GridTruth trace_grid(const Scene& scene, GridResult& grid, const std::set<int>& 
             error_at_cells(kept.truth.sh, floor_orders[i], kept.truth.sh, kept.truth.irradiance);
     if (settings.peer) {
         Titled peer(progress, "peer ");
-        grid.peer = trace_peers(scene, place, grid, points, setup, kept.truth, settings, peer);
+        grid.peer = trace_peers(scene, place, grid, points, setup, kept.truth, {}, settings, peer);
+        if (grid.rules.bounces != 0 && grid.rules.bounces != 1) {
+            const SharedBounces bounces(scene, place, grid.rules);
+            grid.sharing = trace_peers(scene, place, grid, points, setup + bounces.seconds,
+                                       kept.truth, std::cref(bounces), settings, peer);
+        }
     }
     if (settings.slices) {
         Titled slice(progress, "slice ");
@@ -275,11 +327,15 @@ void rank(SceneReport& report) {
     for (std::size_t i = 0; i < report.rows.size(); ++i) {
         RowResult& row = report.rows[i];
         row.front = front[i];
-        std::vector<SpeedError> curve;
-        for (const PeerPoint& point : report.grids[row.grid].peer)
-            curve.push_back(
-                {point.seconds.median, point.projected[floor_index(row.sh_order)].relative_l1});
-        row.peer = at_equal_error({row.seconds.median, row.projected.relative_l1}, curve);
+        const auto against = [&](const std::vector<PeerPoint>& peer) {
+            std::vector<SpeedError> curve;
+            for (const PeerPoint& point : peer)
+                curve.push_back(
+                    {point.seconds.median, point.projected[floor_index(row.sh_order)].relative_l1});
+            return at_equal_error({row.seconds.median, row.projected.relative_l1}, curve);
+        };
+        row.peer = against(report.grids[row.grid].peer);
+        row.sharing = against(report.grids[row.grid].sharing);
     }
 }
 
@@ -399,20 +455,28 @@ std::string row_command(const SceneReport& scene, const RowResult& row) {
     return command;
 }
 
+namespace {
+
+std::string equal_error_text(const char* who, const EqualError& equal) {
+    switch (equal.kind) {
+    case EqualError::Kind::crosses:
+        return format("%s needs %.2g x as long", who, equal.factor);
+    case EqualError::Kind::beyond:
+        return format("%s needs over %.2g x as long", who, equal.factor);
+    case EqualError::Kind::already:
+        return format("%s is better at its fewest rays, in %.2g %s", who, equal.factor,
+                      equal.factor <= 1 ? "of the time" : "x the time");
+    }
+    return "";
+}
+
+} // namespace
+
 std::string ratio_text(const RowResult& row) {
     if (!row.peer)
         return "no peer";
-    const double factor = row.peer->factor;
-    switch (row.peer->kind) {
-    case EqualError::Kind::crosses:
-        return format("peer needs %.2g x as long", factor);
-    case EqualError::Kind::beyond:
-        return format("peer needs over %.2g x as long", factor);
-    case EqualError::Kind::already:
-        return format("peer is better at its fewest rays, in %.2g %s", factor,
-                      factor <= 1 ? "of the time" : "x the time");
-    }
-    return "";
+    return equal_error_text("peer", *row.peer)
+           + (row.sharing ? "; " + equal_error_text("sharing bounces it", *row.sharing) : "");
 }
 
 std::vector<std::string> verdicts(const SceneReport& scene) {

@@ -51,6 +51,7 @@ struct RowResult {
     bool front = false; ///< no other row is as fast and as accurate by `error`
     /// How the peer compares, by `projected`; none without a peer.
     std::optional<EqualError> peer;
+    std::optional<EqualError> sharing; ///< the same for GridResult::sharing
     std::vector<std::string> warnings;
 };
 
@@ -92,6 +93,9 @@ struct GridResult {
     double seconds = 0;              ///< that the reference took
     std::array<FieldError, 3> floor; ///< exact luminance projected to floor_orders
     std::vector<PeerPoint> peer;     ///< by rising rays
+    /// Probes whose rays end where they hit first, on surfaces lit as the bakes light them, the
+    /// lighting's time included; none where light is reflected once at most.
+    std::vector<PeerPoint> sharing;
     std::optional<Slices> slices;
 };
 
@@ -121,7 +125,8 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
                           const ReportSettings& settings, const gpu::Device& device,
                           Progress& progress);
 
-/// What the ratio means, in a few words: "peer needs 12 x as long", ...
+/// What the ratios mean, in a few words: "peer needs 12 x as long; sharing bounces it needs 3.1 x
+/// as long", ...
 std::string ratio_text(const RowResult& row);
 
 /// What the rows together say of the solvers against the peer: a sentence each.

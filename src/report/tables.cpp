@@ -91,8 +91,9 @@ std::vector<std::string> csv_columns(const Report& report) {
     for (const char* error : {"true", "projected", "surface", "surface_trilinear"})
         for (const char* measure : {"_l1", "_rms", "_energy_ratio"})
             columns.push_back(error + std::string(measure));
-    for (const char* name : {"negative", "reference_noise", "front", "peer", "peer_factor",
-                             "rays_per_second", "embree_rays_per_second"})
+    for (const char* name :
+         {"negative", "reference_noise", "front", "peer", "peer_factor", "sharing",
+          "sharing_factor", "rays_per_second", "embree_rays_per_second"})
         columns.push_back(name);
     std::vector<std::string> stages;
     for (const SceneReport& scene : report.scenes)
@@ -133,6 +134,27 @@ Json to_json(const Timing& t) {
     return {{"median", t.median}, {"min", t.min}, {"max", t.max}};
 }
 
+Json to_json(const PeerPoint& point) {
+    Json json{{"rays", point.rays},
+              {"seconds", to_json(point.seconds)},
+              {"measured_seconds", point.measured},
+              {"rays_per_second", point.rays_per_second},
+              {"embree_rays_per_second", point.embree_rays_per_second > 0
+                                             ? Json(point.embree_rays_per_second)
+                                             : Json(nullptr)},
+              {"orders", Json::array()}};
+    for (std::size_t i = 0; i < floor_orders.size(); ++i)
+        json["orders"].push_back({{"sh_order", floor_orders[i]},
+                                  {"error", to_json(point.error[i])},
+                                  {"projected", to_json(point.projected[i])}});
+    return json;
+}
+
+Json to_json(const std::optional<EqualError>& equal) {
+    return equal ? Json{{"relation", kind_name(equal->kind)}, {"factor", finite(equal->factor)}}
+                 : Json(nullptr);
+}
+
 Json to_json(const GridResult& grid) {
     Json json{{"dims", {grid.grid.dims.x, grid.grid.dims.y, grid.grid.dims.z}},
               {"cell", grid.grid.cell},
@@ -145,27 +167,17 @@ Json to_json(const GridResult& grid) {
                 {"converged", grid.converged},
                 {"seconds", grid.seconds}}},
               {"floors", Json::array()},
-              {"peer", Json::array()}};
+              {"peer", Json::array()},
+              {"peer_sharing_bounces", Json::array()}};
     for (std::size_t i = 0; i < floor_orders.size(); ++i) {
         Json floor{{"sh_order", floor_orders[i]}};
         floor.update(to_json(grid.floor[i]));
         json["floors"].push_back(floor);
     }
-    for (const PeerPoint& point : grid.peer) {
-        Json entry{{"rays", point.rays},
-                   {"seconds", to_json(point.seconds)},
-                   {"measured_seconds", point.measured},
-                   {"rays_per_second", point.rays_per_second},
-                   {"embree_rays_per_second", point.embree_rays_per_second > 0
-                                                  ? Json(point.embree_rays_per_second)
-                                                  : Json(nullptr)},
-                   {"orders", Json::array()}};
-        for (std::size_t i = 0; i < floor_orders.size(); ++i)
-            entry["orders"].push_back({{"sh_order", floor_orders[i]},
-                                       {"error", to_json(point.error[i])},
-                                       {"projected", to_json(point.projected[i])}});
-        json["peer"].push_back(entry);
-    }
+    for (const PeerPoint& point : grid.peer)
+        json["peer"].push_back(to_json(point));
+    for (const PeerPoint& point : grid.sharing)
+        json["peer_sharing_bounces"].push_back(to_json(point));
     return json;
 }
 
@@ -182,16 +194,14 @@ Json to_json(const SceneReport& scene, const RowResult& row) {
               {"surface", to_json(row.surface)},
               {"surface_trilinear", to_json(row.surface_trilinear)},
               {"front", row.front},
-              {"peer", nullptr},
+              {"peer", to_json(row.peer)},
+              {"peer_sharing_bounces", to_json(row.sharing)},
               {"warnings", row.warnings}};
     for (const auto& [option, value] : row.row.options)
         json["options"][option] = value;
     for (const StageTiming& stage : row.stages)
         json["stages"].push_back(
             {{"name", stage.name}, {"seconds", to_json(stage.seconds)}, {"detail", stage.detail}});
-    if (row.peer)
-        json["peer"] = {{"relation", kind_name(row.peer->kind)},
-                        {"factor", finite(row.peer->factor)}};
     return json;
 }
 
@@ -241,10 +251,10 @@ std::string report_text(const Report& report) {
         lines = {{"grid", "path-traced", "seconds", "error L1", "same SH", "error L2", "same SH",
                   "Mrays/s", "Embree"}};
         for (const GridResult& grid : scene.grids) {
-            for (const PeerPoint& point : grid.peer)
+            const auto add = [&](const PeerPoint& point, const char* kind) {
                 lines.push_back(
                     {dims_text(grid.grid),
-                     format("%llu rays", static_cast<unsigned long long>(point.rays)),
+                     format("%llu rays%s", static_cast<unsigned long long>(point.rays), kind),
                      seconds_text(point.seconds.median), percent(point.error[0].relative_l1),
                      percent(point.projected[0].relative_l1), percent(point.error[1].relative_l1),
                      percent(point.projected[1].relative_l1),
@@ -252,6 +262,11 @@ std::string report_text(const Report& report) {
                      point.embree_rays_per_second > 0
                          ? format("%.3g", 1e-6 * point.embree_rays_per_second)
                          : "-"});
+            };
+            for (const PeerPoint& point : grid.peer)
+                add(point, "");
+            for (const PeerPoint& point : grid.sharing)
+                add(point, ", sharing bounces");
             lines.push_back({dims_text(grid.grid), "exact", "", percent(grid.floor[0].relative_l1),
                              "0 %", percent(grid.floor[1].relative_l1), "0 %", "", ""});
         }
@@ -301,6 +316,10 @@ std::string report_csv(const Report& report) {
                 line.set("peer", kind_name(row.peer->kind));
                 line.set("peer_factor", row.peer->factor);
             }
+            if (row.sharing) {
+                line.set("sharing", kind_name(row.sharing->kind));
+                line.set("sharing_factor", row.sharing->factor);
+            }
             for (const StageTiming& stage : row.stages)
                 line.set("stage_" + stage.name, stage.seconds.median);
             line.set("command", row_command(scene, row));
@@ -308,10 +327,10 @@ std::string report_csv(const Report& report) {
         }
         for (const GridResult& grid : scene.grids)
             for (std::size_t i = 0; i < floor_orders.size(); ++i) {
-                for (const PeerPoint& point : grid.peer) {
-                    Line line = line_on(grid, "peer");
-                    line.set("name", format("path-traced %llu",
-                                            static_cast<unsigned long long>(point.rays)));
+                const auto add = [&](const PeerPoint& point, const char* kind, const char* name) {
+                    Line line = line_on(grid, kind);
+                    line.set("name",
+                             format("%s %llu", name, static_cast<unsigned long long>(point.rays)));
                     line.set("sh_order", floor_orders[i]);
                     line.set("rays", double(point.rays));
                     line.set("seconds", point.seconds.median);
@@ -324,7 +343,11 @@ std::string report_csv(const Report& report) {
                     if (point.embree_rays_per_second > 0)
                         line.set("embree_rays_per_second", point.embree_rays_per_second);
                     text += line.text();
-                }
+                };
+                for (const PeerPoint& point : grid.peer)
+                    add(point, "peer", "path-traced");
+                for (const PeerPoint& point : grid.sharing)
+                    add(point, "sharing", "path-traced, sharing bounces,");
                 Line line = line_on(grid, "floor");
                 line.set("name", format("exact, SH L%d", floor_orders[i]));
                 line.set("sh_order", floor_orders[i]);

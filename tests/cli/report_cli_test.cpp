@@ -48,6 +48,7 @@ TEST_F(ReportCli, MeasuresEveryRowAndWritesEveryForm) {
     ASSERT_EQ(scene["grids"].size(), 1u);
     EXPECT_EQ(scene["grids"][0]["probes"], 40);
     EXPECT_EQ(scene["grids"][0]["peer"].size(), 5u);
+    EXPECT_TRUE(scene["grids"][0]["peer_sharing_bounces"].empty()); // there is one bounce
     EXPECT_LE(scene["grids"][0]["reference"]["noise"], 0.2);
     EXPECT_LE(scene["surfaces"]["points"], 40);
     EXPECT_GE(scene["surfaces"]["points"], 30); // the boxes' undersides are dark
@@ -75,6 +76,27 @@ TEST_F(ReportCli, MeasuresEveryRowAndWritesEveryForm) {
     EXPECT_NE(slurp(folder_ / "r.svg").find("</svg>"), std::string::npos);
     const std::string csv = slurp(folder_ / "r.csv");
     EXPECT_EQ(std::ranges::count(csv, '\n'), 1 + 2 + 3 * (5 + 1));
+}
+
+TEST_F(ReportCli, ProbesThatShareBouncesConvergeToTheReference) {
+    const CliResult result =
+        run("\"$ROOM\"" + coarse + "--solver gather --bounces 4 --no-slices -o r.json");
+    ASSERT_EQ(result.status, 0) << result.err;
+    EXPECT_NE(result.out.find("sharing bounces it"), std::string::npos) << result.out;
+    const json scene = json::parse(slurp(folder_ / "r.json"))["scenes"][0];
+    EXPECT_FALSE(scene["rows"][0]["peer_sharing_bounces"].is_null());
+    const json& paths = scene["grids"][0]["peer"];
+    const json& sharing = scene["grids"][0]["peer_sharing_bounces"];
+    ASSERT_EQ(sharing.size(), 5u);
+    const auto error = [](const json& peer) {
+        return peer["orders"][2]["projected"]["relative_l1"].get<double>();
+    };
+    // The reference's own noise is a few per cent here.
+    EXPECT_LT(error(sharing[4]), 0.1);
+    EXPECT_LT(error(sharing[4]), 0.5 * error(sharing[1]));
+    EXPECT_LT(error(sharing[1]), error(paths[1]));
+    const json& got = sharing[4]["orders"][2]["error"]["energy_ratio"];
+    EXPECT_NEAR(got.get<double>(), 1.0, 0.04);
 }
 
 TEST_F(ReportCli, ErrorsDoNotDependOnThreads) {
