@@ -312,6 +312,10 @@ std::string shared_command(const ReportOptions& o, const std::string& scene) {
         add("--point", point);
     for (const std::string& file : o.light_files)
         add("--lights", file);
+    if (!o.sky.empty())
+        add("--sky", o.sky);
+    if (o.sky_rotation != 0)
+        add("--sky-rotation", toml_number(o.sky_rotation));
     if (o.no_scene_lights)
         command += " --no-scene-lights";
     if (o.no_emitters)

@@ -1,5 +1,7 @@
 #include "scene_hash.h"
 
+#include "scene/sky.h"
+
 #include <cstdio>
 #include <cstring>
 #include <type_traits>
@@ -70,6 +72,10 @@ std::string scene_hash(const Scene& scene) {
         hash.add(light.type, light.color, light.intensity, light.position, light.direction,
                  light.range, light.inner_cone, light.outer_cone);
     hash.add(scene.sky.luminance);
+    if (scene.sky.map) {
+        hash.add(scene.sky.map->width, scene.sky.map->height, scene.sky.map->turn);
+        hash.add(scene.sky.map->texels);
+    }
     hash.add(scene.rules.max_albedo, scene.rules.metallic_black, scene.rules.cull_backfaces);
     char digits[17];
     std::snprintf(digits, sizeof digits, "%016llx", static_cast<unsigned long long>(hash.value()));

@@ -2,6 +2,7 @@
 
 #include "error.h"
 #include "scene/gltf/light_file.h"
+#include "scene/gltf/sky_file.h"
 #include "scene/lights.h"
 #include "scene_hash.h"
 
@@ -71,6 +72,27 @@ uint64_t parse_bytes(const char* option, const std::string& text) {
         throw Error(ExitCode::usage,
                     std::string(option) + ": '" + text + "' is not a size such as 512M or 4G");
     return uint64_t(std::ldexp(*value, shift));
+}
+
+struct SkyPicture {
+    std::string path;
+    double scale = 1;
+};
+
+/// What FILE[,SCALE] of --sky says; none where it is COLOUR,NITS, of which neither a name with
+/// letters nor a dot or slash in a name is part.
+std::optional<SkyPicture> sky_picture(const std::string& text) {
+    SkyPicture picture{text};
+    const std::size_t comma = text.rfind(',');
+    if (const auto scale =
+            comma == std::string::npos ? std::nullopt : parse_number(text.substr(comma + 1))) {
+        picture = {text.substr(0, comma), *scale};
+        if (!(*scale >= 0))
+            throw Error(ExitCode::usage, "--sky " + text + ": SCALE is negative");
+    }
+    const bool name = picture.path.find_first_of("./") != std::string::npos
+                      && picture.path.find_first_not_of("0123456789.:,+-eE ") != std::string::npos;
+    return name && text.front() != '#' ? std::optional(picture) : std::nullopt;
 }
 
 } // namespace
@@ -162,8 +184,13 @@ void add_light_options(OptionList& list, SceneOptions& o) {
               "Point light, metres; may be repeated");
     list.list("--lights", o.light_files, "FILE",
               "JSON file of lights in the terms of KHR_lights_punctual;\nmay be repeated");
-    list.text("--sky", o.sky, "COLOUR,NITS",
-              "Light from beyond the scene, the same from everywhere; COLOUR\nas for --sun");
+    list.text("--sky", o.sky, "COLOUR,NITS|FILE[,SCALE]",
+              "Light from beyond the scene: the same from everywhere, COLOUR as\nfor --sun; or an "
+              "equirectangular picture (HDR, EXR, ...), whose\nvalues times SCALE (1) are nits and "
+              "whose middle stands at +X");
+    list.number("--sky-rotation", o.sky_rotation, -360, 360,
+                "Degrees by which the picture is turned around +Y, from +Z towards\n+X")
+        ->capture_default_str();
     list.flag("--no-scene-lights", o.no_scene_lights, "Leave out the lights of the file");
     list.flag("--no-emitters", o.no_emitters, "Emissive surfaces give no light");
     list.number("--max-albedo", o.max_albedo, 0, 1, "Reflectance is clamped to this, 0 to 1")
@@ -209,17 +236,19 @@ void append_light_settings(const SceneOptions& o, std::vector<Setting>& settings
     add("max-memory", o.load.max_memory, standard.max_memory);
     settings.push_back({"strict", toml_flag(o.load.strict), false});
     settings.push_back({"allow-external", toml_flag(o.load.allow_external), false});
-    settings.insert(settings.end(), {
-                                        {"sun", toml_array(o.suns), true},
-                                        {"point", toml_array(o.points), true},
-                                        {"lights", toml_array(o.light_files), false},
-                                        {"sky", toml_string(o.sky), true},
-                                        {"no-scene-lights", toml_flag(o.no_scene_lights), true},
-                                        {"no-emitters", toml_flag(o.no_emitters), true},
-                                        {"max-albedo", toml_number(o.max_albedo), true},
-                                        {"metallic", toml_string(o.metallic), true},
-                                        {"backfaces", toml_string(o.backfaces), true},
-                                    });
+    settings.insert(settings.end(),
+                    {
+                        {"sun", toml_array(o.suns), true},
+                        {"point", toml_array(o.points), true},
+                        {"lights", toml_array(o.light_files), false},
+                        {"sky", toml_string(o.sky), true},
+                        {"sky-rotation", toml_number(o.sky_rotation), o.sky_rotation != 0},
+                        {"no-scene-lights", toml_flag(o.no_scene_lights), true},
+                        {"no-emitters", toml_flag(o.no_emitters), true},
+                        {"max-albedo", toml_number(o.max_albedo), true},
+                        {"metallic", toml_string(o.metallic), true},
+                        {"backfaces", toml_string(o.backfaces), true},
+                    });
 }
 
 GridSettings grid_settings(const SceneOptions& o) {
@@ -240,6 +269,10 @@ std::vector<Light> command_line_lights(const SceneOptions& o) {
         std::vector<Light> more = load_lights(path);
         lights.insert(lights.end(), more.begin(), more.end());
     }
+    if (!o.sky.empty() && !sky_picture(o.sky))
+        parse_sky(o.sky);
+    if (o.sky_rotation != 0 && (o.sky.empty() || !sky_picture(o.sky)))
+        throw Error(ExitCode::usage, "--sky-rotation turns the picture of --sky FILE");
     return lights;
 }
 
@@ -250,12 +283,17 @@ Scene load_scene(const SceneOptions& o, const std::vector<Light>& lights) {
     if (o.no_scene_lights)
         scene.lights.clear();
     scene.lights.insert(scene.lights.end(), lights.begin(), lights.end());
-    if (!o.sky.empty())
+    if (const auto picture = o.sky.empty() ? std::nullopt : sky_picture(o.sky))
+        scene.sky = load_sky(picture->path, picture->scale, o.sky_rotation, settings.max_memory,
+                             scene.warnings);
+    else if (!o.sky.empty())
         scene.sky = parse_sky(o.sky);
     return scene;
 }
 
 bool mentions_images(const SceneOptions& o) {
+    if (!o.sky.empty() && sky_picture(o.sky))
+        return true;
     std::ifstream file(o.scene, std::ios::binary);
     std::string head(1 << 20, '\0');
     file.read(head.data(), std::streamsize(head.size()));

@@ -45,6 +45,7 @@ struct SceneOptions {
     std::vector<std::string> points;
     std::vector<std::string> light_files;
     std::string sky;
+    double sky_rotation = 0;
     bool no_scene_lights = false;
     bool no_emitters = false;
     double max_albedo = 0.95;
@@ -73,11 +74,12 @@ void append_light_settings(const SceneOptions& o, std::vector<Setting>& settings
 GridSettings grid_settings(const SceneOptions& o);
 /// --bounds, none if not given. Throws Error (usage).
 std::optional<Bounds> grid_bounds(const SceneOptions& o);
-/// Throws Error, as the parsers of lights do.
+/// Throws Error, as the parsers of lights and of the sky do.
 std::vector<Light> command_line_lights(const SceneOptions& o);
 /// Loads the scene by its rules and adds `lights`. Throws Error.
 Scene load_scene(const SceneOptions& o, const std::vector<Light>& lights);
-/// True if the file mentions images, which then have to be decoded. A guess to gain time by.
+/// True if the file or the options mention images, which then have to be decoded. A guess to gain
+/// time by.
 bool mentions_images(const SceneOptions& o);
 
 /// Volumes to write.

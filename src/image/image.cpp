@@ -35,6 +35,10 @@ Pixels decode_exr(std::span<const std::byte> data, const std::string& name, uint
     return module().decode_exr(data, name, max_texels);
 }
 
+Pixels read_picture(const std::string& path, uint64_t max_texels) {
+    return module().read_picture(path, max_texels);
+}
+
 std::vector<unsigned char> encode_png(const Pixels& pixels, const std::string& name) {
     return module().encode_png(pixels, name);
 }

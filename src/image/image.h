@@ -44,6 +44,12 @@ std::vector<unsigned char> encode_exr(const Pixels& pixels, bool half,
 /// of more than `max_texels`, before their memory is taken.
 Pixels decode_exr(std::span<const std::byte> data, const std::string& name, uint64_t max_texels);
 
+/// Reads the colours of the picture in a file of any format that OpenImageIO knows: linear RGB,
+/// three channels; grey ones tripled. What is stored as integers is taken to be sRGB-encoded.
+/// Throws Error (file: cannot be opened; invalid: no picture, or more than `max_texels`, which is
+/// known before the memory is taken).
+Pixels read_picture(const std::string& path, uint64_t max_texels);
+
 /// Encodes an 8-bit PNG; samples are display-referred values, clamped to [0, 1]; 1, 3 or 4
 /// channels. The bytes depend on the arguments alone. Throws Error (failure).
 std::vector<unsigned char> encode_png(const Pixels& pixels, const std::string& name);

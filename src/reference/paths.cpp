@@ -50,7 +50,8 @@ Paths::Paths(const Scene& scene, const Visibility& visibility, const Frame& fram
       visibility_(visibility),
       rules_(rules),
       unit_(frame.unit),
-      emitters_(rules.emitters ? Emitters(scene, frame) : Emitters({}, frame)) {
+      emitters_(rules.emitters ? Emitters(scene, frame) : Emitters({}, frame)),
+      sky_(has_sky(scene) ? scene.sky.map.get() : nullptr) {
     across_ = 1.01 * glm::length(glm::dvec3(visibility.hi()) - glm::dvec3(visibility.lo())) + 1.0;
     for (const Light& light : scene.lights)
         sources_.push_back({light.type, glm::dvec3(light.color) * light.intensity,
@@ -136,6 +137,29 @@ Paths::Glimpse Paths::glimpse(glm::vec3 origin, PathSampler& sampler, uint64_t& 
         origin, [](glm::dvec3) { return over_sphere; }, sampler, rays);
 }
 
+template <class Density>
+Paths::Glimpse Paths::aim_at_sky(glm::vec3 origin, const Density& density, PathSampler& sampler,
+                                 uint64_t& rays) const {
+    Glimpse seen;
+    seen.direction = sample_sky(*sky_, sampler.pair());
+    const double own = density(seen.direction);
+    if (!(own > 0.0))
+        return {};
+    ++rays;
+    const glm::vec3 towards(seen.direction);
+    const float passes = visibility_.transmittance({origin, towards, 0.0f, HUGE_VALF});
+    seen.luminance = double(passes) * own / (own + sky_density(*sky_, towards))
+                     * glm::dvec3(sky_luminance(scene_.sky, towards));
+    return seen;
+}
+
+Paths::Glimpse Paths::glimpse_sky(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const {
+    if (!sky_)
+        return {};
+    return aim_at_sky(
+        origin, [](glm::dvec3) { return over_sphere; }, sampler, rays);
+}
+
 glm::dvec3 Paths::luminance(glm::vec3 origin, glm::dvec3 towards, PathSampler& sampler,
                             uint64_t& rays) const {
     glm::dvec3 sum{0.0}, throughput{1.0};
@@ -146,8 +170,11 @@ glm::dvec3 Paths::luminance(glm::vec3 origin, glm::dvec3 towards, PathSampler& s
             break;
         ++rays;
         const Hit hit = visibility_.closest({origin, glm::vec3(towards), 0.0f, HUGE_VALF});
-        if (hit.instance == no_hit)
-            sum += throughput * glm::dvec3(sky_luminance(scene_.sky, glm::vec3(towards)));
+        if (hit.instance == no_hit) {
+            const double share =
+                sky_ ? density / (density + sky_density(*sky_, glm::vec3(towards))) : 1.0;
+            sum += share * throughput * glm::dvec3(sky_luminance(scene_.sky, glm::vec3(towards)));
+        }
         if (hit.instance == no_hit || hit.facing == Facing::back)
             break;
         if (!emitters_.empty())
@@ -173,6 +200,8 @@ glm::dvec3 Paths::luminance(glm::vec3 origin, glm::dvec3 towards, PathSampler& s
         };
         if (!emitters_.empty())
             sum += throughput * aim(origin, cosine_density, sampler, rays).luminance;
+        if (sky_)
+            sum += throughput * aim_at_sky(origin, cosine_density, sampler, rays).luminance;
 
         if (!rules_.bounces && greatest(throughput) < faint) {
             const double survival = greatest(throughput) / faint;

@@ -26,12 +26,13 @@ public:
 
     /// An unbiased estimate of the light (RGB, nits) that arrives at `origin` (frame units), of
     /// punctual lights after one reflection to PathRules::bounces and of emitters and the sky
-    /// after none to PathRules::bounces, in two parts: the mean over the sphere of luminance times f(direction)
-    /// is the expectation of luminance(towards) f(towards), `towards` uniform over the sphere, plus
-    /// that of glimpse().luminance f(glimpse().direction). Surfaces reflect as Lambert. At each the
-    /// punctual lights' illuminance is summed in full; emitters count where a path meets them and,
-    /// by a ray of their own, where it aims at one (multiple importance sampling, balance
-    /// heuristic: Veach and Guibas 1995). Adds the rays it took to `rays`. Throws Error (invalid)
+    /// after none to PathRules::bounces, in parts: the mean over the sphere of luminance times
+    /// f(direction) is the expectation of luminance(towards) f(towards), `towards` uniform over the
+    /// sphere, plus those of g.luminance f(g.direction), g being glimpse() and glimpse_sky().
+    /// Surfaces reflect as Lambert. At each the punctual lights' illuminance is summed in full;
+    /// emitters, and a sky with a map, count where a path meets them and, by a ray of their own,
+    /// where it aims at one (multiple importance sampling, balance heuristic: Veach and Guibas
+    /// 1995). Adds the rays it took to `rays`. Throws Error (invalid)
     /// where a path does not end: a closed scene of albedo 1.
     glm::dvec3 luminance(glm::vec3 origin, glm::dvec3 towards, PathSampler& sampler,
                          uint64_t& rays) const;
@@ -42,6 +43,8 @@ public:
     };
     /// Looks from `origin` at a point of an emitter; dark where there are none.
     Glimpse glimpse(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const;
+    /// Looks from `origin` where the sky's map is bright; dark where there is none.
+    Glimpse glimpse_sky(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const;
 
 private:
     /// A light as a surface point sees it, positions in frame units.
@@ -60,6 +63,10 @@ private:
     template <class Density>
     Glimpse aim(glm::vec3 origin, const Density& density, PathSampler& sampler,
                 uint64_t& rays) const;
+    /// The same at the sky, which has a map.
+    template <class Density>
+    Glimpse aim_at_sky(glm::vec3 origin, const Density& density, PathSampler& sampler,
+                       uint64_t& rays) const;
     /// What a surface emits where a ray meets it, of the share alpha that is there.
     glm::dvec3 emission(const Hit& hit) const;
 
@@ -70,6 +77,7 @@ private:
     double across_; ///< longer than the way from any surface out of the scene, frame units
     std::vector<Source> sources_;
     Emitters emitters_;
+    const SkyMap* sky_ = nullptr; ///< unless it is black
 };
 
 } // namespace lpvbake

@@ -1,6 +1,7 @@
 #include "reference/peer.h"
 
 #include "scene/material.h"
+#include "scene/sky.h"
 #include "volume/compare.h"
 #include "volume/sh.h"
 
@@ -118,6 +119,7 @@ struct Job {
     std::vector<Surface> surfaces; ///< an instance
     std::vector<Source> sources;
     bool emitters;
+    bool sky;
     float across;
     std::vector<glm::vec3> normals;
 
@@ -137,6 +139,7 @@ Job::Job(const Scene& of, const Visibility& rays, const Frame& frame,
       points(from),
       directions(fibonacci_lattice(std::clamp(how.rays, 1u, 1u << 24))),
       emitters(how.paths.emitters && has_emitters(of)),
+      sky(has_sky(of)),
       across(1.01f * glm::length(rays.hi() - rays.lo()) + 1.0f) {
     for (const Instance& instance : scene.instances) {
         const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
@@ -157,6 +160,8 @@ Job::Job(const Scene& of, const Visibility& rays, const Frame& frame,
                            float(std::cos(std::min(light.inner_cone, light.outer_cone))),
                            float(std::cos(light.outer_cone))});
     }
+    for (const Light& sun : sky_suns(scene.sky))
+        sources.push_back({sun.type, sun.color, {}, glm::vec3(sun.direction), 0.0f, 0.0f, 0.0f});
     if (settings.irradiance)
         for (const glm::dvec3& n : neighbour_normals())
             normals.push_back(glm::vec3(n));
@@ -246,12 +251,34 @@ std::pair<glm::vec3, glm::vec3> surface_at(const Job& job, const Hit& hit) {
             sample_emission(job.scene, mesh, hit.triangle, hit.barycentric) / sample.alpha};
 }
 
-/// Takes what the hits emit, and keeps those that reflect.
+/// The sky that a ray of `count` over the sphere sees: the mean over a share of it like its own.
+glm::vec3 sky_around(const Sky& sky, glm::vec3 w, size_t count) {
+    if (!sky.map)
+        return sky.luminance;
+    const double edge = std::sqrt(4.0 * glm::pi<double>() / double(count));
+    const double radius = std::sqrt(std::max(0.0, 1.0 - double(w.y) * double(w.y)));
+    const double low = std::max(-1.0, double(w.y) - 0.5 * edge * radius);
+    const double high = std::min(1.0, double(w.y) + 0.5 * edge * radius);
+    const double width = std::min(glm::two_pi<double>(), edge * edge / std::max(high - low, 1e-9));
+    const double azimuth = std::atan2(double(w.x), double(w.z));
+    return glm::vec3(sky_mean(sky, std::min(low, high - 1e-9), high, azimuth - 0.5 * width,
+                              azimuth + 0.5 * width));
+}
+
+/// Takes what the hits emit, and the sky where there are none, and keeps those that reflect.
 void Waves::shade(int reflections) {
     const bool last = job_.settings.paths.bounces && reflections == *job_.settings.paths.bounces;
     size_t kept = 0;
     for (size_t i = 0; i < count_; ++i) {
         const Hit& hit = hits_[i];
+        if (hit.instance == no_hit && job_.sky) {
+            const Path& path = paths_[i];
+            const glm::vec3 w = rays_[i].direction;
+            light_[path.slot] +=
+                path.throughput
+                * (reflections == 0 ? sky_around(job_.scene.sky, w, job_.directions.size())
+                                    : sky_rest(job_.scene.sky, w));
+        }
         if (hit.instance == no_hit || hit.facing == Facing::back)
             continue;
         const auto [albedo, emission] = surface_at(job_, hit);
@@ -365,7 +392,7 @@ void Waves::go_on(int reflections) {
 void Waves::follow() {
     const std::optional<int> limit = job_.settings.paths.bounces;
     for (int reflections = 0; count_ > 0 && reflections <= most_reflections; ++reflections) {
-        if (limit && reflections == *limit && !job_.emitters)
+        if (limit && reflections == *limit && !job_.emitters && !job_.sky)
             return;
         if (reflections > 0)
             go_on(reflections - 1);

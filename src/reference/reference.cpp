@@ -68,8 +68,10 @@ uint64_t trace_batch(const Paths& paths, glm::vec3 point, uint64_t key, uint32_t
         PathSampler sampler(key, i);
         const glm::dvec3 towards = on_sphere(sampler.pair());
         const Paths::Glimpse seen = paths.glimpse(point, sampler, traced);
+        const Paths::Glimpse sky = paths.glimpse_sky(point, sampler, traced);
         add(towards, paths.luminance(point, towards, sampler, traced));
         add(seen.direction, seen.luminance);
+        add(sky.direction, sky.luminance);
     }
     for (size_t i = 0; i < row.size(); ++i)
         mean[i] *= 4.0 * glm::pi<double>() / double(rays);

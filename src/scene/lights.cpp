@@ -126,7 +126,7 @@ Light parse_point(const std::string& text) {
 }
 
 Sky parse_sky(const std::string& text) {
-    const Argument argument{text, "--sky", "COLOUR,NITS", "0.6:0.8:1,3000"};
+    const Argument argument{text, "--sky", "COLOUR,NITS or FILE[,SCALE]", "0.6:0.8:1,3000"};
     const std::vector<std::string_view> parts = split(text, ',');
     if (parts.size() != 2)
         argument.fail(std::to_string(parts.size()) + " values were given");

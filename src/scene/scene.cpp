@@ -1,5 +1,7 @@
 #include "scene/scene.h"
 
+#include "scene/sky.h"
+
 #include <glm/gtc/type_precision.hpp>
 
 #include <algorithm>
@@ -99,7 +101,8 @@ uint64_t triangle_count(const Scene& scene) {
 }
 
 bool has_sky(const Scene& scene) {
-    return scene.sky.luminance != glm::vec3(0.0f);
+    return scene.sky.map ? !scene.sky.map->cumulative.empty()
+                         : scene.sky.luminance != glm::vec3(0.0f);
 }
 
 bool has_emitters(const Scene& scene) {

@@ -7,6 +7,7 @@
 #include <glm/glm.hpp>
 
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -94,9 +95,12 @@ struct MaterialRules {
     bool cull_backfaces = false; ///< light passes the back of single-sided surfaces
 };
 
-/// What surrounds the scene: the same luminance from everywhere.
+struct SkyMap;
+
+/// What surrounds the scene; its functions are in sky.h.
 struct Sky {
-    glm::vec3 luminance{0.0f}; ///< nits
+    glm::vec3 luminance{0.0f}; ///< nits, the same from everywhere, unless there is a map
+    std::shared_ptr<const SkyMap> map;
 };
 
 /// What a scene's file says of itself, beyond what is taken from it.

@@ -104,11 +104,11 @@ struct Source {
     }
 };
 
-std::vector<Source> sources_of(const Scene& scene, const Visibility& visibility,
+std::vector<Source> sources_of(std::span<const Light> lights, const Visibility& visibility,
                                const Frame& frame) {
     const float across = 2.0f * glm::length(visibility.hi() - visibility.lo()) + 1.0f;
     std::vector<Source> sources;
-    for (const Light& light : scene.lights)
+    for (const Light& light : lights)
         sources.push_back({light, light.color * float(light.intensity),
                            frame.from_world(light.position), Cone(light), frame.unit, across});
     return sources;
@@ -200,6 +200,7 @@ struct DirectLight {
     const Sky& sky;
     const std::vector<glm::vec3>& emission; ///< a side, nits; empty without emitters
     std::vector<Source> sources;
+    std::vector<Source> suns; ///< of the sky
     EmitterSampling aim;
     int rays;       ///< into the half-space of a side
     int aimed_rays; ///< towards emitters
@@ -214,7 +215,7 @@ struct DirectLight {
             const glm::vec3 direction = around(side.normal, points(i, 0));
             const Hit hit = visibility.closest({from, direction, 0.0f, HUGE_VALF});
             if (hit.instance == no_hit) {
-                seen += sky_luminance(sky, direction);
+                seen += sky_rest(sky, direction);
                 continue;
             }
             const uint32_t there = lit.side(hit, direction);
@@ -313,7 +314,8 @@ LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, con
                                 visibility,
                                 scene.sky,
                                 emission,
-                                sources_of(scene, visibility, frame),
+                                sources_of(scene.lights, visibility, frame),
+                                sources_of(sky_suns(scene.sky), visibility, frame),
                                 EmitterSampling(emitters ? patches : std::vector<Patch>{}),
                                 rays,
                                 rays / 8};
@@ -332,6 +334,7 @@ LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, con
                 glm::vec3 lux = punctual(side, light.sources, visibility);
                 if (settings.maps)
                     mapped[i] = share * lux;
+                lux += punctual(side, light.suns, visibility);
                 if (!light.aim.empty())
                     lux += aimed(side, light.aim, light.aimed_rays, rays, visibility);
                 const std::span<uint32_t> met = std::span(hits).subspan(

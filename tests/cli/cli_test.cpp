@@ -3,12 +3,15 @@
 // LPVBAKE_BINARY is the program's path. Scenes are written as text by the tests themselves.
 
 #include "error.h"
+#include "image/image.h"
+#include "io/io.h"
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <csignal>
 #include <cstdlib>
 #include <filesystem>
@@ -384,6 +387,51 @@ TEST_F(Cli, BrokenConfigFilesNameTheLine) {
     refused("[info]\n", "c.toml:1: expected the table [bake]");
     refused("no-emitters = perhaps\n", "c.toml:1:");
     refused(std::string("\0\1\2", 3), "c.toml:1:");
+}
+
+// ---------------------------------------------------------------- sky
+
+TEST_F(Cli, SkyFromAPicture) {
+    const auto picture = [&](const char* name, int width, float first) {
+        Pixels pixels{width, 4, 3, std::vector<float>(std::size_t(width) * 12, 2.0f)};
+        pixels.samples[0] = first;
+        const auto bytes = encode_exr(pixels, false, {}, name);
+        write_file(folder_ / name, std::string(bytes.begin(), bytes.end()));
+    };
+    picture("even.exr", 8, 2.0f);
+    picture("bad.exr", 8, std::nanf(""));
+    picture("negative.exr", 9, -1.0f);
+    write_file(folder_ / "text.hdr", "no picture");
+    const std::vector<std::string> sky{"reference", "dark.gltf", "--resolution", "4",
+                                       "--rays",    "64",        "-o",           "a.vdb"};
+    expect_error(sky + std::vector<std::string>{"--sky", "none.exr"}, ExitCode::file, "none.exr: ");
+    expect_error(sky + std::vector<std::string>{"--sky", "text.hdr,2"}, ExitCode::invalid,
+                 "text.hdr: the image cannot be decoded");
+    expect_error(sky + std::vector<std::string>{"--sky", "even.exr,-2"}, ExitCode::usage, "SCALE");
+    expect_error(sky + std::vector<std::string>{"--sky", "red,2"}, ExitCode::usage,
+                 "COLOUR,NITS or FILE[,SCALE]");
+    expect_error(sky + std::vector<std::string>{"--sky", "1:1:1,2", "--sky-rotation", "9"},
+                 ExitCode::usage, "--sky-rotation");
+
+    const auto total = [&](const std::vector<std::string>& more) {
+        const Result result = run(sky + more);
+        EXPECT_EQ(result.status, 0) << result.err;
+        return total_energy(read_volume((folder_ / "a.vdb").string()));
+    };
+    const double even = total({"--sky", "1:1:1,6"});
+    EXPECT_GT(even, 0.0);
+    EXPECT_NEAR(total({"--sky", "even.exr,3", "--sky-rotation", "40"}) / even, 1.0, 0.05);
+    const Volume volume = read_volume((folder_ / "a.vdb").string());
+    EXPECT_NE(volume.metadata.at("settings").find("even.exr,3"), std::string::npos);
+    EXPECT_NE(volume.metadata.at("settings").find("sky-rotation"), std::string::npos);
+    const std::string hash = volume.metadata.at("scene_hash");
+    const Result bad = run(sky + std::vector<std::string>{"--sky", "bad.exr,3"});
+    EXPECT_EQ(bad.status, 0);
+    EXPECT_NE(bad.err.find("bad.exr: 1 of 32 texels"), std::string::npos) << bad.err;
+    EXPECT_NE(read_volume((folder_ / "a.vdb").string()).metadata.at("scene_hash"), hash);
+    const Result negative = run(sky + std::vector<std::string>{"--sky", "negative.exr"});
+    EXPECT_NE(negative.err.find("negative.exr: 1 of 36 texels"), std::string::npos);
+    EXPECT_NE(negative.err.find("twice as wide as high"), std::string::npos) << negative.err;
 }
 
 // ---------------------------------------------------------------- failures, one a code

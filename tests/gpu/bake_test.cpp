@@ -3,6 +3,8 @@
 
 #include "error.h"
 #include "gpu/device.h"
+#include "reference/reference.h"
+#include "scene/sky.h"
 #include "scenes.h"
 #include "surface/lit_surfaces.h"
 #include "volume/sh.h"
@@ -208,6 +210,97 @@ TEST_F(Bake, ASkyAloneIsLightEnough) {
     const Baked baked = run(scene, settings);
     EXPECT_GT(total_energy(baked.volume), 0.0);
     expect_finite(baked.volume);
+}
+
+/// A bright horizon towards one side, and a sun of one texel, 1.4 degrees, 45 degrees high.
+Sky sky_with_sun(float sun) {
+    constexpr int width = 256, height = 128;
+    std::vector<glm::vec3> texels;
+    for (int row = 0; row < height; ++row)
+        for (int column = 0; column < width; ++column)
+            texels.push_back(glm::vec3(10.0f, 20.0f, 40.0f)
+                             * (1.0f + std::cos(6.2832f * float(column) / width)));
+    texels[size_t(32 * width + 100)] += glm::vec3(sun);
+    return make_sky(width, height, texels, 0.0);
+}
+
+TEST_F(Bake, AnEvenPictureIsAsGoodAsAnEvenSky) {
+    Scene even = scenes::floor_quad(4.0f, glm::vec3(0.5f)), picture = even;
+    even.sky.luminance = {1.0f, 2.0f, 4.0f};
+    picture.sky = make_sky(8, 4, std::vector<glm::vec3>(32, even.sky.luminance), 0.0);
+    for (const Solver solver : {Solver::lpv, Solver::sn, Solver::gather}) {
+        BakeSettings settings = coarse(8);
+        settings.solver = solver;
+        const Volume a = run(even, settings).volume, b = run(picture, settings).volume;
+        for (size_t k = 0; k < a.sh.size(); ++k)
+            for (size_t cell = 0; cell < a.grid.size(); ++cell)
+                for (int c = 0; c < 3; ++c)
+                    ASSERT_NEAR(a.sh[k][cell][c], b.sh[k][cell][c], 1e-4f) << name_of(solver);
+    }
+}
+
+TEST_F(Bake, AnOpenCellHoldsTheProjectedPicture) {
+    Scene scene = scenes::floor_quad(1e-3f, glm::vec3(0.0f));
+    scene.sky = sky_with_sun(1e5f);
+    std::vector<glm::dvec3> expected(9, glm::dvec3(0.0));
+    constexpr int width = 1024, height = 512;
+    for (int row = 0; row < height; ++row)
+        for (int column = 0; column < width; ++column) {
+            const double polar = (row + 0.5) / height * glm::pi<double>();
+            const double around = (column + 0.5) / width * 2 * glm::pi<double>();
+            const glm::vec3 w(std::sin(polar) * std::cos(around), std::cos(polar),
+                              std::sin(polar) * std::sin(around));
+            const double weight = 2 * glm::pi<double>() * glm::pi<double>() * std::sin(polar)
+                                  / (double(width) * height);
+            const ShValues y = sh_basis(2, w);
+            for (size_t k = 0; k < 9; ++k)
+                expected[k] += weight * double(y[k]) * glm::dvec3(sky_luminance(scene.sky, w));
+        }
+    BakeSettings settings = coarse(6);
+    settings.bounds = Bounds{glm::dvec3(-1, 0.1, -1), glm::dvec3(1, 2, 1)};
+    for (const Solver solver : {Solver::sn, Solver::gather}) {
+        settings.solver = solver;
+        const Volume volume = run(scene, settings).volume;
+        // A direction of sn stands for 7 degrees around it, a sample of gather's bins for 1.7.
+        const double near = solver == Solver::sn ? 0.08 : 0.015;
+        for (size_t k = 0; k < 9; ++k)
+            for (int c = 0; c < 3; ++c)
+                EXPECT_NEAR(volume.sh[k][volume.grid.index({2, 3, 3})][c], expected[k][c],
+                            (k == 0 ? 0.01 : near) * expected[0][c])
+                    << name_of(solver) << ' ' << k;
+    }
+}
+
+TEST_F(Bake, ASmallSunOfAPictureLightsAsTheReferenceSays) {
+    Scene scene = scenes::floor_quad(4.0f, glm::vec3(0.5f));
+    const int wall = scenes::add_material(scene, {0.8f, 0.4f, 0.2f}, glm::vec3(0.0f), true);
+    scenes::add_quad(scene, wall, {-1, 0, 1}, {1.5f, 0, -1}, {0, 1.2f, 0});
+    scene.sky = sky_with_sun(3e5f);
+    BakeSettings settings = coarse(10);
+    settings.bounces = 1;
+    ReferenceSettings truth;
+    truth.sh_order = 2;
+    truth.rays = 2048;
+    const Grid grid = plan_bake(scene, settings, device().info()).grid;
+    Progress silent;
+    const Reference reference = make_reference(scene, grid, truth, silent);
+    EXPECT_LT(reference.noise, 0.03);
+    for (const Solver solver : {Solver::sn, Solver::gather}) {
+        settings.solver = solver;
+        const Volume volume = run(scene, settings).volume;
+        double error = 0.0, all = 0.0, energy = 0.0;
+        for (size_t cell = 0; cell < grid.size(); ++cell) {
+            if (volume.validity[cell] == 0.0f)
+                continue;
+            const glm::dvec3 a(volume.sh[0][cell]), b(reference.volume.sh[0][cell]);
+            error += std::abs(a.x - b.x) + std::abs(a.y - b.y) + std::abs(a.z - b.z);
+            energy += a.x + a.y + a.z;
+            all += b.x + b.y + b.z;
+        }
+        EXPECT_NEAR(energy / all, 1.0, 0.04) << name_of(solver);
+        EXPECT_LT(error / all, 0.12) << name_of(solver);
+        RecordProperty(std::string(name_of(solver)) + "_error", std::to_string(error / all));
+    }
 }
 
 TEST_F(Bake, ExactSolversReadAFurnaceOfAllBounces) {

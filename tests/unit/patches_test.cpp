@@ -106,7 +106,7 @@ TEST(Emitters, TheSkyEntersWhereNothingIsInTheWay) {
     const Frame frame{glm::dvec3(-2, 0.5, -2), 0.5, glm::dvec3(8)};
     const Visibility visibility(scene, frame);
     std::vector<Vpl> vpls;
-    sky_vpls({glm::vec3(3.0f)}, visibility, frame, vpls);
+    sky_vpls({glm::vec3(3.0f), {}}, visibility, frame, vpls);
     double top = 0.0, side = 0.0, bottom = 0.0;
     for (const Vpl& vpl : vpls)
         (vpl.normal.y < -0.5f ? top : vpl.normal.y > 0.5f ? bottom : side) += double(vpl.power.x);

@@ -2,6 +2,7 @@
 #include "reference/peer.h"
 
 #include "reference/reference.h"
+#include "scene/sky.h"
 #include "scenes.h"
 #include "volume/compare.h"
 #include "volume/sh.h"
@@ -76,7 +77,8 @@ Estimate over_seeds(int seeds, const std::function<PeerField(uint64_t)>& trace) 
 }
 
 TEST(Peer, AgreesWithTheReference) {
-    const Scene scene = lit_box();
+    Scene scene = lit_box();
+    scene.sky.luminance = {4.0f, 6.0f, 8.0f};
     const Frame frame{{-1.2, 0.1, -1.1}, 0.25, glm::dvec3(8)};
     const Visibility visibility(scene, frame);
     std::vector<glm::vec3> points;
@@ -130,6 +132,29 @@ TEST(Peer, AgreesWithTheReference) {
         RecordProperty("beyond" + std::to_string(bounces.value_or(-1)),
                        std::to_string(beyond) + " of " + std::to_string(n));
     }
+}
+
+TEST(Peer, SkyOfAPictureAboveAFloor) {
+    constexpr int width = 512, height = 256, row = 40;
+    std::vector<glm::vec3> texels(size_t(width * height), glm::vec3(1.0f));
+    texels[size_t(row * width + 100)] = glm::vec3(1e6f);
+    Scene scene = scenes::floor_quad(1e4f, glm::vec3(0.25f));
+    scene.sky = make_sky(width, height, texels, 0.0);
+    const double top = std::cos(pi * row / height), bottom = std::cos(pi * (row + 1) / height);
+    const double sun = 1e6 * 2 * pi / width * (top - bottom);
+    const double sun_lux = 1e6 * pi / width * (top * top - bottom * bottom);
+    const Visibility visibility(scene, Frame{});
+    PeerSettings settings;
+    settings.rays = 256;
+    std::vector<glm::vec3> points;
+    for (int i = 0; i < 400; ++i)
+        points.push_back({0.1f * float(i), 1.0f, 0.0f});
+    const PeerField field = trace_peer(scene, visibility, Frame{}, points, settings);
+    double mean = 0;
+    for (const glm::vec3& c : field.sh[0])
+        mean += double(c.y) / double(points.size());
+    const double expected = 0.5 / std::sqrt(pi) * (sun + 2 * pi + 0.5 * (sun_lux + pi));
+    EXPECT_NEAR(mean / expected, 1.0, 0.05);
 }
 
 TEST(Peer, BlendedBoxInABlackRoom) {

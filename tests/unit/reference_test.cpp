@@ -3,6 +3,7 @@
 #include "reference/reference.h"
 
 #include "error.h"
+#include "scene/sky.h"
 #include "scenes.h"
 #include "solver/occlusion.h"
 #include "volume/compare.h"
@@ -428,6 +429,25 @@ TEST(Reference, SkyComesFromWhereNothingIs) {
         EXPECT_NEAR(r.volume.sh[1][0].z, 4 * y1 * pi * (1 - below), 0.05);
         EXPECT_NE(r.volume.metadata.at("content").find("sky"), std::string::npos);
     }
+}
+
+TEST(Reference, ASmallSunInAPictureIsAimedAt) {
+    // A texel of 5.6e-5 sr over a wide floor: pi times what the floor reflects is its illuminance.
+    constexpr int width = 512, height = 256;
+    std::vector<glm::vec3> texels(size_t(width * height), glm::vec3(1.0f));
+    const int row = 40;
+    texels[size_t(row * width + 100)] = glm::vec3(1e6f);
+    Scene scene = scenes::floor_quad(1e4f, glm::vec3(0.25f));
+    scene.sky = make_sky(width, height, texels, 0.0);
+    const double top = pi * row / height, bottom = pi * (row + 1) / height;
+    const double sun = 1e6 * 2 * pi / width * (std::cos(top) - std::cos(bottom));
+    const double sun_lux =
+        1e6 * pi / width * (std::pow(std::cos(top), 2) - std::pow(std::cos(bottom), 2));
+    const Grid grid = cube(glm::dvec3(-1, 1, -1), 2, 2);
+    const Reference r = reference(scene, grid, settings_of(1, 4096));
+    const double expected = y0 * (sun + 2 * pi + 2 * pi * 0.25 / pi * (sun_lux + pi));
+    EXPECT_NEAR(r.volume.sh[0][0].y / expected, 1.0, 0.01);
+    EXPECT_LT(r.noise, 0.02);
 }
 
 TEST(Reference, StopsAtTheWantedNoise) {

@@ -9,6 +9,7 @@ namespace lpvbake {
 struct ImageModule {
     decltype(lpvbake::decode_image)* decode;
     decltype(lpvbake::decode_exr)* decode_exr;
+    decltype(lpvbake::read_picture)* read_picture;
     decltype(lpvbake::encode_png)* encode_png;
 };
 

@@ -8,6 +8,10 @@
 #include <OpenImageIO/imageio.h>
 
 #include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
 #include <memory>
 #include <utility>
 
@@ -170,6 +174,37 @@ Pixels decode_exr_bytes(std::span<const std::byte> data, const std::string& name
     return pixels;
 }
 
+Pixels read_picture_file(const std::string& path, uint64_t max_texels) {
+    if (FILE* file = std::fopen(path.c_str(), "rb"))
+        std::fclose(file);
+    else
+        throw Error(ExitCode::file, path + ": " + std::strerror(errno));
+    const auto input = ImageInput::open(path);
+    if (!input)
+        reject(path, "the image cannot be decoded: " + one_line(OIIO::geterror()));
+    const ImageSpec& spec = input->spec();
+    if (spec.width <= 0 || spec.height <= 0 || spec.depth != 1 || spec.nchannels < 1 || spec.deep)
+        reject(path, "the image has no valid size in its header, or is deep");
+    check_size(uint64_t(spec.width) * uint64_t(spec.height), max_texels, path);
+    const int channels = spec.nchannels < 3 ? 1 : 3;
+    Pixels pixels{spec.width, spec.height, 3, {}};
+    pixels.samples.resize(3 * size_t(spec.width) * size_t(spec.height));
+    if (!input->read_image(0, 0, 0, channels, TypeDesc::FLOAT, pixels.samples.data(),
+                           ptrdiff_t(3 * sizeof(float))))
+        reject(path, "the image cannot be decoded: " + one_line(input->geterror()));
+    const bool encoded = !spec.format.is_floating_point();
+    for (size_t i = 0; i < pixels.samples.size(); i += 3)
+        for (size_t c = 0; c < 3; ++c) {
+            float& sample = pixels.samples[i + c];
+            if (c > 0 && channels == 1)
+                sample = pixels.samples[i];
+            else if (encoded)
+                sample = sample <= 0.04045f ? sample / 12.92f
+                                            : std::pow((sample + 0.055f) / 1.055f, 2.4f);
+        }
+    return pixels;
+}
+
 } // namespace
 } // namespace lpvbake
 
@@ -180,7 +215,7 @@ const lpvbake::ImageModule* lpvbake_image_module() {
         OIIO::attribute("threads", 1);
         OIIO::attribute("exr_threads", -1);
         return lpvbake::ImageModule{lpvbake::decode, lpvbake::decode_exr_bytes,
-                                    lpvbake::encode_png_bytes};
+                                    lpvbake::read_picture_file, lpvbake::encode_png_bytes};
     }();
     return &table;
 }

@@ -55,11 +55,16 @@ std::vector<SkyBin> make_sky_bins(const Sky& sky, int count, int order) {
             for (int b = 0; b < samples; ++b) {
                 const glm::vec3 w =
                     bin.direction({(float(a) + 0.5f) / samples, (float(b) + 0.5f) / samples});
-                const glm::vec3 luminance = sky_luminance(sky, w);
+                const auto along = [](float begin, float end, int step) {
+                    return glm::mix(double(begin), double(end), double(step) / samples);
+                };
+                const glm::dvec3 luminance =
+                    sky_mean(sky, along(bin.low, bin.high, a), along(bin.low, bin.high, a + 1),
+                             along(bin.from, bin.to, b), along(bin.from, bin.to, b + 1));
                 const ShValues y = sh_basis(order, w);
                 for (size_t k = 0; k < terms; ++k)
                     for (size_t c = 0; c < 3; ++c)
-                        sum[3 * k + c] += double(luminance[int(c)]) * double(y[k]);
+                        sum[3 * k + c] += luminance[int(c)] * double(y[k]);
             }
         const double weight = 4.0 * glm::pi<double>() / (samples * samples * double(bins.size()));
         for (const double value : sum)
