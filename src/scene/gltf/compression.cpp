@@ -1,6 +1,7 @@
 #include "scene/gltf/compression.h"
 
 #include "error.h"
+#include "scene/gltf/allocation_limit.h"
 
 #include <meshoptimizer.h>
 
@@ -14,6 +15,7 @@
 #pragma GCC diagnostic pop
 
 #include <memory>
+#include <new>
 #include <optional>
 
 namespace lpvbake {
@@ -110,17 +112,27 @@ private:
     std::string fault_;
 };
 
+/// Most bytes that decoding allocates, freed or not: several times what meshes of all sorts took.
+uint64_t allocated_by_draco(uint64_t data, const DracoLimits& limits) {
+    return (1 << 20) + 64 * data + 1000 * (limits.vertices + limits.indices);
+}
+
 template <typename Decoder>
 std::unique_ptr<draco::Mesh> run_draco(draco::DecoderBuffer& buffer, const DracoLimits& limits,
                                        const std::string& place) {
     Guarded<Decoder> decoder(limits);
     auto mesh = std::make_unique<draco::Mesh>();
     const draco::DecoderOptions options;
-    const draco::Status status = decoder.Decode(options, &buffer, mesh.get());
-    if (!status.ok())
-        refuse(place, decoder.fault().empty() ? "the Draco data cannot be decoded"
-                                              : "the Draco mesh " + decoder.fault());
-    return mesh;
+    try {
+        // Not every count inside the attributes' data is looked at before it is believed.
+        const AllocationLimit limit(allocated_by_draco(buffer.remaining_size(), limits));
+        if (decoder.Decode(options, &buffer, mesh.get()).ok())
+            return mesh;
+    } catch (const std::bad_alloc&) {
+        refuse(place, "the Draco data would take more memory than a mesh of their size");
+    }
+    refuse(place, decoder.fault().empty() ? "the Draco data cannot be decoded"
+                                          : "the Draco mesh " + decoder.fault());
 }
 
 DracoMesh::Attribute packed(const draco::PointAttribute& attribute, uint64_t vertices,
