@@ -15,6 +15,7 @@ packages=(
     gnuplot-nox
     # test
     libgtest-dev libbenchmark-dev vulkan-validationlayers
+    clang libclang-rt-14-dev
     libopenvdb-tools openimageio-tools python3 python3-openvdb python3-numpy
 )
 

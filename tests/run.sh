@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
 # Installs what is missing, builds everything and runs all tests.
 #
-#   tests/run.sh [--clients] [--allow-skip] [--preset NAME]
+#   tests/run.sh [--clients] [--allow-skip] [--no-fuzz] [--preset NAME]
 #
 #   --clients     also the tests with other programs as clients. There are none yet beyond those
 #                 that always run (vdb_print, oiiotool and Python's pyopenvdb as readers).
 #   --allow-skip  tests that did not run (no Vulkan device, no reader) do not fail the run.
+#   --no-fuzz     leaves out the fuzzers, which are built apart and run for seconds each.
 #   --preset      default, debug or sanitize (see CMakePresets.json).
 #
 # The last line says how many tests passed, failed and were skipped.
@@ -14,10 +15,12 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 allow_skip=false
 clients=false
+fuzz=true
 preset=default
 while [[ $# -gt 0 ]]; do
     case $1 in
     --clients) clients=true ;;
+    --no-fuzz) fuzz=false ;;
     --allow-skip) allow_skip=true ;;
     --preset)
         preset=${2:?--preset needs a name}
@@ -39,32 +42,40 @@ done
 if $clients; then
     echo "--clients: no client tests beyond the readers that always run" >&2
 fi
-cmake --preset "$preset" >&2
-cmake --build --preset "$preset" >&2
-
-results=build/$preset/tests.xml
-rm -f "$results"
+presets=("$preset")
+if $fuzz; then
+    presets+=(fuzz)
+fi
 status=0
-ctest --preset "$preset" --no-tests=error -j2 --output-junit tests.xml || status=$?
-[[ -f $results ]] || {
-    echo "ctest ended with status $status and left no results" >&2
-    exit 1
-}
+results=()
+for each in "${presets[@]}"; do
+    cmake --preset "$each" >&2
+    cmake --build --preset "$each" >&2
+    result=build/$each/tests.xml
+    rm -f "$result"
+    ctest --preset "$each" --no-tests=error -j2 --output-junit tests.xml || status=$?
+    [[ -f $result ]] || {
+        echo "ctest ended with status $status and left no results" >&2
+        exit 1
+    }
+    results+=("$result")
+done
 
 # A test that ctest could not start, or that skipped itself, did not run: both count as skipped.
-read -r passed failed skipped < <(python3 - "$results" <<'EOF'
+read -r passed failed skipped < <(python3 - "${results[@]}" <<'EOF'
 import sys
 import xml.etree.ElementTree as xml
 
 counts = {"run": 0, "fail": 0}
 other = 0
-for case in xml.parse(sys.argv[1]).getroot().iter("testcase"):
-    state = case.get("status")
-    if case.find("skipped") is not None or state not in counts:
-        other += 1
-        print("not run:", case.get("name"), file=sys.stderr)
-    else:
-        counts[state] += 1
+for path in sys.argv[1:]:
+    for case in xml.parse(path).getroot().iter("testcase"):
+        state = case.get("status")
+        if case.find("skipped") is not None or state not in counts:
+            other += 1
+            print("not run:", case.get("name"), file=sys.stderr)
+        else:
+            counts[state] += 1
 print(counts["run"], counts["fail"], other)
 EOF
 )

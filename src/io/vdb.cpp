@@ -3,6 +3,7 @@
 
 #include "io/atomic_file.h"
 #include "io/layout.h"
+#include "io/vdb_grids.h"
 #include "volume/sh.h"
 
 #include <openvdb/io/File.h>
@@ -113,6 +114,7 @@ Identity identify(const std::string& path, const std::string& name) {
 /// does so too, but to a file of its own, and it does not see a full disk.)
 class SeekableArchive : public openvdb::io::Archive {
 public:
+    using Archive::write;
     void write(std::ostream& out, const openvdb::GridCPtrVec& grids,
                const MetaMap& metadata) const {
         Archive::write(out, grids, /*seekable=*/true, metadata);
@@ -250,9 +252,11 @@ void copy_cells(const openvdb::GridBase::Ptr& base, const Grid& lattice, const s
     });
 }
 
-Volume read_grids(openvdb::io::File& file, const std::string& path) {
+} // namespace
+
+Volume volume_of(const VdbContent& content, const std::string& path) {
     Volume volume;
-    const MetaMap::Ptr metadata = file.getMetadata();
+    const MetaMap::Ptr& metadata = content.metadata;
     const auto dims = required<openvdb::Vec3i>(*metadata, "lpv:grid_dims", path);
     const auto origin = required<openvdb::Vec3d>(*metadata, "lpv:grid_origin", path);
     volume.grid = {{origin.x(), origin.y(), origin.z()},
@@ -270,9 +274,10 @@ Volume read_grids(openvdb::io::File& file, const std::string& path) {
             reject(path, "lpv:" + key + " is '" + found + "', expected '" + value + "'");
 
     const auto grid = [&](const std::string& name) {
-        if (!file.hasGrid(name))
+        const openvdb::GridBase::Ptr found = content.grid(name);
+        if (!found)
             reject(path, "has no grid " + name);
-        return file.readGrid(name);
+        return found;
     };
     volume.sh.resize(size_t(coefficients));
     for (int k = 0; k < coefficients; ++k)
@@ -280,14 +285,15 @@ Volume read_grids(openvdb::io::File& file, const std::string& path) {
             grid(std::string("sh_") + coefficient_name(k)), volume.grid, path, volume.sh[size_t(k)],
             [](const openvdb::Vec3s& v) { return glm::vec3(v.x(), v.y(), v.z()); });
     const auto same = [](float v) { return v; };
-    if (file.hasGrid("occlusion_l0")) {
+    if (const openvdb::GridBase::Ptr first = content.grid("occlusion_l0")) {
         volume.occlusion.resize(4);
         for (int k = 0; k < 4; ++k)
-            copy_cells<FloatGrid>(grid(std::string("occlusion_") + coefficient_name(k)),
+            copy_cells<FloatGrid>(k == 0 ? first
+                                         : grid(std::string("occlusion_") + coefficient_name(k)),
                                   volume.grid, path, volume.occlusion[size_t(k)], same);
     }
-    if (file.hasGrid("validity"))
-        copy_cells<FloatGrid>(grid("validity"), volume.grid, path, volume.validity, same);
+    if (const openvdb::GridBase::Ptr validity = content.grid("validity"))
+        copy_cells<FloatGrid>(validity, volume.grid, path, volume.validity, same);
 
     MetaMap ours;
     insert_lattice(ours, volume);
@@ -297,8 +303,6 @@ Volume read_grids(openvdb::io::File& file, const std::string& path) {
             volume.metadata[entry->first.substr(4)] = entry->second->str();
     return volume;
 }
-
-} // namespace
 
 WriteReport write_vdb(const std::string& path, const Volume& volume, Precision precision) {
     initialise();
@@ -355,7 +359,11 @@ Volume read_vdb(const std::string& path) {
     try {
         openvdb::io::File file(path);
         file.open(/*delayLoad=*/false);
-        volume = read_grids(file, path);
+        volume = volume_of({file.getMetadata(),
+                            [&](const std::string& name) {
+                                return file.hasGrid(name) ? file.readGrid(name) : nullptr;
+                            }},
+                           path);
     } catch (const openvdb::Exception& error) {
         reject(path, one_line(error.what()));
     }

@@ -208,10 +208,6 @@ void hold_within(SuiteRow& row, const char* what, double value, SuiteRange range
 
 } // namespace
 
-std::vector<std::string> suite_solver_names() {
-    return {"lpv", "sn", "gather"};
-}
-
 std::vector<SuiteSolver> suite_solvers(const gpu::Device& device) {
     const auto settings_of = [](Solver solver, const SuiteOptions& o) {
         BakeSettings settings;

@@ -1,0 +1,23 @@
+// What is made of a VDB file's grids once OpenVDB has read them.
+#pragma once
+
+#include "volume/volume.h"
+
+#include <openvdb/openvdb.h>
+
+#include <functional>
+#include <string>
+
+namespace lpvbake {
+
+struct VdbContent {
+    openvdb::MetaMap::Ptr metadata; ///< of the file
+    /// The grid of that name, null if there is none.
+    std::function<openvdb::GridBase::Ptr(const std::string&)> grid;
+};
+
+/// The volume that the grids hold; its values may be anything. Throws Error (invalid, memory) that
+/// begins with `path`, and openvdb::Exception.
+Volume volume_of(const VdbContent& content, const std::string& path);
+
+} // namespace lpvbake
