@@ -44,6 +44,10 @@ double lift_of(glm::dvec3 point) {
 
 } // namespace
 
+glm::dvec3 off_surface(glm::dvec3 point, glm::dvec3 n) {
+    return point + lift_of(point) * n;
+}
+
 Paths::Paths(const Scene& scene, const Visibility& visibility, const Frame& frame,
              const PathRules& rules)
     : scene_(scene),
@@ -162,8 +166,24 @@ Paths::Glimpse Paths::glimpse_sky(glm::vec3 origin, PathSampler& sampler, uint64
 
 glm::dvec3 Paths::luminance(glm::vec3 origin, glm::dvec3 towards, PathSampler& sampler,
                             uint64_t& rays) const {
+    return trace(origin, towards, over_sphere, sampler, rays);
+}
+
+glm::dvec3 Paths::irradiance(glm::vec3 origin, glm::dvec3 n, PathSampler& sampler,
+                             uint64_t& rays) const {
+    const auto density = [n](glm::dvec3 w) { return glm::dot(n, w) / glm::pi<double>(); };
+    const glm::dvec3 towards = around(n, sampler.pair());
+    glm::dvec3 sum = trace(origin, towards, density(towards), sampler, rays);
+    if (!emitters_.empty())
+        sum += aim(origin, density, sampler, rays).luminance;
+    if (sky_)
+        sum += aim_at_sky(origin, density, sampler, rays).luminance;
+    return glm::pi<double>() * sum;
+}
+
+glm::dvec3 Paths::trace(glm::vec3 origin, glm::dvec3 towards, double density, PathSampler& sampler,
+                        uint64_t& rays) const {
     glm::dvec3 sum{0.0}, throughput{1.0};
-    double density = over_sphere; // of `towards`
     for (int reflections = 0;; ++reflections) {
         const bool last = rules_.bounces && reflections == *rules_.bounces;
         if (last && emitters_.empty() && !has_sky(scene_))
@@ -192,7 +212,7 @@ glm::dvec3 Paths::luminance(glm::vec3 origin, glm::dvec3 towards, PathSampler& s
         if (glm::dot(n, towards) > 0.0)
             n = -n;
         glm::dvec3 point = glm::dvec3(origin) + double(hit.t) * towards;
-        point += lift_of(point) * n;
+        point = off_surface(point, n);
         origin = glm::vec3(point);
         sum += throughput / glm::pi<double>() * illuminance(point, n, rays);
         const auto cosine_density = [n](glm::dvec3 w) {

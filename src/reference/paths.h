@@ -17,6 +17,10 @@ struct PathRules {
     bool operator==(const PathRules&) const = default;
 };
 
+/// Where rays from a surface start: a hair before `point` on the side of the unit normal n. Frame
+/// units.
+glm::dvec3 off_surface(glm::dvec3 point, glm::dvec3 n);
+
 /// What every path of a scene needs; several threads may trace at once. Refers to its arguments.
 class Paths {
 public:
@@ -46,6 +50,18 @@ public:
     /// Looks from `origin` where the sky's map is bright; dark where there is none.
     Glimpse glimpse_sky(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const;
 
+    /// An unbiased estimate of the irradiance (lux, RGB) that a surface at `origin` (frame units,
+    /// off the surface: see off_surface) with unit normal n gets from the light of luminance().
+    glm::dvec3 irradiance(glm::vec3 origin, glm::dvec3 n, PathSampler& sampler,
+                          uint64_t& rays) const;
+
+    /// Illuminance (lux, RGB) of all punctual lights on a surface at `point` (as above) with unit
+    /// normal n, shadows included.
+    glm::dvec3 illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays) const;
+
+    /// What a surface emits (nits) where a ray meets it, of the share alpha that is there.
+    glm::dvec3 emission(const Hit& hit) const;
+
 private:
     /// A light as a surface point sees it, positions in frame units.
     struct Source {
@@ -56,9 +72,9 @@ private:
         double cos_inner, cos_outer;
     };
 
-    /// Illuminance (lux) of all punctual lights on a surface at `point` with unit normal `n`.
-    glm::dvec3 illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays) const;
-
+    /// luminance() towards a direction that was drawn with a given density (1 / sr).
+    glm::dvec3 trace(glm::vec3 origin, glm::dvec3 towards, double density, PathSampler& sampler,
+                     uint64_t& rays) const;
     /// Looks at an emitter; `density` of a direction is that with which a path would go there.
     template <class Density>
     Glimpse aim(glm::vec3 origin, const Density& density, PathSampler& sampler,
@@ -67,8 +83,6 @@ private:
     template <class Density>
     Glimpse aim_at_sky(glm::vec3 origin, const Density& density, PathSampler& sampler,
                        uint64_t& rays) const;
-    /// What a surface emits where a ray meets it, of the share alpha that is there.
-    glm::dvec3 emission(const Hit& hit) const;
 
     const Scene& scene_;
     const Visibility& visibility_;

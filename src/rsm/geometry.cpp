@@ -55,13 +55,15 @@ RsmGeometry flatten(const Scene& scene, const Frame& frame) {
         const bool mirrored = is_mirrored(instance);
         if (geometry.runs.empty() || geometry.runs.back().material != mesh.material)
             geometry.runs.push_back({mesh.material, geometry.vertices.size(), 0});
-        for (glm::uvec3 triangle : mesh.triangles) {
+        for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+            glm::uvec3 triangle = mesh.triangles[t];
             if (mirrored)
                 std::swap(triangle.y, triangle.z);
             glm::vec4 plane;
             if (!plane_of({positions[triangle.x], positions[triangle.y], positions[triangle.z]},
                           plane))
                 continue;
+            geometry.origins.push_back({uint32_t(i), t});
             for (int corner = 0; corner < 3; ++corner) {
                 const uint32_t v = triangle[corner];
                 geometry.lo = glm::min(geometry.lo, glm::dvec3(positions[v]));

@@ -17,6 +17,12 @@ struct RsmVertex {
 };
 static_assert(sizeof(RsmVertex) == 13 * sizeof(float));
 
+/// Where a triangle comes from.
+struct RsmOrigin {
+    uint32_t instance = 0;
+    uint32_t triangle = 0; ///< of the instance's mesh
+};
+
 /// Consecutive triangles of one material.
 struct MaterialRun {
     int material = 0;
@@ -26,6 +32,7 @@ struct MaterialRun {
 
 struct RsmGeometry {
     std::vector<RsmVertex> vertices;  ///< three a triangle, counter-clockwise seen from the front
+    std::vector<RsmOrigin> origins;   ///< one a triangle
     std::vector<MaterialRun> runs;    ///< in the order of `vertices`
     glm::dvec3 lo{1e300}, hi{-1e300}; ///< bounds, frame units
 };

@@ -1,4 +1,4 @@
-// What both stages know of the map and the material that they draw. Mirrors Push in rsm.cpp.
+// What both stages know of the map and the material that they draw. Mirrors Push in raster.cpp.
 layout(push_constant) uniform Push {
     mat4 clip;   // clip space from frame units relative to `origin`
     vec4 origin; // xyz
@@ -6,7 +6,8 @@ layout(push_constant) uniform Push {
     float max_albedo;
     float cutoff;
     uint flags;
-    uint seed; // differs from tile to tile
+    uint seed;  // differs from tile to tile
+    uint shift; // of the number that decides what is seen of blended surfaces
 } push;
 
 const uint flag_mask = 1u;

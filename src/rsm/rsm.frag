@@ -35,7 +35,7 @@ void main() {
         // Transparency by chance: a texel is covered with probability alpha, on its own in every
         // layer, so that alpha of the power is reflected and the rest goes on.
         uint x = uint(gl_FragCoord.x), y = uint(gl_FragCoord.y);
-        uint noise = scramble(x + scramble(y + scramble(in_triangle + scramble(push.seed))));
+        uint noise = scramble(x + scramble(y + scramble(in_triangle + scramble(push.seed)))) + push.shift;
         if ((push.flags & flag_blend) != 0u && float(noise >> 8u) >= alpha * 16777216.0)
             discard;
     }

@@ -19,6 +19,9 @@ struct RsmView {
     double nearest = 0;  ///< smallest depth that is seen
     double farthest = 0; ///< largest; perspective: unlimited
 
+    glm::dvec3 start(glm::dvec2 at) const { return perspective ? origin : origin + aside(at); }
+    glm::dvec3 along(glm::dvec2 at) const { return perspective ? axis + aside(at) : axis; }
+    glm::dvec3 aside(glm::dvec2 at) const { return at.x * u + at.y * v; }
     /// Clip space (depth reversed: 1 nearest) from positions relative to `origin`.
     glm::dmat4 clip() const;
 };

@@ -71,7 +71,7 @@ struct Visibility::Impl {
 namespace {
 
 /// What a traversal that asks about every hit is after.
-enum class Wanted { nearest, all, any_opaque };
+enum class Wanted { nearest, nearest_front, all, any_opaque };
 
 /// The context comes first so that it can be cast back.
 struct Query {
@@ -87,7 +87,7 @@ struct Query {
         rtcInitIntersectContext(&context);
         if (bundle == Bundle::tight)
             context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-        if (what == Wanted::all || of.any_see_through)
+        if (what == Wanted::all || what == Wanted::nearest_front || of.any_see_through)
             context.filter = filter_hit;
     }
     static void filter_hit(const RTCFilterFunctionNArguments* args);
@@ -118,7 +118,9 @@ void Query::filter_hit(const RTCFilterFunctionNArguments* args) {
         const uint32_t primitive = RTCHitN_primID(args->hit, args->N, i);
         const glm::vec2 uv{RTCHitN_u(args->hit, args->N, i), RTCHitN_v(args->hit, args->N, i)};
         const bool back = meets_back(args->ray, args->hit, args->N, i);
-        const float alpha = query.impl->alpha(primitive, uv, back);
+        const bool culled = query.wanted == Wanted::nearest_front
+                            && query.impl->facing(primitive, back) == Facing::back;
+        const float alpha = culled ? 0.0f : query.impl->alpha(primitive, uv, back);
         bool stays = alpha >= 1.0f;
         if (query.wanted == Wanted::all) {
             if (alpha > 0.0f)
@@ -191,6 +193,16 @@ Hit to_hit(const Visibility::Impl& impl, glm::vec3 direction, float t, uint32_t 
             impl.barycentric(primitive, uv),
             glm::normalize(normal),
             impl.facing(primitive, glm::dot(direction, normal) > 0.0f)};
+}
+
+Hit nearest(const Visibility::Impl& impl, const Ray& ray, Wanted wanted) {
+    Query query(impl, wanted);
+    RTCRayHit r = to_embree(ray);
+    rtcIntersect1(impl.bvh, &query.context, &r);
+    if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID)
+        return {};
+    return to_hit(impl, ray.direction, r.ray.tfar, r.hit.primID, {r.hit.u, r.hit.v},
+                  {r.hit.Ng_x, r.hit.Ng_y, r.hit.Ng_z});
 }
 
 } // namespace
@@ -279,13 +291,11 @@ glm::vec3 Visibility::hi() const {
 }
 
 Hit Visibility::closest(const Ray& ray) const {
-    Query query(*impl_, Wanted::nearest);
-    RTCRayHit r = to_embree(ray);
-    rtcIntersect1(impl_->bvh, &query.context, &r);
-    if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID)
-        return {};
-    return to_hit(*impl_, ray.direction, r.ray.tfar, r.hit.primID, {r.hit.u, r.hit.v},
-                  {r.hit.Ng_x, r.hit.Ng_y, r.hit.Ng_z});
+    return nearest(*impl_, ray, Wanted::nearest);
+}
+
+Hit Visibility::closest_front(const Ray& ray) const {
+    return nearest(*impl_, ray, Wanted::nearest_front);
 }
 
 void Visibility::crossings(const Ray& ray, std::vector<Crossing>& out) const {

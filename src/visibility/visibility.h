@@ -62,6 +62,8 @@ public:
     /// Nearest surface. A blended one counts with probability alpha, drawn from the ray and the
     /// surface, so that the same ray always gives the same answer.
     Hit closest(const Ray& ray) const;
+    /// The same for an eye, to which the back of a single-sided surface is never there.
+    Hit closest_front(const Ray& ray) const;
     /// Product of what all surfaces on the segment let through, 0 to 1.
     float transmittance(const Ray& ray) const;
     /// All surfaces on the segment by rising t. A ray through an edge that two triangles of an
