@@ -44,6 +44,7 @@ int run(int argc, char** argv) {
     add_bake(root, action);
     add_reference(root, action);
     add_info(root, action);
+    add_render(root, action);
     add_diff(root, action);
     add_report(root, action);
     add_devices(root, action);

@@ -30,7 +30,7 @@ BUILDS_ON = {
     "solver/sn": ["solver", "gpu"],
     "io": ["volume", "image"],
     "reference": ["scene", "visibility", "volume"],
-    "render": ["scene", "rsm", "volume", "gpu"],
+    "render": ["rsm", "reference", "image"],
     "report": ["reference", "render", "scene/gltf", "solver/lpv", "solver/sn", "solver/gather", "io"],
 }
 EVERYWHERE = ["error.h", "mix_word.h", "progress.h", "text.h"]

@@ -1,0 +1,225 @@
+#include "render/render.h"
+
+#include "error.h"
+#include "render/view.h"
+#include "scene/material.h"
+#include "scene/sky.h"
+#include "volume/sh.h"
+
+#include <glm/gtc/constants.hpp>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <numeric>
+
+namespace lpvbake {
+namespace {
+
+/// Where in its square sample i of n lies: Hammersley's points, centred.
+glm::dvec2 place_of(uint32_t i, uint32_t n) {
+    double y = 0, digit = 0.5;
+    for (uint32_t bits = i; bits != 0; bits >>= 1, digit *= 0.5)
+        y += bits & 1 ? digit : 0.0;
+    return {(i + 0.5) / n, y + 0.5 / std::bit_ceil(n)};
+}
+
+/// A surface point's colour, but for what is read from the volume's other grids. `indirect` gives
+/// the irradiance of the field and is asked only where that counts.
+template <class Indirect>
+glm::dvec3 colour_of(Show show, const SurfacePoint& p, const Paths& paths, uint64_t& rays,
+                     const Indirect& indirect) {
+    if (show == Show::albedo)
+        return p.albedo;
+    if (show == Show::normal)
+        return p.smooth;
+    if (show == Show::irradiance)
+        return indirect();
+    glm::dvec3 colour(0.0), irradiance(0.0);
+    if (show != Show::direct)
+        irradiance += indirect();
+    if (show != Show::indirect) {
+        irradiance += paths.illuminance(off_surface(p.point, p.normal), p.smooth, rays);
+        colour += paths.emission(p.hit);
+    }
+    return colour + p.albedo / glm::pi<double>() * irradiance;
+}
+
+glm::dvec3 background(const Scene& scene, Show show, glm::dvec3 direction) {
+    return show == Show::final || show == Show::direct
+               ? glm::dvec3(sky_luminance(scene.sky, glm::vec3(glm::normalize(direction))))
+               : glm::dvec3(0.0);
+}
+
+/// What the volume itself has at a point (metres).
+glm::dvec3 colour_of_volume(Show show, const Volume& volume, Reading reading, glm::dvec3 point,
+                            glm::dvec3 n) {
+    if (show == Show::cells) {
+        const glm::ivec3 cell =
+            glm::clamp(glm::ivec3(glm::floor(volume.grid.to_grid(point) + 0.5 * n)), glm::ivec3(0),
+                       volume.grid.dims - 1);
+        return double(sh_y0) * glm::dvec3(volume.sh[0][volume.grid.index(cell)]);
+    }
+    const CellWeights plain = weights_at(volume, point, n, Reading::trilinear);
+    double sum = 0;
+    if (show == Show::validity) {
+        for (std::size_t i = 0; i < 8; ++i)
+            sum += volume.validity.empty() ? plain.weight[i]
+                                           : plain.weight[i] * volume.validity[plain.cell[i]];
+        const CellWeights used = weights_at(volume, point, n, reading);
+        if (std::ranges::count(used.weight, 0.0) == 8)
+            return {1, 0, 0};
+        return glm::dvec3(sum);
+    }
+    const ShValues basis = sh_basis(1, glm::vec3(n));
+    for (std::size_t i = 0; i < 8; ++i)
+        for (std::size_t k = 0; k < volume.occlusion.size(); ++k)
+            sum += plain.weight[i] * double(basis[k] * volume.occlusion[k][plain.cell[i]]);
+    return glm::dvec3(std::clamp(sum, 0.0, 1.0));
+}
+
+Pixels black(glm::ivec2 size) {
+    return {size.x, size.y, 3, std::vector<float>(std::size_t(size.x) * std::size_t(size.y) * 3)};
+}
+
+void set_pixel(Pixels& picture, int column, int row, glm::dvec3 colour) {
+    const std::size_t first =
+        3 * (std::size_t(row) * std::size_t(picture.width) + std::size_t(column));
+    for (int channel = 0; channel < 3; ++channel)
+        picture.samples[first + std::size_t(channel)] = float(colour[channel]);
+}
+
+} // namespace
+
+Frame frame_of(const Grid& grid) {
+    return {grid.origin, grid.cell, glm::dvec3(grid.dims)};
+}
+
+Rendering render(const LitScene& lit, const Volume& volume, const Raster& raster, Reading reading,
+                 const ViewSettings& settings, Progress& progress) {
+    const auto& [scene, frame, visibility, paths] = lit;
+    const Show show = settings.show;
+    if (show == Show::occlusion && volume.occlusion.empty())
+        throw Error(ExitCode::invalid, "the volume holds no occlusion to show; lpv bakes it");
+    const glm::ivec2 size = settings.size;
+    const RsmView view = view_of(settings.camera, frame, size);
+    const Surface surface(scene, frame);
+    const std::vector<RsmOrigin>& origins = raster.geometry().origins;
+    const auto samples = uint32_t(settings.samples);
+
+    const auto colour = [&](const Seen& seen, glm::dvec3 along, uint64_t& rays) {
+        if (seen.triangle == 0)
+            return background(scene, show, along);
+        const auto [instance, triangle] = origins[seen.triangle - 1];
+        SurfacePoint p = surface.point(
+            instance, triangle, surface.barycentric(instance, triangle, view.origin, along), along);
+        p.albedo = seen.albedo;
+        const glm::dvec3 world = frame.to_world(p.point);
+        if (show == Show::cells || show == Show::validity || show == Show::occlusion)
+            return colour_of_volume(show, volume, reading, world, p.smooth);
+        return colour_of(show, p, paths, rays,
+                         [&] { return read_irradiance(volume, world, p.smooth, reading); });
+    };
+
+    Rendering result;
+    result.picture = black(size);
+    std::vector<glm::dvec3> sums;
+    std::vector<uint64_t> rays(std::size_t(size.y), 0);
+    const auto across = uint64_t((size.x + max_tile - 1) / max_tile);
+    const auto down = uint64_t((size.y + max_tile - 1) / max_tile);
+    progress.begin("render", across * down * samples);
+    uint64_t done = 0;
+    for (int y = 0; y < size.y; y += max_tile)
+        for (int x = 0; x < size.x; x += max_tile) {
+            Tile tile{size, {}, glm::min(glm::ivec2(max_tile), size - glm::ivec2(x, y))};
+            tile.seed = uint32_t(y / max_tile) * 65536u + uint32_t(x / max_tile);
+            const glm::ivec2 extent = tile.extent;
+            sums.assign(std::size_t(extent.x) * std::size_t(extent.y), glm::dvec3(0.0));
+            for (uint32_t sample = 0; sample < samples; ++sample) {
+                tile.corner = glm::dvec2(x, y) + place_of(sample, samples) - 0.5;
+                // What is seen of a blended surface is spread over the samples, by the golden
+                // ratio.
+                tile.shift = sample * 0x9e3779b9u;
+                const std::span<const Seen> seen = raster.draw(view, tile, true);
+                tbb::parallel_for(0, extent.y, [&](int row) {
+                    for (int column = 0; column < extent.x; ++column) {
+                        const std::size_t i =
+                            std::size_t(row) * std::size_t(extent.x) + std::size_t(column);
+                        sums[i] += colour(seen[i], view.along(tile.at(column, row)),
+                                          rays[std::size_t(y + row)]);
+                    }
+                });
+                progress.advance(++done);
+            }
+            for (int row = 0; row < extent.y; ++row)
+                for (int column = 0; column < extent.x; ++column)
+                    set_pixel(result.picture, x + column, y + row,
+                              sums[std::size_t(row) * std::size_t(extent.x) + std::size_t(column)]
+                                  / double(samples));
+        }
+    result.rays = std::accumulate(rays.begin(), rays.end(), uint64_t(0));
+    return result;
+}
+
+Rendering trace_picture(const LitScene& lit, const ViewSettings& settings, Progress& progress) {
+    constexpr int rows_at_a_time = 16;
+    const auto& [scene, frame, visibility, paths] = lit;
+    const Show show = settings.show;
+    const glm::ivec2 size = settings.size;
+    const RsmView view = view_of(settings.camera, frame, size);
+    const Surface surface(scene, frame);
+    const auto samples = uint32_t(settings.samples);
+
+    const auto colour = [&](glm::dvec3 along, PathSampler& sampler, uint64_t& rays) {
+        ++rays;
+        const Hit hit = visibility.closest_front(
+            {glm::vec3(view.origin), glm::vec3(along), float(view.nearest), HUGE_VALF});
+        if (hit.instance == no_hit)
+            return background(scene, show, along);
+        SurfacePoint p = surface.point(
+            hit.instance, hit.triangle,
+            surface.barycentric(hit.instance, hit.triangle, view.origin, along), along);
+        const Mesh& mesh = scene.meshes[std::size_t(scene.instances[hit.instance].mesh)];
+        p.albedo = sample_surface(scene, mesh, hit.triangle, p.hit.barycentric).albedo;
+        return colour_of(show, p, paths, rays, [&] {
+            return paths.irradiance(glm::vec3(off_surface(p.point, p.normal)), p.smooth, sampler,
+                                    rays);
+        });
+    };
+
+    Rendering result;
+    result.picture = black(size);
+    std::vector<uint64_t> rays(std::size_t(size.y), 0);
+    std::vector<glm::dvec3> variance(std::size_t(size.y), glm::dvec3(0.0));
+    progress.begin("reference", uint64_t(size.y));
+    for (int y = 0; y < size.y; y += rows_at_a_time) {
+        tbb::parallel_for(y, std::min(y + rows_at_a_time, size.y), [&](int row) {
+            for (int column = 0; column < size.x; ++column) {
+                const uint64_t key = join_bits(uint64_t(row), uint64_t(column));
+                glm::dvec3 sum(0.0), squares(0.0);
+                for (uint32_t i = 0; i < samples; ++i) {
+                    PathSampler sampler(key, i);
+                    const glm::dvec2 at =
+                        2.0 * (glm::dvec2(column, row) + sampler.pair()) / glm::dvec2(size) - 1.0;
+                    const glm::dvec3 value =
+                        colour(view.along(at), sampler, rays[std::size_t(row)]);
+                    sum += value;
+                    squares += value * value;
+                }
+                const double n = samples;
+                set_pixel(result.picture, column, row, sum / n);
+                if (samples > 1)
+                    variance[std::size_t(row)] +=
+                        glm::max(glm::dvec3(0.0), squares - sum * sum / n) / (n * (n - 1));
+            }
+        });
+        progress.advance(uint64_t(std::min(y + rows_at_a_time, size.y)));
+    }
+    result.rays = std::accumulate(rays.begin(), rays.end(), uint64_t(0));
+    const glm::dvec3 sum = std::accumulate(variance.begin(), variance.end(), glm::dvec3(0.0));
+    result.noise = std::sqrt((sum.x + sum.y + sum.z) / (3.0 * size.x * size.y));
+    return result;
+}
+
+} // namespace lpvbake

@@ -1,0 +1,49 @@
+// Pictures of a scene: lit by a volume, and by paths.
+#pragma once
+
+#include "image/image.h"
+#include "progress.h"
+#include "render/shade.h"
+#include "rsm/raster.h"
+#include "volume/sampler.h"
+
+namespace lpvbake {
+
+/// What all pictures of a scene refer to. `frame` is that of the volume's grid.
+struct LitScene {
+    const Scene& scene;
+    const Frame& frame;
+    const Visibility& visibility;
+    const Paths& paths; ///< its rules say which light the field holds
+};
+
+struct ViewSettings {
+    Camera camera;
+    glm::ivec2 size{960, 540}; ///< pixels
+    int samples = 16;          ///< of each pixel, spread over its square
+    Show show = Show::final;
+};
+
+struct Rendering {
+    Pixels picture; ///< linear RGB: see Show. Black where nothing is seen, unless the sky is
+    uint64_t rays = 0;
+    /// Standard error of the mean, root mean square over pixels and RGB; of path-traced ones.
+    double noise = 0;
+};
+
+/// The frame of a volume's grid.
+Frame frame_of(const Grid& grid);
+
+/// Draws the scene on the device, sample by sample, and lights what is seen: punctual lights by
+/// shadow rays, the field by `reading`. Backs of single-sided materials are not drawn. The same
+/// bits for any number of threads. Throws Error: invalid (Show::occlusion of a volume without);
+/// device, memory; and whatever `progress` throws.
+Rendering render(const LitScene& lit, const Volume& volume, const Raster& raster, Reading reading,
+                 const ViewSettings& settings, Progress& progress);
+
+/// The same picture by ViewSettings::samples paths a pixel, from the eye on: instead of the field
+/// the light that it should hold. Of Show only final, direct, indirect, albedo, normal and
+/// irradiance. Throws what Paths::luminance and `progress` throw.
+Rendering trace_picture(const LitScene& lit, const ViewSettings& settings, Progress& progress);
+
+} // namespace lpvbake

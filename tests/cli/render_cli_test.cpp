@@ -1,0 +1,187 @@
+// `lpvbake render` from outside.
+#include "cli/run.h"
+#include "image/image.h"
+#include "io/io.h"
+
+#include <nlohmann/json.hpp>
+
+#include <cmath>
+
+namespace lpvbake {
+namespace {
+
+using nlohmann::json;
+
+class RenderCli : public ::testing::Test {
+protected:
+    void SetUp() override {
+        if (run_lpvbake(folder_, "devices").status == int(ExitCode::device))
+            GTEST_SKIP() << "no Vulkan device";
+        // A field of 10 nits from everywhere, as wide as the shipped room and its margin.
+        volume_.grid = {{-1.25, -0.25, -1.25}, 0.25, {10, 10, 10}};
+        volume_.sh.assign(4, std::vector<glm::vec3>(1000, glm::vec3(0)));
+        volume_.sh[0].assign(1000, glm::vec3(10 / 0.28209479f));
+        volume_.validity.assign(1000, 1);
+        volume_.metadata = {{"content", "punctual lights after one reflection; emitters direct"},
+                            {"bounces", "1"}};
+        write_volume(folder_ / "v.vdb", volume_, Precision::full);
+    }
+    CliResult run(const std::string& arguments) {
+        return run_lpvbake(folder_, "render " + arguments);
+    }
+    json run_json(const std::string& arguments) {
+        const CliResult result = run(arguments + " --format json");
+        EXPECT_EQ(result.status, 0) << result.err;
+        return json::parse(result.out);
+    }
+    void expect_error(const std::string& arguments, ExitCode code, const std::string& text) {
+        expect_one_error(run(arguments), arguments, code, text);
+    }
+    Pixels exr(const std::string& name) {
+        const std::string bytes = slurp(folder_ / name);
+        return decode_exr(std::as_bytes(std::span(bytes)), name, 1 << 20);
+    }
+
+    TemporaryFolder folder_;
+    Volume volume_;
+};
+
+TEST_F(RenderCli, DrawsTheFilesCamera) {
+    const json document = run_json("\"$ROOM\" v.vdb -o a.png -o a.exr --size 40x30 --samples 4"
+                                   " --exposure 3.5");
+    EXPECT_EQ(document["size"], json({40, 30}));
+    EXPECT_EQ(document["camera"]["name"], "front");
+    EXPECT_NEAR(document["camera"]["eye"][2], 3.9, 1e-9);
+    EXPECT_EQ(document["exposure"], 3.5);
+    EXPECT_EQ(document["reference"], nullptr);
+    EXPECT_EQ(document["warnings"], json::array());
+    EXPECT_GT(document["rays"], 1000);
+    EXPECT_EQ(document["outputs"].size(), 2u);
+    EXPECT_EQ(slurp(folder_ / "a.png").substr(1, 3), "PNG");
+    const Pixels picture = exr("a.exr");
+    ASSERT_EQ(picture.samples.size(), 3600u);
+    double luminance = 0;
+    for (std::size_t i = 0; i < 3600; i += 3)
+        luminance += (0.2126 * picture.samples[i] + 0.7152 * picture.samples[i + 1]
+                      + 0.0722 * picture.samples[i + 2])
+                     / 1200;
+    EXPECT_NEAR(double(document["mean_luminance"]) / luminance, 1, 1e-5);
+    // As high as asked for nothing, and square: the camera's aspect.
+    EXPECT_EQ(run_json("\"$ROOM\" v.vdb -o a.png --camera front --dry-run")["size"],
+              json({540, 540}));
+}
+
+TEST_F(RenderCli, WallsReflectTheField) {
+    const json document = run_json("\"$ROOM\" v.vdb -o a.exr --size 9x9 --samples 1 --show indirect"
+                                   " --camera 0,1,0.9:0,1,-1:20");
+    for (const float sample : exr("a.exr").samples) // the white back wall, 0.73 of 10 nits
+        EXPECT_NEAR(sample, 7.3, 1e-3);
+    EXPECT_NEAR(double(document["mean_luminance"]), 7.3, 1e-3);
+}
+
+TEST_F(RenderCli, SameBytesForAnyNumberOfThreads) {
+    const std::string common = "\"$ROOM\" v.vdb --size 32x24 --samples 2 --reference 3";
+    ASSERT_EQ(run(common + " --threads 1 -o a.png -o a.exr --reference-output ar.exr").status, 0);
+    ASSERT_EQ(run(common + " --threads 2 -o b.png -o b.exr --reference-output br.exr").status, 0);
+    for (const char* name : {".png", ".exr", "r.exr"})
+        EXPECT_TRUE(slurp(folder_ / ("a" + std::string(name)))
+                    == slurp(folder_ / ("b" + std::string(name))))
+            << name;
+}
+
+TEST_F(RenderCli, TellsHowFarItIsFromPaths) {
+    const json document = run_json("\"$ROOM\" v.vdb -o a.exr --size 16x16 --samples 4 --reference 8"
+                                   " --reference-output r.exr --show direct");
+    const Pixels a = exr("a.exr"), b = exr("r.exr");
+    double squares = 0;
+    for (std::size_t i = 0; i < a.samples.size(); ++i)
+        squares += std::pow(double(a.samples[i]) - double(b.samples[i]), 2);
+    EXPECT_NEAR(double(document["reference"]["rmse"]),
+                std::sqrt(squares / double(a.samples.size())), 1e-4);
+    EXPECT_EQ(document["reference"]["paths"], 8);
+    EXPECT_NEAR(double(document["reference"]["ratio"]), 1, 0.1);
+}
+
+TEST_F(RenderCli, DryRunDrawsNothing) {
+    const json document = run_json("\"$ROOM\" v.vdb -o a.png --camera orbit:90,0,7 --dry-run");
+    EXPECT_EQ(document["outputs"], json({{{"path", "a.png"}}}));
+    EXPECT_FALSE(std::filesystem::exists(folder_ / "a.png"));
+    const auto eye = document["camera"]["eye"];
+    EXPECT_NEAR(eye[0], 7, 0.01); // of a room around x = z = 0: 90 degrees is +X
+    EXPECT_NEAR(eye[2], 0, 0.01);
+}
+
+TEST_F(RenderCli, WarnsOfAVolumeThatDoesNotBelong) {
+    volume_.grid.origin.x = -0.5;
+    volume_.metadata["content"] = "punctual lights after one reflection";
+    volume_.metadata["scene_hash"] = "0123456789abcdef";
+    volume_.metadata["settings"] = "sun = [\"1,2,3\"]";
+    write_volume(folder_ / "w.vdb", volume_, Precision::full);
+    const CliResult result = run("\"$ROOM\" w.vdb -o a.png --size 8x8 --samples 1");
+    EXPECT_EQ(result.status, 0);
+    for (const char* text : {"covers (-0.5,", "another scene or other lights", "sun = [\"1,2,3\"]",
+                             "holds no light of emitters"})
+        EXPECT_NE(result.err.find(text), std::string::npos) << text << "\n" << result.err;
+    volume_.metadata["quantity"] = "standard error";
+    write_volume(folder_ / "e.vdb", volume_, Precision::full);
+    expect_error("\"$ROOM\" e.vdb -o a.png", ExitCode::invalid, "e.vdb");
+}
+
+TEST_F(RenderCli, ConfigFileRoundTrips) {
+    const std::string given =
+        "\"$ROOM\" v.vdb -o a.png --camera 1,2,3:0,0,0:50 --size 20x10 --samples 3 --show direct"
+        " --sampler trilinear --exposure 4 --tone-map none --reference 2 --reference-output b.exr"
+        " --sun 1,2,3 --threads 2 --format json";
+    const CliResult first = run(given + " --print-config > a.toml; cat a.toml");
+    ASSERT_EQ(first.status, 0) << first.err;
+    const CliResult second = run("--config a.toml --print-config");
+    EXPECT_EQ(second.err, "");
+    EXPECT_EQ(second.out, slurp(folder_ / "a.toml"));
+    for (const char* line : {"volume = \"v.vdb\"\n", "samples = 3\n", "sampler = \"trilinear\"\n",
+                             "camera = \"1,2,3:0,0,0:50\"\n", "reference-output = [\"b.exr\"]\n"})
+        EXPECT_NE(second.out.find(line), std::string::npos) << line << second.out;
+}
+
+TEST_F(RenderCli, WrongCommandLinesAreRefused) {
+    expect_error("", ExitCode::usage, "no scene");
+    expect_error("\"$ROOM\"", ExitCode::usage, "no volume");
+    expect_error("\"$ROOM\" v.vdb", ExitCode::usage, "-o FILE.png");
+    expect_error("\"$ROOM\" v.vdb -o a.jpg", ExitCode::usage, "a.jpg");
+    expect_error("\"$ROOM\" v.vdb -o a.png -o a.png", ExitCode::usage, "given twice");
+    expect_error("\"$ROOM\" v.vdb -o a.png --reference-output b.png", ExitCode::usage,
+                 "--reference N");
+    expect_error("\"$ROOM\" v.vdb -o none/a.png", ExitCode::file, "none/a.png");
+    expect_error("\"$ROOM\" none.vdb -o a.png", ExitCode::file, "none.vdb");
+    expect_error("none.gltf v.vdb -o a.png", ExitCode::file, "none.gltf");
+    expect_error("\"$ROOM\" v.vdb -o a.png --show occlusion", ExitCode::invalid, "occlusion");
+    expect_error("\"$ROOM\" v.vdb -o a.png --show cells --reference 1", ExitCode::usage, "cells");
+    for (const char* bad : {"--size=0x9",
+                            "--size=9",
+                            "--size=9x9x9",
+                            "--size=16385x9",
+                            "--size=1.5x2",
+                            "--camera=7",
+                            "--camera=none",
+                            "--camera=1,2,3",
+                            "--camera=1,2,3:1,2,3",
+                            "--camera=1,2,3:0,0,0:0",
+                            "--camera=1,2,3:0,0,0:200",
+                            "--camera=1,2,nan:0,0,0",
+                            "--camera=orbit:1",
+                            "--camera=orbit:1,95",
+                            "--camera=orbit:1,2,-3",
+                            "--camera=orbit:x,2",
+                            "--samples=0",
+                            "--samples=x",
+                            "--show=all",
+                            "--sampler=best",
+                            "--exposure=x",
+                            "--exposure=99",
+                            "--tone-map=aces",
+                            "--reference=-1"})
+        expect_error(std::string("\"$ROOM\" v.vdb -o a.png ") + bad, ExitCode::usage, "");
+    EXPECT_FALSE(std::filesystem::exists(folder_ / "a.png"));
+}
+
+} // namespace
+} // namespace lpvbake
