@@ -27,6 +27,21 @@ std::string stem_of(const std::string& path) {
     return std::filesystem::path(path).replace_extension().string();
 }
 
+/// STEM.json of STEM.exr and, where that is missing, of one of its pictures STEM_sh_l1_y.exr.
+std::string sidecar_of(const std::string& path) {
+    const std::filesystem::path stem = stem_of(path);
+    std::string name = stem.filename().string();
+    const auto beside = [&] { return stem.parent_path() / (name + ".json"); };
+    std::error_code ignored;
+    while (!std::filesystem::exists(beside(), ignored)) {
+        const size_t end = name.rfind('_');
+        if (end == std::string::npos || end == 0)
+            return stem.string() + ".json";
+        name.resize(end);
+    }
+    return beside().string();
+}
+
 // ---- layout ----
 
 struct Layout {
@@ -330,7 +345,7 @@ WriteReport write_exr(const std::string& path, const Volume& volume, Precision p
 }
 
 Volume read_exr(const std::string& path) {
-    const std::string sidecar = stem_of(path) + ".json";
+    const std::string sidecar = sidecar_of(path);
     const std::string text = read_file(sidecar, uint64_t(16) << 20);
     Volume volume;
     try {

@@ -37,7 +37,8 @@ enum class Packing { band, channel };
 WriteReport write_exr(const std::string& path, const Volume& volume, Precision precision,
                       Packing packing);
 
-/// Reads what write_exr made, through its sidecar (STEM.json; STEM.exr names the same). Throws
+/// Reads what write_exr made, through its sidecar (STEM.json; STEM.exr and every picture name the
+/// same). Throws
 /// Error (file, invalid, memory).
 Volume read_exr(const std::string& path);
 
