@@ -7,10 +7,12 @@
 #include "image/image.h"
 #include "result.h"
 #include "scene_options.h"
+#include "volume/dilate.h"
 
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
+#include <cstring>
 #include <future>
 #include <memory>
 
@@ -35,6 +37,14 @@ Examples:
   lpvbake bake room.glb -o room.vdb --print-config > room.toml
   lpvbake bake --config room.toml --resolution 128
 
+--solver auto takes gather of order 2 unless options say otherwise. An option that one solver alone
+has chooses that solver; one that the chosen solver does not have is an error. With --error the
+fastest settings are taken that are expected to reach it (order 4 where 2 cannot), with --time-budget
+the most accurate that fit, with both the fastest that do both; what is out of reach is told in a
+warning. What is expected comes from a model, never from a clock: the error is that of the Cornell
+box, and often a third of it in more evenly lit scenes; the time is that of two threads of a CPU,
+without loading and writing. Grid, bounces and all that is given stay as they are.
+
 Outputs are written under a temporary name and renamed: there is the old file or the new one, never
 a part. The same input gives the same bytes, whatever --threads says.
 
@@ -44,31 +54,124 @@ CPU driver llvmpipe. 0 takes every core, and leaves LP_NUM_THREADS as the enviro
 JSON (--format json), one object; sizes in bytes, times in seconds:
   {"command": "bake", "version", "scene", "triangles", "device": {"index", "name", "type", "uuid", "driver",
    "api"}, "grid": {"dims": [x, y, z], "cell", "origin": [x, y, z], "cells"}, "dry_run",
-   "outputs": [{"path", "bytes", "files": [{"path", "bytes"}]}], "stages": [{"name", "seconds", "detail"}], "seconds",
+   "choice": {"solver", "sh_order", "vpls", "tolerance" or "directions", "text", "error" (expected),
+   "seconds" (expected)}, "outputs": [{"path", "bytes", "files": [{"path", "bytes"}]}], "stages": [{"name", "seconds", "detail"}], "seconds",
    "peak_memory", "warnings": [...]}
 With --dry-run, "outputs" have no bytes, "seconds" is an estimate, "peak_memory" is absent, and
+"skipped": [{"name", "why"}],
 "rsm": {"maps", "size"}, "device_bytes" and "host_bytes" say what it takes.)";
 
 /// Options as given; `to_settings` makes them the core's enums and structs.
 struct BakeOptions : SceneOptions, RunOptions {
     OutputOptions outputs;
-    std::string solver = "lpv";
-    std::string quality = "balanced";
+    std::string solver = "auto";
+    std::optional<double> error; ///< a share
+    std::string time_budget;
     std::string bounces; ///< empty: 1 for lpv, all for the others
     int sh_order = 0;    ///< 0: 1 for lpv, 2 for the others
-    int rsm_size = 0;
-    int rsm_kernel = 4;
-    int iterations = 0;
-    std::optional<double> tolerance;
-    std::string occlusion = "face";
+    // What only some solvers have, as far as it is given.
+    std::string quality;
     std::optional<int> directions;
     bool first_flight = false;
     std::optional<int> vpls;
-    int rsm_samples = 0;
+    std::optional<int> rsm_samples;
+    std::optional<double> tolerance;
+    std::string occlusion;
+    std::optional<int> rsm_size;
+    std::optional<int> rsm_kernel;
+    std::optional<int> iterations;
+    int dilate = 0;
     std::string device;
     bool validation = false;
     bool dry_run = false;
 };
+
+/// An option that not every solver has.
+struct SolverOption {
+    const char* name;
+    std::vector<Solver> solvers;
+    bool given;
+    std::string toml; ///< its value; what it is unless given
+};
+
+std::vector<SolverOption> solver_options(const BakeOptions& o) {
+    using enum Solver;
+    const bool maps = o.rsm_samples.value_or(0) > 0;
+    const auto whole = [](const std::optional<int>& value, int usual) {
+        return std::to_string(value.value_or(usual));
+    };
+    return {
+        {"quality",
+         {gather, sn},
+         !o.quality.empty(),
+         toml_string(o.quality.empty() ? "balanced" : o.quality)},
+        {"directions",
+         {sn},
+         o.directions.has_value(),
+         whole(o.directions, SnSettings().directions)},
+        {"first-flight", {sn}, o.first_flight, toml_flag(o.first_flight)},
+        {"vpls", {gather}, o.vpls.has_value(), whole(o.vpls, GatherSettings().vpls)},
+        {"rsm-samples", {gather}, o.rsm_samples.has_value(), whole(o.rsm_samples, 0)},
+        {"tolerance",
+         {gather, lpv},
+         o.tolerance.has_value(),
+         toml_number(o.tolerance.value_or(double(GatherSettings().tolerance)))},
+        {"occlusion",
+         {lpv},
+         !o.occlusion.empty(),
+         toml_string(o.occlusion.empty() ? "face" : o.occlusion)},
+        {"rsm-size", maps ? std::vector{gather} : std::vector{lpv}, o.rsm_size.has_value(),
+         whole(o.rsm_size, 0)},
+        {"rsm-kernel", {lpv}, o.rsm_kernel.has_value(), whole(o.rsm_kernel, 4)},
+        {"iterations", {lpv}, o.iterations.has_value(), whole(o.iterations, 0)},
+    };
+}
+
+/// "gather", "sn or gather".
+std::string names_of(const std::vector<Solver>& solvers) {
+    std::string names;
+    for (const Solver solver : solvers)
+        names += (names.empty() ? "" : " or ") + std::string(name_of(solver));
+    return names;
+}
+
+/// The solvers that may be taken, best first: --solver, or those that have all options that are
+/// given. Throws Error (usage) that names the option that none of them has.
+std::vector<Solver> solvers_of(const BakeOptions& o) {
+    std::vector<Solver> solvers{Solver::gather, Solver::sn, Solver::lpv};
+    if (o.solver != "auto")
+        std::erase_if(solvers, [&](Solver solver) { return name_of(solver) != o.solver; });
+    std::string why = o.solver == "auto" ? "" : "--solver " + o.solver;
+    const auto keep = [&](const std::string& option, const std::vector<Solver>& with) {
+        std::vector<Solver> left = solvers;
+        std::erase_if(left, [&](Solver solver) { return !std::ranges::count(with, solver); });
+        if (left.empty())
+            throw Error(ExitCode::usage, "--" + option + " is an option of " + names_of(with)
+                                             + ", not of " + names_of(solvers) + " (" + why + ")");
+        if (left.size() < solvers.size())
+            why = "--" + option;
+        solvers = left;
+    };
+    for (const SolverOption& option : solver_options(o))
+        if (option.given)
+            keep(option.name, option.solvers);
+    if (o.sh_order == 3)
+        keep("sh-order 3", {Solver::sn});
+    else if (o.sh_order > 1)
+        keep("sh-order " + std::to_string(o.sh_order), {Solver::gather, Solver::sn});
+    return solvers;
+}
+
+/// Seconds of "2s", "500ms", "1.5min", "2"; none unless it is a time above 0.
+std::optional<double> seconds_of(const std::string& text) {
+    for (const auto& [unit, scale] : {std::pair{"ms", 1e-3}, {"min", 60.0}, {"s", 1.0}, {"", 1.0}})
+        if (text.ends_with(unit)) {
+            const std::optional<double> value =
+                parse_number(text.substr(0, text.size() - std::strlen(unit)));
+            return value && *value > 0 ? std::optional(*value * scale) : std::nullopt;
+        }
+    return std::nullopt;
+}
 
 /// In the order of --help.
 std::vector<Setting> settings_of(const BakeOptions& o) {
@@ -79,26 +182,17 @@ std::vector<Setting> settings_of(const BakeOptions& o) {
         settings.push_back({"output", toml_array(o.outputs.paths), false});
     append_grid_settings(o, settings);
     append_light_settings(o, settings);
+    settings.push_back({"solver", toml_string(o.solver), true});
+    settings.push_back({"error", toml_number(o.error.value_or(0.04)), true, o.error.has_value()});
+    settings.push_back({"time-budget", toml_string(o.time_budget.empty() ? "2s" : o.time_budget),
+                        true, !o.time_budget.empty()});
+    settings.push_back(
+        {"bounces", toml_string(o.bounces.empty() ? "inf" : o.bounces), true, !o.bounces.empty()});
+    settings.push_back({"sh-order", std::to_string(o.sh_order), true});
+    for (const SolverOption& option : solver_options(o))
+        settings.push_back({option.name, option.toml, true, option.given});
     settings.insert(settings.end(), {
-                                        {"solver", toml_string(o.solver), true},
-                                        {"quality", toml_string(o.quality), true},
-                                    });
-    if (!o.bounces.empty())
-        settings.push_back({"bounces", toml_string(o.bounces), true});
-    if (o.tolerance)
-        settings.push_back({"tolerance", toml_number(*o.tolerance), true});
-    if (o.directions)
-        settings.push_back({"directions", std::to_string(*o.directions), true});
-    if (o.vpls)
-        settings.push_back({"vpls", std::to_string(*o.vpls), true});
-    settings.insert(settings.end(), {
-                                        {"sh-order", std::to_string(o.sh_order), true},
-                                        {"first-flight", toml_flag(o.first_flight), true},
-                                        {"rsm-size", std::to_string(o.rsm_size), true},
-                                        {"rsm-kernel", std::to_string(o.rsm_kernel), true},
-                                        {"rsm-samples", std::to_string(o.rsm_samples), true},
-                                        {"iterations", std::to_string(o.iterations), true},
-                                        {"occlusion", toml_string(o.occlusion), true},
+                                        {"dilate", std::to_string(o.dilate), true},
                                         {"precision", toml_string(o.outputs.precision), false},
                                         {"exr-packing", toml_string(o.outputs.exr_packing), false},
                                         {"device", toml_string(o.device), false},
@@ -117,52 +211,65 @@ void check_options(const BakeOptions& o, bool cell_and_resolution) {
         throw Error(ExitCode::usage, "no output: add -o FILE.vdb or -o FILE.exr");
     if (cell_and_resolution)
         throw Error(ExitCode::usage, "--cell-size and --resolution exclude each other");
-    if (o.solver == "lpv" && o.tolerance && *o.tolerance < 1e-7)
+    if (solvers_of(o).front() == Solver::lpv && o.tolerance && *o.tolerance < 1e-7)
         throw Error(ExitCode::usage, "--tolerance: the lpv solver needs at least 1e-7");
-    if (o.solver == "lpv" && o.sh_order > 1)
-        throw Error(ExitCode::usage,
-                    "--sh-order: the lpv solver knows order 1 only; take --solver sn or "
-                    "gather");
+    if (!o.quality.empty() && (o.error || !o.time_budget.empty()))
+        throw Error(ExitCode::usage, std::string("--quality and ")
+                                         + (o.error ? "--error" : "--time-budget")
+                                         + " exclude each other");
 }
 
+/// What is given of the options of solvers.
+void set_given(const BakeOptions& o, BakeSettings& settings) {
+    if (o.tolerance)
+        (settings.solver == Solver::lpv ? settings.lpv.tolerance : settings.gather.tolerance) =
+            float(*o.tolerance);
+    if (o.directions)
+        settings.sn.directions = *o.directions;
+    if (o.vpls)
+        settings.gather.vpls = *o.vpls;
+}
+
+/// All but what choose_settings chooses.
 BakeSettings to_settings(const BakeOptions& o) {
     BakeSettings settings;
     settings.grid = grid_settings(o);
     settings.bounds = grid_bounds(o);
-    settings.rsm_size = o.rsm_size;
-    settings.rsm_kernel = o.rsm_kernel;
     settings.emitters = !o.no_emitters;
-    settings.solver = o.solver == "sn"       ? Solver::sn
-                      : o.solver == "gather" ? Solver::gather
-                                             : Solver::lpv;
-    const bool lpv = settings.solver == Solver::lpv;
+    settings.solver = solvers_of(o).front();
     set_quality(o.quality == "fast"       ? Quality::fast
                 : o.quality == "accurate" ? Quality::accurate
                                           : Quality::balanced,
                 settings);
     settings.bounces = o.bounces.empty() ? default_bounces(settings.solver) : bounces_of(o.bounces);
-    if (o.sh_order != 0)
-        settings.sn.order = settings.gather.order = o.sh_order;
-    settings.lpv.iterations = o.iterations;
-    if (o.tolerance)
-        (lpv ? settings.lpv.tolerance : settings.gather.tolerance) = float(*o.tolerance);
-    if (o.directions)
-        settings.sn.directions = *o.directions;
+    settings.rsm_size = o.rsm_size.value_or(0);
+    settings.rsm_kernel = o.rsm_kernel.value_or(settings.rsm_kernel);
+    settings.rsm_samples = o.rsm_samples.value_or(0);
     settings.sn.first_flight = o.first_flight;
-    if (o.vpls)
-        settings.gather.vpls = *o.vpls;
-    settings.rsm_samples = o.rsm_samples;
+    settings.lpv.iterations = o.iterations.value_or(0);
     settings.lpv.occlusion = o.occlusion == "none" ? Occlusion::none
                              : o.occlusion == "sh" ? Occlusion::sh
                                                    : Occlusion::face;
     return settings;
 }
 
+Wish wish_of(const BakeOptions& o) {
+    Wish wish;
+    wish.solvers = solvers_of(o);
+    if (o.sh_order > 0)
+        wish.order = o.sh_order;
+    wish.error = o.error;
+    if (!o.time_budget.empty())
+        wish.seconds = seconds_of(o.time_budget);
+    wish.fixed = [&o](BakeSettings& settings) { set_given(o, settings); };
+    return wish;
+}
+
 // ---------------------------------------------------------------- running
 
 /// The document of --format json, as far as a dry run shares it.
-Json describe(const BakeOptions& o, const gpu::DeviceInfo& device, uint64_t triangles,
-              const Grid& grid, const std::vector<StageReport>& stages,
+Json describe(const BakeOptions& o, const gpu::DeviceInfo& device, const Choice& choice,
+              uint64_t triangles, const Grid& grid, const std::vector<StageReport>& stages,
               const std::vector<std::string>& warnings) {
     Json document{{"command", "bake"},
                   {"version", LPVBAKE_VERSION},
@@ -177,22 +284,42 @@ Json describe(const BakeOptions& o, const gpu::DeviceInfo& device, uint64_t tria
                     {"api", device.api}}},
                   {"grid", grid_json(grid)},
                   {"dry_run", o.dry_run},
+                  {"choice",
+                   {{"solver", name_of(choice.settings.solver)},
+                    {"sh_order", sh_order_of(choice.settings)},
+                    {"text", choice.text},
+                    {"error", choice.error},
+                    {"seconds", choice.seconds}}},
                   {"outputs", Json::array()},
                   {"stages", Json::array()},
                   {"warnings", warnings}};
+    if (choice.settings.solver == Solver::gather)
+        document["choice"].update({{"vpls", choice.settings.gather.vpls},
+                                   {"tolerance", choice.settings.gather.tolerance}});
+    else if (choice.settings.solver == Solver::sn)
+        document["choice"]["directions"] = choice.settings.sn.directions;
     for (const StageReport& stage : stages)
         document["stages"].push_back(
             {{"name", stage.name}, {"seconds", stage.seconds}, {"detail", stage.detail}});
     return document;
 }
 
-void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const BakePlan& plan,
-                const std::vector<std::string>& warnings) {
+void print_choice(const Choice& choice) {
+    std::printf("choice        %s: about %.2g %% error, %.2g s\n", choice.text.c_str(),
+                100 * choice.error, choice.seconds);
+}
+
+void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const Choice& choice,
+                const BakePlan& plan, const std::vector<std::string>& warnings) {
     if (o.format == "json") {
-        Json document = describe(o, device, plan.triangles, plan.grid, plan.stages, warnings);
+        Json document =
+            describe(o, device, choice, plan.triangles, plan.grid, plan.stages, warnings);
         for (const std::string& output : o.outputs.paths)
             document["outputs"].push_back({{"path", output}});
         document["seconds"] = plan.seconds;
+        document["skipped"] = Json::array();
+        for (const BakePlan::Skipped& skipped : plan.skipped)
+            document["skipped"].push_back({{"name", skipped.name}, {"why", skipped.why}});
         document["rsm"] = {{"maps", plan.rsm_maps}, {"size", plan.rsm_size}};
         document["device_bytes"] = plan.device_bytes;
         document["host_bytes"] = plan.host_bytes;
@@ -202,23 +329,25 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const BakeP
     std::printf("device        %s\n", device.name.c_str());
     print_grid(plan.grid);
     std::printf("scene         %llu triangles\n", static_cast<unsigned long long>(plan.triangles));
-    std::printf("maps          %d of %d x %d texels\n", plan.rsm_maps, plan.rsm_size,
-                plan.rsm_size);
+    print_choice(choice);
     std::printf("memory        %s on the device, about %s beside it\n",
                 bytes_text(plan.device_bytes).c_str(), bytes_text(plan.host_bytes).c_str());
-    std::printf("time          about %.2g s\n", plan.seconds);
+    std::printf("time          about %.2g s, without loading and writing\n", plan.seconds);
     for (const StageReport& stage : plan.stages)
-        std::printf("%-12s  %s\n", stage.name.c_str(), stage.detail.c_str());
+        std::printf("%-12s  %7.3f s  %s\n", stage.name.c_str(), stage.seconds,
+                    stage.detail.c_str());
+    for (const BakePlan::Skipped& skipped : plan.skipped)
+        std::printf("skipped       %s: %s\n", skipped.name.c_str(), skipped.why.c_str());
     for (const std::string& output : o.outputs.paths)
         std::printf("output        %s\n", output.c_str());
 }
 
-void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, uint64_t triangles,
-                  const Grid& grid, const std::vector<StageReport>& stages,
+void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const Choice& choice,
+                  uint64_t triangles, const Grid& grid, const std::vector<StageReport>& stages,
                   const std::vector<Written>& outputs, double seconds,
                   const std::vector<std::string>& warnings) {
     if (o.format == "json") {
-        Json document = describe(o, device, triangles, grid, stages, warnings);
+        Json document = describe(o, device, choice, triangles, grid, stages, warnings);
         for (const Written& output : outputs)
             document["outputs"].push_back(output.json());
         document["seconds"] = seconds;
@@ -228,6 +357,7 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, uint64_t 
     }
     std::printf("device        %s\n", device.name.c_str());
     print_grid(grid);
+    print_choice(choice);
     for (const StageReport& stage : stages)
         std::printf("%-12s  %7.3f s  %s\n", stage.name.c_str(), stage.seconds,
                     stage.detail.c_str());
@@ -239,7 +369,8 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, uint64_t 
 
 void run(const BakeOptions& o) {
     const Clock::time_point begin = Clock::now();
-    const BakeSettings settings = to_settings(o);
+    const BakeSettings given = to_settings(o);
+    const Wish wish = wish_of(o);
     const std::vector<Light> lights = command_line_lights(o);
     probe_outputs(o.outputs.paths);
     probe_scene(o);
@@ -269,12 +400,16 @@ void run(const BakeOptions& o) {
     stages.push_back(
         {"open", seconds_since(waiting), "the device, opened while the scene was loaded"});
 
+    const Choice choice = choose_settings(scene, given, wish, device->info());
+    for (const std::string& warning : choice.warnings)
+        progress.warn(warning);
+    const BakeSettings& settings = choice.settings;
     if (o.dry_run) {
         const BakePlan plan = plan_bake(scene, settings, device->info());
         for (const std::string& warning : plan.warnings)
             progress.warn(warning);
         progress.clear();
-        print_plan(o, device->info(), plan, progress.warnings());
+        print_plan(o, device->info(), choice, plan, progress.warnings());
         return;
     }
 
@@ -282,6 +417,14 @@ void run(const BakeOptions& o) {
     stages.insert(stages.end(), baked.stages.begin(), baked.stages.end());
     for (const std::string& warning : baked.warnings)
         progress.warn(warning);
+    if (o.dilate > 0) {
+        const Clock::time_point dilating = Clock::now();
+        const std::size_t filled = dilate(baked.volume, o.dilate);
+        baked.volume.metadata["dilate"] = std::to_string(o.dilate);
+        stages.push_back({"dilate", seconds_since(dilating),
+                          std::to_string(filled) + " cells inside geometry filled"});
+    }
+    baked.volume.metadata["choice"] = choice.text;
     fill_metadata(o, scene, settings_of(o), baked.volume);
 
     const Clock::time_point writing = Clock::now();
@@ -296,8 +439,8 @@ void run(const BakeOptions& o) {
          std::to_string(written.size()) + (written.size() == 1 ? " output" : " outputs")});
     device->check_validation();
     progress.clear();
-    print_result(o, device->info(), triangle_count(scene), baked.volume.grid, stages, written,
-                 seconds_since(begin), progress.warnings());
+    print_result(o, device->info(), choice, triangle_count(scene), baked.volume.grid, stages,
+                 written, seconds_since(begin), progress.warnings());
 }
 
 } // namespace
@@ -317,45 +460,58 @@ void add_bake(CLI::App& root, Action& action) {
     add_light_options(list, o);
 
     list.group("Solver");
-    list.choice("--solver", o.solver, "lpv|sn|gather",
-                "lpv: classic propagation. sn: discrete ordinates. gather: from\n"
-                "clusters of patches straight to the cells");
-    list.choice("--quality", o.quality, "fast|balanced|accurate",
-                "sn and gather: time against error (directions, clusters, rays,\ntolerance)");
+    list.choice("--solver", o.solver, "auto|gather|sn|lpv",
+                "gather: from clusters of patches straight to the cells. sn:\ndiscrete ordinates. "
+                "lpv: classic propagation. auto: by what is\nwanted (--error, --time-budget) and "
+                "given; else gather");
+    list.text("--error", o.error, "X|X%", "Error of irradiance that is wanted at most; see below")
+        ->transform(share_or_percent());
+    list.text("--time-budget", o.time_budget, "TIME",
+              "Time that a bake may take, as 2s, 500ms or 1.5min (--time is\nthe animation's)")
+        ->check(CLI::Validator(
+            [](std::string& text) {
+                return seconds_of(text) ? std::string() : "'" + text + "' is no time above 0";
+            },
+            ""));
     add_bounces_option(list, o.bounces)
-        ->description(
-            "Reflections of light at most, 0 to 10000, or all; default: 1\nfor lpv, inf for "
-            "the others");
+        ->description("Reflections of light at most, 0 to 10000, or all; default: 1\nfor lpv, inf "
+                      "for the others");
     list.number("--sh-order", o.sh_order, 0, 4,
                 "Highest band of the spherical harmonics; 0: 1 for lpv, 2 for\nthe others")
         ->capture_default_str();
+    list.text("--quality", o.quality, "fast|balanced|accurate",
+              "gather and sn: time against error (directions, clusters, rays,\ntolerance); "
+              "default: balanced")
+        ->check(one_of("fast|balanced|accurate"));
     list.number("--directions", o.directions, 48, 384, "sn: directions over the sphere");
     list.flag("--first-flight", o.first_flight,
               "sn: rays, not neighbours, bring light to cells next to surfaces");
     list.number("--vpls", o.vpls, 16, 1'000'000,
                 "gather: clusters of patches whose visibility a cell tests");
-    list.number("--rsm-size", o.rsm_size, 0, 16384,
-                "Texels along a side of a reflective shadow map; 0: from the grid")
-        ->capture_default_str();
-    list.number("--rsm-kernel", o.rsm_kernel, 1, 64,
-                "Texels along a side of a block that becomes virtual point lights")
-        ->capture_default_str();
     list.number("--rsm-samples", o.rsm_samples, 0, 65536,
                 "gather: texels of each map from which a cell takes the first\n"
-                "reflection of punctual lights, noisily; 0: from clusters")
-        ->capture_default_str();
-    list.number("--iterations", o.iterations, 0, 1'000'000,
-                "Propagation steps; 0: until --tolerance")
-        ->capture_default_str();
+                "reflection of punctual lights, noisily; 0: from clusters");
     list.number("--tolerance", o.tolerance, 0, 1,
-                "lpv: share of the injected power still under way at which\n"
-                "propagation ends (0.01); gather: difference of irradiance below\n"
-                "which cells are interpolated (0.3; 0: none)");
-    list.choice("--occlusion", o.occlusion, "none|sh|face",
-                "Blocking between cells: none, sh (SH geometry volume), face (a\n"
-                "transmittance a face; does not leak)");
+                "gather: difference of irradiance below which cells are\n"
+                "interpolated (0.3; 0: none); lpv: share of the injected power\n"
+                "still under way at which propagation ends (0.01)");
+    list.text("--occlusion", o.occlusion, "none|sh|face",
+              "lpv: blocking between cells: none, sh (SH geometry volume), face\n(a transmittance "
+              "a face; does not leak; the default)")
+        ->check(one_of("none|sh|face"));
+    list.number("--rsm-size", o.rsm_size, 0, 16384,
+                "lpv, --rsm-samples: texels along a side of a reflective shadow\nmap; 0: from the "
+                "grid");
+    list.number("--rsm-kernel", o.rsm_kernel, 1, 64,
+                "lpv: texels along a side of a block that becomes virtual point\nlights");
+    list.number("--iterations", o.iterations, 0, 1'000'000,
+                "lpv: propagation steps; 0: until --tolerance");
 
     add_output_options(list, o.outputs);
+    list.number("--dilate", o.dilate, 0, 1024,
+                "Rings of cells inside geometry to fill from cells around them;\nthe validity "
+                "stays as it is")
+        ->capture_default_str();
 
     list.group("Run");
     list.text("--device", o.device, "NAME", "Index, UUID or part of the name; default: the first");

@@ -48,6 +48,20 @@ bool has_extension(const std::string& path, const char* extension) {
     return own == extension;
 }
 
+CLI::Validator share_or_percent() {
+    return {[](std::string& text) -> std::string {
+                const bool is_percent = text.ends_with('%');
+                const std::optional<double> value =
+                    parse_number(text.substr(0, text.size() - is_percent));
+                const double share = value.value_or(0) / (is_percent ? 100 : 1);
+                if (!(share >= 1e-6 && share <= 1))
+                    return "'" + text + "' is not a share from 1e-6 to 1, such as 0.01 or 1%";
+                text = toml_number(share);
+                return {};
+            },
+            ""};
+}
+
 void apply_config(CLI::App& app, const std::string& path) {
     for (const ConfigEntry& entry : read_config(path, app.get_name())) {
         const std::string place = path + ":" + std::to_string(entry.line) + ": ";
@@ -88,7 +102,7 @@ std::string toml_array(const std::vector<std::string>& values) {
 
 void print_config(const std::vector<Setting>& settings) {
     for (const Setting& setting : settings)
-        std::printf("%s = %s\n", setting.name, setting.toml.c_str());
+        std::printf("%s%s = %s\n", setting.given ? "" : "# ", setting.name, setting.toml.c_str());
 }
 
 } // namespace lpvbake

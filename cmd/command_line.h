@@ -18,6 +18,9 @@ CLI::Validator one_of(const char* choices);
 /// A finite number in [lo, hi], written in digits alone if `whole`.
 CLI::Validator within(double lo, double hi, bool whole);
 
+/// A share from 1e-6 to 1, or a percentage, which becomes one.
+CLI::Validator share_or_percent();
+
 /// A finite number that is all of the text.
 std::optional<double> parse_number(const std::string& text);
 
@@ -62,11 +65,12 @@ private:
 void apply_config(CLI::App& app, const std::string& path);
 
 /// What becomes of an option outside the process: all in --print-config, `shapes_result` alone in
-/// the metadata of the outputs, which depend on nothing else.
+/// the metadata of the outputs, which depend on nothing else; both for what is `given`.
 struct Setting {
     const char* name;
     std::string toml;
     bool shapes_result;
+    bool given = true; ///< else only a comment: what it is for, not a value
 };
 
 std::string toml_flag(bool value);

@@ -91,21 +91,6 @@ std::vector<Setting> settings_of(const ReferenceOptions& o) {
     return settings;
 }
 
-/// A fraction in (0, 1], or a percentage, which becomes one.
-CLI::Validator fraction() {
-    return {[](std::string& text) -> std::string {
-                const bool percent = !text.empty() && text.back() == '%';
-                const std::optional<double> value =
-                    parse_number(percent ? text.substr(0, text.size() - 1) : text);
-                const double share = value.value_or(0) / (percent ? 100 : 1);
-                if (!(share >= 1e-6 && share <= 1))
-                    return "'" + text + "' is not a share from 1e-6 to 1, such as 0.01 or 1%";
-                text = toml_number(share);
-                return {};
-            },
-            ""};
-}
-
 ReferenceSettings to_settings(const ReferenceOptions& o) {
     ReferenceSettings settings;
     settings.paths.bounces = bounces_of(o.bounces);
@@ -257,7 +242,7 @@ void add_reference(CLI::App& root, Action& action) {
                 "many with --noise; 0: 1024, with --noise 1048576")
         ->capture_default_str();
     list.text("--noise", o.noise, "X|X%", "Trace until the noise of irradiance is at most this")
-        ->transform(fraction());
+        ->transform(share_or_percent());
     list.number("--probes", o.probes, 0, 2147483647,
                 "Evaluate only so many of the cells outside geometry; 0: all cells")
         ->capture_default_str();

@@ -269,6 +269,8 @@ BakeSettings base_settings(const ReportOptions& o) {
     settings.grid.margin = o.margin;
     settings.bounds = grid_bounds(o);
     settings.emitters = !o.no_emitters;
+    settings.solver = Solver::gather; // as bake's
+    settings.bounces = default_bounces(settings.solver);
     return settings;
 }
 
@@ -446,21 +448,6 @@ void run(const ReportOptions& o) {
     }
 }
 
-/// A fraction in (0, 1], or a percentage, which becomes one.
-CLI::Validator fraction() {
-    return {[](std::string& text) -> std::string {
-                const bool is_percent = text.ends_with('%');
-                const std::optional<double> value =
-                    parse_number(text.substr(0, text.size() - is_percent));
-                const double share = value.value_or(0) / (is_percent ? 100 : 1);
-                if (!(share >= 1e-6 && share <= 1))
-                    return "'" + text + "' is not a share from 1e-6 to 1, such as 0.01 or 1%";
-                text = toml_number(share);
-                return {};
-            },
-            ""};
-}
-
 } // namespace
 
 void add_report(CLI::App& root, Action& action) {
@@ -495,7 +482,7 @@ void add_report(CLI::App& root, Action& action) {
     list.number("--probes", o.probes, 1, 100'000, "Cells of each grid, and points on surfaces")
         ->capture_default_str();
     list.text("--noise", o.noise, "X|X%", "Trace the reference until its noise is at most this")
-        ->transform(fraction())
+        ->transform(share_or_percent())
         ->capture_default_str();
     list.number("--rays", o.rays, 64, 1 << 24, "From each probe of the reference at most")
         ->capture_default_str();

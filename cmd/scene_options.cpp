@@ -350,7 +350,7 @@ void fill_metadata(const SceneOptions& o, const Scene& scene, const std::vector<
                    Volume& volume) {
     std::string text;
     for (const Setting& setting : settings)
-        if (setting.shapes_result)
+        if (setting.shapes_result && setting.given)
             text += (text.empty() ? "" : "; ") + (setting.name + (" = " + setting.toml));
     volume.metadata.try_emplace("tool", "lpvbake " LPVBAKE_VERSION);
     volume.metadata.try_emplace("scene", fs::path(o.scene).filename().string());

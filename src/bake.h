@@ -11,6 +11,7 @@
 #include "solver/sn/sn.h"
 #include "volume/volume.h"
 
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -68,16 +69,51 @@ struct BakePlan {
     int rsm_size = 0;
     int rsm_maps = 0; ///< 0: nothing is drawn
     uint64_t triangles = 0;
-    uint64_t device_bytes = 0; ///< peak of the solver's device memory
-    uint64_t host_bytes = 0;   ///< estimate
-    double seconds = 0;        ///< estimate for this kind of device, shader compilation included
+    uint64_t device_bytes = 0;       ///< peak of the solver's device memory
+    uint64_t host_bytes = 0;         ///< estimate
+    double seconds = 0;              ///< estimate, as on two threads of a CPU device; see plan.cpp
     std::vector<StageReport> stages; ///< what will run, and why (detail)
+    struct Skipped {
+        std::string name;
+        std::string why;
+    };
+    std::vector<Skipped> skipped; ///< what such a bake has no need of
     std::vector<std::string> warnings;
 };
 
 /// Fits the grid and sizes everything. Throws Error: invalid (nothing to bake, no light: names the
 /// options that add one).
 BakePlan plan_bake(const Scene& scene, const BakeSettings& settings, const gpu::DeviceInfo& device);
+
+/// What of a bake's settings is left to choose, and by what.
+struct Wish {
+    std::vector<Solver> solvers = {Solver::gather, Solver::sn, Solver::lpv}; ///< that may be taken
+    std::optional<int> order;      ///< of the harmonics; none: 2, or 4 where `error` needs it
+    std::optional<double> error;   ///< relative error of irradiance, at most
+    std::optional<double> seconds; ///< of a bake without loading and writing, at most
+    /// Puts in place what is not to be chosen.
+    std::function<void(BakeSettings&)> fixed = [](BakeSettings&) {};
+};
+
+struct Choice {
+    BakeSettings settings;
+    double error = 0;   ///< expected_error
+    double seconds = 0; ///< BakePlan::seconds
+    std::string text;   ///< solver and settings, as in "gather, order 2, 192 clusters, ..."
+    std::vector<std::string> warnings; ///< what of the wish is not reached
+};
+
+/// Settings for a wish: the fastest that are expected to reach the error, or the most accurate in
+/// the time, among rungs of each solver's ladder from coarse to fine; without either the first of
+/// Wish::solvers as `base` has it. What no rung reaches is told in a warning, and the nearest is
+/// taken. Depends on the arguments and on constants of the program, never on a clock. Throws Error
+/// as plan_bake does where no rung can be planned.
+Choice choose_settings(const Scene& scene, const BakeSettings& base, const Wish& wish,
+                       const gpu::DeviceInfo& device);
+
+/// Relative error of irradiance that is expected of settings on a grid: that of the Cornell box,
+/// the hardest of the scenes that it was measured in; more evenly lit ones err by down to a third.
+double expected_error(const BakeSettings& settings, const Grid& grid);
 
 struct Baked {
     Volume volume;

@@ -2,9 +2,12 @@
 #include "error.h"
 #include "rsm/view.h"
 #include "text.h"
+#include "volume/sh.h"
 
 #include <algorithm>
 #include <cmath>
+
+#include <unistd.h>
 
 namespace lpvbake {
 namespace {
@@ -30,6 +33,22 @@ void warn_of_empty_bounds(const Scene& scene, const Bounds& bounds,
                        crowd.hi.y, crowd.hi.z));
             return;
         }
+}
+
+/// Of all placed triangles, m^2.
+double surface_area(const Scene& scene) {
+    double area = 0.0;
+    for (const Instance& instance : scene.instances) {
+        const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
+        const glm::dmat3 turn(instance.to_world);
+        for (const glm::uvec3& t : mesh.triangles) {
+            const glm::dvec3 origin(mesh.positions[t.x]);
+            area += 0.5
+                    * glm::length(glm::cross(turn * (glm::dvec3(mesh.positions[t.y]) - origin),
+                                             turn * (glm::dvec3(mesh.positions[t.z]) - origin)));
+        }
+    }
+    return area;
 }
 
 uint64_t device_bytes(const Grid& grid, const BakeSettings& settings) {
@@ -120,35 +139,74 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
                            double(plan.device_bytes) / 0x1p30, device.name.c_str(),
                            double(device.memory) / 0x1p30,
                            largest_resolution(box, settings, device.memory)));
-    plan.host_bytes = 260 * plan.triangles + 180 * cells + (uint64_t(64) << 20);
+    // The volume itself takes 12 bytes a coefficient, and a copy while it is written.
+    plan.host_bytes = 260 * plan.triangles + (uint64_t(64) << 20)
+                      + cells * (150 + 24 * uint64_t(sh_count(sh_order_of(settings))));
 
-    // Costs a unit, measured on two threads of a CPU device; a GPU is faster than this says.
+    // Seconds a unit, fitted to bakes of the Cornell box and of two rooms with a door at 16, 32 and
+    // 64 cells by two threads of a CPU device (lavapipe). Within about a factor of 1.5 there; a GPU
+    // is faster than this says where the device has most of the work (propagate, sweep).
     const int longest = std::max({plan.grid.dims.x, plan.grid.dims.y, plan.grid.dims.z});
     const auto stage = [&](const char* name, double seconds, std::string why) {
         plan.stages.push_back({name, seconds, std::move(why)});
         plan.seconds += seconds;
     };
+    const auto skip = [&](const char* name, const char* why) {
+        plan.skipped.push_back({name, why});
+    };
+    const bool lpv = settings.solver == Solver::lpv;
+    const bool sky = has_sky(scene);
+    const bool reflected = settings.bounces != 0;
+    if (scene.lights.empty())
+        skip("punctual lights", "none");
+    if (!plan.emitters)
+        skip("emitters", settings.emitters ? "none in the scene" : "left out");
+    if (!sky)
+        skip("sky", "none");
+    // Patches are halves of a cell's square and less.
+    const double patches =
+        double(plan.triangles) + 6.0 * surface_area(scene) / (plan.grid.cell * plan.grid.cell);
     stage("visibility", 4e-7 * double(plan.triangles),
           format("%llu triangles", (unsigned long long)plan.triangles));
-    if (plan.lit)
-        stage("lighting", 0.3 + 4e-5 * double(cells) / longest,
-              settings.bounces ? format("%d reflections from patch to patch", *settings.bounces)
-                               : "all reflections from patch to patch");
-    if (by_maps && !scene.lights.empty() && settings.bounces != 0) {
+    if (plan.lit) {
+        const bool between = reflected && settings.bounces != 1;
+        const uint64_t wanted = lpv ? uint64_t(1) << 19 : settings.lighting_rays;
+        const double rays = reflected && (plan.emitters || sky || between)
+                                ? std::clamp(double(wanted), 16.0 * patches, 256.0 * patches)
+                                : 0.0;
+        std::string light = scene.lights.empty() || !reflected ? "" : "punctual lights";
+        for (const auto& [there, what] : {std::pair{plan.emitters, "emitters"}, {sky, "sky"}})
+            if (there)
+                light += (light.empty() ? "" : ", ") + std::string(what);
+        stage("lighting", 0.02 + 8e-6 * patches + 8.5e-7 * rays,
+              light
+                  + (!settings.bounces        ? "; all reflections from patch to patch"
+                     : *settings.bounces == 0 ? "; no reflections"
+                     : *settings.bounces == 1
+                         ? "; one reflection"
+                         : format("; %d reflections from patch to patch", *settings.bounces)));
+        if (reflected && !between)
+            skip("light between patches", "one reflection needs none");
+    } else {
+        skip("lighting", "maps alone hold one reflection of punctual lights");
+    }
+    if (by_maps && !scene.lights.empty() && reflected) {
         plan.rsm_size = rsm_size_of(plan.grid, settings);
-        if (settings.solver == Solver::gather)
+        if (!lpv)
             plan.rsm_size = std::min(plan.rsm_size, largest_disc_map);
         const glm::dvec3 lo = plan.frame.from_world(scene_bounds.lo);
         const glm::dvec3 hi = plan.frame.from_world(scene_bounds.hi);
         for (const Light& light : scene.lights)
             plan.rsm_maps += int(views_of(light, plan.frame, lo, hi).size());
         const double texels = double(plan.rsm_maps) * plan.rsm_size * plan.rsm_size;
-        stage("rsm", 0.2 + 1e-7 * texels + 2e-7 * double(plan.triangles) * plan.rsm_maps,
+        stage("rsm", 0.05 + 1.5e-7 * texels + 2e-7 * double(plan.triangles) * plan.rsm_maps,
               format("%zu lights, %d maps of %d x %d", scene.lights.size(), plan.rsm_maps,
                      plan.rsm_size, plan.rsm_size));
+    } else if (by_maps) {
+        skip("rsm", "no punctual light to reflect");
+    } else {
+        skip("rsm", "rays light the patches, not maps");
     }
-    // Patches go with the area of surface, two and a half sides of the grid's box.
-    const uint64_t patches = plan.triangles + 30 * cells / uint64_t(longest);
     switch (settings.solver) {
     case Solver::lpv: {
         // In a closed room what is left falls like the slowest mode of a diffusion whose
@@ -159,12 +217,15 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
                                  ? settings.lpv.iterations
                                  : -std::log(double(settings.lpv.tolerance)) / decay;
         if (settings.lpv.occlusion != Occlusion::none)
-            stage("geometry", 1e-6 * double(plan.triangles), "geometry volume");
+            stage("geometry", 5e-7 * patches, "geometry volume");
+        else
+            skip("geometry", "--occlusion none");
         stage("links", 15e-6 * double(cells) / longest,
               settings.lpv.occlusion == Occlusion::face ? "validity and face transmittance"
                                                         : "validity");
-        stage("inject", 0.01, "virtual point lights into cells");
-        stage("propagate", 0.2 + 3e-8 * double(cells) * steps,
+        stage("inject", 0.01 + (plan.lit ? 3e-6 * patches : 0.0),
+              "virtual point lights into cells");
+        stage("propagate", 0.02 + steps * (2e-4 + 7e-8 * double(cells)),
               settings.lpv.iterations ? format("%d iterations", settings.lpv.iterations)
                                       : format("until %.3g %% of the power is left",
                                                100.0 * double(settings.lpv.tolerance)));
@@ -178,15 +239,25 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
         break;
     case Solver::gather:
         stage("validity", 5e-6 * double(cells) / longest, "which cells lie outside geometry");
-        stage("gather", gather_seconds(plan.grid, patches, settings.gather),
+        stage("gather", gather_seconds(plan.grid, uint64_t(patches), settings.gather),
               format("%d clusters, tolerance %.3g, order %d", settings.gather.vpls,
                      double(settings.gather.tolerance), settings.gather.order));
-        plan.host_bytes += gather_host_bytes(plan.grid, patches, settings.gather);
+        plan.host_bytes += gather_host_bytes(plan.grid, uint64_t(patches), settings.gather);
         if (plan.rsm_maps > 0)
             stage("discs", 4e-7 * double(cells) * settings.rsm_samples * plan.rsm_maps,
                   format("%d texels of each map for each cell", settings.rsm_samples));
         break;
     }
+    const uint64_t memory = uint64_t(sysconf(_SC_PHYS_PAGES)) * uint64_t(sysconf(_SC_PAGESIZE));
+    if (plan.host_bytes > memory)
+        throw Error(
+            ExitCode::memory,
+            format(
+                "a grid of %d x %d x %d needs about %.1f GiB of this machine's %.1f GiB "
+                "of memory; lower --resolution, to about %d",
+                plan.grid.dims.x, plan.grid.dims.y, plan.grid.dims.z,
+                double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30,
+                std::max(3, int(longest * std::cbrt(double(memory) / double(plan.host_bytes))))));
     return plan;
 }
 

@@ -36,7 +36,8 @@ BUILDS_ON = {
 EVERYWHERE = ["error.h", "mix_word.h", "progress.h", "text.h"]
 AFTER_DRIVER = ["report"]  # bakes: may include the driver's headers
 DRIVER_HEADERS = ["bake.h"]
-DRIVER = ["src/bake.h", "src/bake.cpp", "src/plan.cpp", "src/settings.cpp"]  # may include everything
+DRIVER = ["src/bake.h", "src/bake.cpp", "src/plan.cpp", "src/settings.cpp",
+          "src/choose.cpp"]  # may include everything
 
 PACKAGES = {  # start of the header's name -> where it may be included
     "openvdb/": "src/io/",

@@ -126,6 +126,20 @@ void apply(const std::string& name, const std::string& value, BakeSettings& sett
     throw Error(ExitCode::usage, "a sweep cannot set '" + name + "'; it can set " + known);
 }
 
+/// What bake's --solver auto makes of options without a solver: the one that alone has one of them;
+/// null where that leaves it open.
+const char* implied_solver(const std::vector<std::pair<std::string, std::string>>& options) {
+    constexpr std::pair<const char*, const char*> owners[] = {
+        {"solver", nullptr},   {"rsm-samples", "gather"}, {"vpls", "gather"},
+        {"directions", "sn"},  {"occlusion", "lpv"},      {"iterations", "lpv"},
+        {"rsm-kernel", "lpv"}, {"rsm-size", "lpv"}};
+    for (const auto& [name, solver] : owners)
+        for (const auto& [option, value] : options)
+            if (option == name)
+                return solver;
+    return nullptr;
+}
+
 } // namespace
 
 std::vector<std::string> sweep_options() {
@@ -182,6 +196,8 @@ std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const BakeSet
                 row.options.insert(
                     row.options.begin(),
                     {sweep[i].option, sweep[i].values[left % sweep[i].values.size()]});
+            if (const char* solver = implied_solver(row.options))
+                apply("solver", solver, row.settings);
             for (const auto& [option, value] : row.options)
                 apply(option, value, row.settings);
             if (std::ranges::none_of(

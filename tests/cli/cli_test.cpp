@@ -247,7 +247,10 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
         {"--rsm-kernel", {"0", "65"}},
         {"--rsm-samples", {"-1", "65537"}},
         {"--iterations", {"-1", "1.5"}},
-        {"--tolerance", {"0", "2", "nan"}},
+        {"--tolerance", {"-1", "2", "nan"}},
+        {"--error", {"0", "-1%", "101%", "few"}},
+        {"--time-budget", {"0", "-1s", "soon", "2h", ""}},
+        {"--dilate", {"-1", "1.5"}},
         {"--occlusion", {"some", "", "FACE"}},
         {"--max-albedo", {"-0.1", "1.1", "nan"}},
         {"--metallic", {"gold"}},
@@ -262,6 +265,22 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
         for (const std::string& value : bad)
             refused(bake + std::vector<std::string>{option + "=" + value}, "");
     refused(bake + std::vector<std::string>{"--resolution", "8", "--cell-size", "0.1"}, "exclude");
+    refused(bake + std::vector<std::string>{"--solver", "lpv", "--tolerance", "0"}, "1e-7");
+    // What another solver has is not left unsaid.
+    using Words = std::vector<std::string>;
+    for (const auto& [words, text] : std::vector<std::pair<Words, const char*>>{
+             {{"--solver", "gather", "--directions", "96"}, "--directions is an option of sn"},
+             {{"--solver", "gather", "--occlusion", "face"}, "--occlusion is an option of lpv"},
+             {{"--solver", "lpv", "--vpls", "64"}, "--vpls is an option of gather, not of lpv"},
+             {{"--solver", "lpv", "--quality", "fast"}, "--quality is an option of gather or sn"},
+             {{"--solver", "sn", "--iterations", "4"}, "--iterations"},
+             {{"--solver", "gather", "--rsm-size", "64"}, "--rsm-size"},
+             {{"--solver", "gather", "--first-flight"}, "--first-flight"},
+             {{"--solver", "lpv", "--sh-order", "2"}, "--sh-order 2"},
+             {{"--vpls", "64", "--directions", "96"},
+              "--vpls is an option of gather, not of sn (--directions)"},
+             {{"--quality", "fast", "--error", "4%"}, "exclude"}})
+        refused(bake + words, text);
     refused({"info"}, "file");
     refused({"info", "room.txt"}, "room.txt");
     refused({"info", "room.gltf", "--slice", "z=1"}, "belong together");
@@ -356,7 +375,10 @@ TEST_F(Cli, ConfigFileRoundTrips) {
         if (name == "help" || name == "config" || name == "print-config" || name == "dry-run"
             || name == "resolution") // --cell-size took its place
             continue;
-        EXPECT_NE(("\n" + first.out).find("\n" + name + " = "), std::string::npos) << name;
+        const std::string all = "\n" + first.out;
+        EXPECT_TRUE(all.find("\n" + name + " = ") != std::string::npos
+                    || all.find("\n# " + name + " = ") != std::string::npos)
+            << name;
     }
 
     // The command line comes first; of two ways to say the same it takes the other's place.
@@ -565,8 +587,8 @@ TEST_F(Cli, DryRunTellsTheGridAndWritesNothing) {
     std::vector<std::string> before = entries();
     std::erase(before, "stdout");
     std::erase(before, "stderr");
-    const Result result = run({"bake", "room.gltf", "--resolution", "20", "-o", "a.vdb",
-                               "--dry-run", "--format", "json"});
+    const Result result = run({"bake", "room.gltf", "--resolution", "20", "-o", "a.vdb", "--solver",
+                               "lpv", "--dry-run", "--format", "json"});
     ASSERT_EQ(result.status, 0) << result.err;
     const json document = json::parse(result.out);
     EXPECT_EQ(document["grid"]["dims"], json({20, 20, 20}));
@@ -581,6 +603,64 @@ TEST_F(Cli, DryRunTellsTheGridAndWritesNothing) {
     EXPECT_EQ(after, before);
     EXPECT_NE(run({"bake", "room.gltf", "--dry-run"}).out.find("cells"), std::string::npos);
     EXPECT_EQ(run({"bake", "room.gltf", "-o", "none/a.vdb", "--dry-run"}).status, 2);
+}
+
+TEST_F(Cli, AutoSaysWhatItChose) {
+    need_device();
+    const auto choice = [&](const std::vector<std::string>& more) {
+        const Result result =
+            run(quick + std::vector<std::string>{"--dry-run", "--format", "json"} + more);
+        EXPECT_EQ(result.status, 0) << result.err;
+        const json document = json::parse(result.out);
+        json chosen = document["choice"];
+        chosen["warnings"] = document["warnings"].size();
+        return chosen;
+    };
+    const json usual = choice({});
+    EXPECT_EQ(usual["solver"], "gather");
+    EXPECT_EQ(usual["sh_order"], 2);
+    EXPECT_EQ(usual["vpls"], 192);
+    EXPECT_EQ(choice({"--directions", "96"})["solver"], "sn");
+    EXPECT_EQ(choice({"--directions", "96"})["directions"], 96);
+    EXPECT_EQ(choice({"--occlusion", "sh"})["solver"], "lpv");
+    EXPECT_EQ(choice({"--sh-order", "3"})["solver"], "sn");
+    EXPECT_EQ(choice({"--quality", "fast"})["vpls"], 96);
+    const json rough = choice({"--error", "4%"});
+    EXPECT_LE(rough["error"].get<double>(), 0.04);
+    EXPECT_LT(rough["seconds"].get<double>(), usual["seconds"].get<double>());
+    EXPECT_EQ(rough["warnings"], 0);
+    EXPECT_EQ(choice({"--error", "0.04"}), rough);
+    EXPECT_EQ(choice({"--error", "1.6%"})["sh_order"], 4);
+    const json beyond = choice({"--error", "0.1%"});
+    EXPECT_EQ(beyond["warnings"], 1);
+    EXPECT_GT(beyond["error"].get<double>(), 0.001);
+    EXPECT_EQ(choice({"--time-budget", "1ms"})["warnings"], 1);
+    EXPECT_EQ(choice({"--time-budget", "1min"})["warnings"], 0);
+
+    const std::vector<std::string> wish = quick + std::vector<std::string>{"--error", "5%"};
+    const Result first = run(wish + std::vector<std::string>{"-o", "a.vdb"});
+    EXPECT_NE(first.out.find("choice        gather, order 2, "), std::string::npos) << first.out;
+    ASSERT_EQ(run(wish + std::vector<std::string>{"-o", "b.vdb"}).status, 0);
+    EXPECT_EQ(read_file(folder_ / "a.vdb"), read_file(folder_ / "b.vdb"));
+    const Volume volume = read_volume((folder_ / "a.vdb").string());
+    EXPECT_EQ(volume.metadata.at("solver"), "gather");
+    EXPECT_EQ(volume.metadata.at("choice").find("gather, order 2, "), 0u);
+}
+
+TEST_F(Cli, DilateFillsWhatIsNotValid) {
+    need_device();
+    const std::vector<std::string> bake{"bake", "room.gltf", "--resolution", "10", "-o", "a.vdb"};
+    ASSERT_EQ(run(bake).status, 0);
+    const Volume plain = read_volume((folder_ / "a.vdb").string());
+    ASSERT_EQ(run(bake + std::vector<std::string>{"--dilate", "2"}).status, 0);
+    const Volume filled = read_volume((folder_ / "a.vdb").string());
+    EXPECT_EQ(filled.metadata.at("dilate"), "2");
+    EXPECT_EQ(plain.metadata.count("dilate"), 0u);
+    EXPECT_EQ(filled.validity, plain.validity);
+    for (std::size_t cell = 0; cell < plain.grid.size(); ++cell)
+        if (plain.validity[cell] > 0.0f) {
+            EXPECT_EQ(filled.sh[0][cell], plain.sh[0][cell]);
+        }
 }
 
 TEST_F(Cli, ProgressGoesToStandardErrorInTheFormAskedFor) {
@@ -719,7 +799,7 @@ TEST_F(Cli, InfoOfAVolumeAgreesBetweenFormatsAndDrawsASlice) {
     EXPECT_EQ(vdb["kind"], "volume");
     EXPECT_EQ(vdb["grid"]["dims"], json({8, 8, 8}));
     EXPECT_EQ(vdb["grid"]["cells"], 512);
-    EXPECT_EQ(vdb["sh_order"], 1);
+    EXPECT_EQ(vdb["sh_order"], 2);
     EXPECT_GT(vdb["energy"].get<double>(), 0.0);
     EXPECT_EQ(vdb["grids"][0]["name"], "sh_l0");
     EXPECT_EQ(vdb["grids"][0]["channels"], 3);

@@ -13,6 +13,7 @@
 #include <glm/gtc/matrix_transform.hpp>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <random>
 
 namespace lpvbake {
@@ -324,6 +325,84 @@ TEST_F(Bake, ExactSolversReadAFurnaceOfAllBounces) {
         ASSERT_EQ(cells, 1000.0);
         EXPECT_NEAR(sum / cells / (200.0 * std::sqrt(4.0 * glm::pi<double>())), 1.0, 0.01);
     }
+}
+
+TEST_F(Bake, ThePlanSaysWhatIsNotNeeded) {
+    const auto plan_of = [&](const Scene& scene, Solver solver, std::optional<int> bounces) {
+        BakeSettings settings = coarse();
+        settings.solver = solver;
+        settings.bounces = bounces;
+        return plan_bake(scene, settings, device().info());
+    };
+    const auto skips = [](const BakePlan& plan, const std::string& name) {
+        return std::ranges::count(plan.skipped, name, &BakePlan::Skipped::name) == 1;
+    };
+    const auto runs = [](const BakePlan& plan, const std::string& name) {
+        return std::ranges::count(plan.stages, name, &StageReport::name) == 1;
+    };
+    Scene scene = scenes::cornell_box_with_point();
+    const BakePlan once = plan_of(scene, Solver::gather, 1);
+    for (const char* name : {"sky", "emitters", "rsm", "light between patches"})
+        EXPECT_TRUE(skips(once, name)) << name;
+    EXPECT_FALSE(skips(plan_of(scene, Solver::gather, {}), "light between patches"));
+    const BakePlan maps = plan_of(scene, Solver::lpv, 1);
+    EXPECT_TRUE(skips(maps, "lighting"));
+    EXPECT_FALSE(runs(maps, "lighting"));
+    EXPECT_TRUE(runs(maps, "rsm"));
+    // Once it is there it is no longer left out.
+    scene.sky.luminance = glm::vec3(1.0f);
+    const BakePlan sky = plan_of(scene, Solver::lpv, 1);
+    EXPECT_FALSE(skips(sky, "sky"));
+    EXPECT_TRUE(runs(sky, "lighting"));
+    scene.lights.clear();
+    EXPECT_TRUE(skips(plan_of(scene, Solver::lpv, 1), "rsm"));
+    EXPECT_EQ(plan_of(scene, Solver::lpv, 1).rsm_maps, 0);
+    EXPECT_TRUE(skips(plan_of(scene, Solver::gather, 1), "punctual lights"));
+    const Scene glowing = scenes::furnace(2.0f, 0.5f, 1.0f);
+    EXPECT_FALSE(skips(plan_of(glowing, Solver::sn, {}), "emitters"));
+}
+
+TEST_F(Bake, AWishIsMetByTheFastestOrTheMostAccurate) {
+    const Scene scene = scenes::cornell_box_with_point();
+    BakeSettings base = coarse(32);
+    base.bounces = std::nullopt;
+    const auto choose = [&](Wish wish) {
+        const Choice choice = choose_settings(scene, base, wish, device().info());
+        const BakePlan plan = plan_bake(scene, choice.settings, device().info());
+        EXPECT_EQ(choice.seconds, plan.seconds);
+        EXPECT_EQ(choice.error, expected_error(choice.settings, plan.grid));
+        return choice;
+    };
+    double seconds = 0.0;
+    for (const double error : {1.0, 0.1, 0.04, 0.025, 0.015}) {
+        Wish wish;
+        wish.error = error;
+        const Choice choice = choose(wish);
+        EXPECT_LE(choice.error, error);
+        EXPECT_TRUE(choice.warnings.empty());
+        EXPECT_GE(choice.seconds, seconds);
+        seconds = choice.seconds;
+        // With that time, the error is as low.
+        Wish budget;
+        budget.seconds = choice.seconds;
+        budget.order = sh_order_of(choice.settings) > 1
+                           ? std::optional(sh_order_of(choice.settings))
+                           : std::nullopt;
+        EXPECT_LE(choose(budget).error, choice.error);
+        EXPECT_LE(choose(budget).seconds, choice.seconds);
+    }
+    Wish fixed;
+    fixed.error = 0.02;
+    fixed.solvers = {Solver::gather};
+    fixed.order = 4;
+    fixed.fixed = [](BakeSettings& settings) { settings.gather.vpls = 500; };
+    EXPECT_EQ(choose(fixed).settings.gather.vpls, 500);
+    EXPECT_EQ(choose(fixed).settings.gather.order, 4);
+    Wish hopeless;
+    hopeless.error = 1e-4;
+    hopeless.seconds = 1e-4;
+    EXPECT_EQ(choose(hopeless).warnings.size(), 2u);
+    EXPECT_EQ(choose(Wish{}).settings.solver, Solver::gather);
 }
 
 TEST_F(Bake, ExactSolversNeedNoMaps) {

@@ -325,9 +325,10 @@ uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSetti
 
 double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& settings) {
     // What lies near surfaces is solved, the rest is mostly interpolated.
-    const double pair = settings.tolerance > 0.0f ? 8e-9 : 2e-8;
-    return 0.05 + 4e-7 * double(patches)
-           + double(grid.size()) * double(settings.vpls) * pair * (settings.order > 2 ? 2.0 : 1.0);
+    const double share = 0.24 + 0.045 / std::max(double(settings.tolerance), 0.01);
+    const double solved = std::min(0.8 * double(grid.size()), share * double(patches));
+    return 0.05 + 3e-6 * double(patches)
+           + solved * (1.2e-5 + 6.5e-8 * double(settings.vpls)) * (settings.order > 2 ? 1.35 : 1.0);
 }
 
 GatherProgram::GatherProgram(const gpu::Device& device, const GatherSettings& settings,

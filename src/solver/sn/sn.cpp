@@ -256,7 +256,7 @@ uint64_t sn_host_bytes(const Grid& grid, const SnSettings& settings) {
 double sn_seconds(const Grid& grid, const SnSettings& settings) {
     // First flight: where a tenth of the cells lie next to surfaces.
     return 0.05
-           + (settings.first_flight ? 3.5e-8 : 2.5e-8) * double(grid.size()) * settings.directions;
+           + (settings.first_flight ? 7.5e-8 : 6.5e-8) * double(grid.size()) * settings.directions;
 }
 
 SnProgram::SnProgram(const gpu::Device& device, const Grid& grid, const SnSettings& settings,
