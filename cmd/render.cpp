@@ -7,6 +7,7 @@
 #include "io/atomic_file.h"
 #include "io/slice.h"
 #include "render/display.h"
+#include "render/flip.h"
 #include "render/view.h"
 #include "result.h"
 #include "scene_hash.h"
@@ -63,8 +64,9 @@ mapped by Khronos PBR Neutral (NeutralToneMapping of three.js, whose toneMapping
 1 / (1.2 * 2^EV)) or clipped (--tone-map none), and sRGB-encoded; irradiance / pi; normals (n + 1) / 2.
 
 --reference N traces N paths a pixel of the same view, with the light that the volume should hold
-(its bounces), and tells how far the picture is from it: RMSE over pixels and RGB, of linear values.
---reference-output writes it. The noise that is printed with it is its own standard error.
+(its bounces), and tells how far the picture is from it: RMSE over pixels and RGB, of linear values,
+and FLIP (Andersson et al. 2020), 0 to 1, of both as a .png shows them. --reference-output writes it.
+The noise that is printed with it is its own standard error, an upper bound.
 
 The same options give the same bytes, whatever --threads says.
 
@@ -80,7 +82,7 @@ JSON (--format json), one object; sizes in bytes, times in seconds:
    "cell", "origin", "cells"}, "size": [width, height], "samples", "show", "sampler", "camera": {"name",
    "eye", "target" (a point ahead), "fov" (degrees)}, "dry_run", "exposure" (EV), "mean_luminance"
    (of the picture), "rays", "reference": null or {"paths", "mean_luminance", "rmse", "relative_rmse"
-   (over its mean), "ratio" (of the means), "noise", "rays"}, "outputs": [{"path", "bytes", "files":
+   (over its mean), "ratio" (of the means), "flip", "noise", "rays"}, "outputs": [{"path", "bytes", "files":
    [{"path", "bytes"}]}], "stages": [{"name", "seconds"}], "seconds", "peak_memory", "warnings": [...]}
 With --dry-run what the picture would tell is absent.)";
 
@@ -383,11 +385,14 @@ PathRules rules_of(const RenderOptions& o, const Volume& volume) {
     return rules;
 }
 
+Pixels displayed(const RenderOptions& o, const Pixels& picture, Show show, double ev) {
+    return to_display(picture, show, ev, o.tone_map == "none" ? ToneMap::none : ToneMap::neutral);
+}
+
 Written write_picture(const RenderOptions& o, const std::string& path, const Pixels& picture,
                       Show show, double ev) {
     if (has_extension(path, ".png")) {
-        write_png(path, to_display(picture, show, ev,
-                                   o.tone_map == "none" ? ToneMap::none : ToneMap::neutral));
+        write_png(path, displayed(o, picture, show, ev));
         return {path, {{path, fs::file_size(path)}}};
     }
     const bool light = show == Show::final || show == Show::direct || show == Show::indirect
@@ -424,6 +429,7 @@ struct RenderResult {
     double exposure = 0;
     std::optional<Rendering> reference;
     PictureError error;
+    double flip = 0;
     std::vector<Written> outputs;
     std::vector<StageTime> stages;
     double seconds = 0;
@@ -471,6 +477,7 @@ void print_json_result(const RenderResult& r, const std::vector<std::string>& wa
                                      {"rmse", r.error.rmse},
                                      {"relative_rmse", r.error.relative},
                                      {"ratio", r.error.ratio},
+                                     {"flip", r.flip},
                                      {"noise", r.reference->noise},
                                      {"rays", r.reference->rays}};
     }
@@ -510,10 +517,11 @@ void print_text_result(const RenderResult& r) {
     std::printf("exposure      %.4g EV\n", r.exposure);
     std::printf("mean          %.5g (luminance)\n", mean_luminance(r.rendering.picture));
     if (r.reference)
-        std::printf("reference     mean %.5g; RMSE %.4g, %.3g %% of it; its noise %.3g %%\n",
-                    mean_luminance(r.reference->picture), r.error.rmse, 100 * r.error.relative,
-                    r.error.rmse > 0 ? 100 * r.error.relative * r.reference->noise / r.error.rmse
-                                     : 0.0);
+        std::printf(
+            "reference     mean %.5g; RMSE %.4g, %.3g %% of it (noise %.3g %%); FLIP %.4f\n",
+            mean_luminance(r.reference->picture), r.error.rmse, 100 * r.error.relative,
+            r.error.rmse > 0 ? 100 * r.error.relative * r.reference->noise / r.error.rmse : 0.0,
+            r.flip);
     for (const StageTime& stage : r.stages)
         std::printf("%-12s  %7.3f s\n", stage.name, stage.seconds);
     std::printf("%-12s  %7.3f s  peak memory %s\n", "total", r.seconds,
@@ -562,7 +570,7 @@ void run(const RenderOptions& o) {
     view.camera = choose_camera(o, scene, volume, visibility, view.size);
     view.samples = o.samples;
     view.show = Show(std::ranges::find(show_names, o.show) - std::begin(show_names));
-    RenderResult result{o, scene, volume, device->info().name, view, {}, 0, {}, {}, {}, {}, 0};
+    RenderResult result{o, scene, volume, device->info().name, view, {}, 0, {}, {}, 0, {}, {}, 0};
     if (!o.dry_run) {
         const Raster raster(*device, scene, frame);
         end_stage("prepare");
@@ -570,16 +578,19 @@ void run(const RenderOptions& o) {
         const Reading reading = o.sampler == "trilinear" ? Reading::trilinear : Reading::facing;
         result.rendering = render(lit, volume, raster, reading, view, progress);
         end_stage("render");
-        if (o.reference > 0) {
-            view.samples = o.reference;
-            result.reference = trace_picture(lit, view, progress);
-            result.error = compare_pictures(result.rendering.picture, result.reference->picture);
-            end_stage("reference");
-        }
-        progress.begin("write", 0);
         result.exposure = o.exposure == "auto"
                               ? automatic_exposure(result.rendering.picture, view.show)
                               : *parse_number(o.exposure);
+        if (o.reference > 0) {
+            view.samples = o.reference;
+            result.reference = trace_picture(lit, view, progress);
+            const Pixels &drawn = result.rendering.picture, &traced = result.reference->picture;
+            result.error = compare_pictures(drawn, traced);
+            result.flip = flip(displayed(o, drawn, view.show, result.exposure),
+                               displayed(o, traced, view.show, result.exposure));
+            end_stage("reference");
+        }
+        progress.begin("write", 0);
         for (const std::string& output : o.outputs)
             result.outputs.push_back(
                 write_picture(o, output, result.rendering.picture, view.show, result.exposure));

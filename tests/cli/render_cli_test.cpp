@@ -99,6 +99,8 @@ TEST_F(RenderCli, TellsHowFarItIsFromPaths) {
     EXPECT_NEAR(double(document["reference"]["rmse"]),
                 std::sqrt(squares / double(a.samples.size())), 1e-4);
     EXPECT_EQ(document["reference"]["paths"], 8);
+    EXPECT_GT(document["reference"]["flip"], 0.0);
+    EXPECT_LT(document["reference"]["flip"], 0.5);
     EXPECT_NEAR(double(document["reference"]["ratio"]), 1, 0.1);
 }
 

@@ -4,6 +4,7 @@
 #include "gpu/device.h"
 #include "reference/reference.h"
 #include "render/display.h"
+#include "render/flip.h"
 #include "render/view.h"
 #include "scenes.h"
 
@@ -13,6 +14,7 @@
 #include <tbb/global_control.h>
 
 #include <cmath>
+#include <functional>
 
 namespace lpvbake {
 namespace {
@@ -321,7 +323,7 @@ TEST_F(Render, ACornerLitByItsFieldIsThatOfPaths) {
     settings.rays = 512;
     Progress silent;
     GridSettings lattice;
-    lattice.resolution = 22;
+    lattice.resolution = 16;
     const Volume volume =
         make_reference(scene, fit_grid({0, 0, 0}, {1, 1, 1}, lattice), settings, silent).volume;
     // A piece of each, off the rims, where the cells are too coarse.
@@ -440,6 +442,33 @@ TEST(Display, PicturesAreComparedByRootMeanSquare) {
     EXPECT_DOUBLE_EQ(error.relative, std::sqrt(9.0 / 6) / 3);
     EXPECT_DOUBLE_EQ(error.ratio, 21.0 / 18);
     EXPECT_EQ(compare_pictures(a, a).rmse, 0);
+}
+
+TEST(Flip, IsWhatItsPaperSays) {
+    const auto picture = [](glm::ivec2 size, const std::function<glm::vec3(int, int)>& colour) {
+        Pixels pixels{size.x, size.y, 3, {}};
+        for (int y = 0; y < size.y; ++y)
+            for (int x = 0; x < size.x; ++x) {
+                const glm::vec3 c = colour(x, y);
+                pixels.samples.insert(pixels.samples.end(), {c.x, c.y, c.z});
+            }
+        return pixels;
+    };
+    const auto plain = [&](glm::vec3 c) { return picture({5, 4}, [c](int, int) { return c; }); };
+    EXPECT_EQ(flip(plain({0.2f, 0.5f, 0.7f}), plain({0.2f, 0.5f, 0.7f})), 0);
+    EXPECT_NEAR(flip(plain({0, 1, 0}), plain({0, 0, 1})), 1, 1e-9); // the largest difference
+    EXPECT_NEAR(flip(plain({0, 0, 0}), plain({1, 1, 1})), 0.9673798, 1e-5);
+    // Patterns, by the formulas written out in another language.
+    const Pixels a = picture({24, 20}, [](int x, int y) {
+        return glm::vec3(float((x * 7 + y * 3) % 11) / 10, float((x * 5 + y * 2) % 7) / 6,
+                         float((x + y * 4) % 5) / 4);
+    });
+    const Pixels b = picture({24, 20}, [](int x, int y) {
+        return glm::vec3(0.8f * float((x * 7 + y * 3) % 11) / 10,
+                         float((x * 5 + y * 2 + (x > 10)) % 7) / 6, float((x + y * 4) % 5) / 4);
+    });
+    EXPECT_NEAR(flip(a, b), 0.3703654, 1e-5);
+    EXPECT_NEAR(flip(b, a), flip(a, b), 1e-12);
 }
 
 } // namespace
