@@ -88,57 +88,67 @@ double colour_distance(glm::dvec3 a, glm::dvec3 b) {
 
 // ---------------------------------------------------------------- filters
 
-/// (2 radius + 1)^2 weights, three at a time.
-struct Kernel {
-    int radius;
-    std::vector<glm::dvec3> weights;
-};
+/// Weights of the 2 r + 1 pixels around one along a row or a column, three filters at a time.
+using Kernel = std::vector<glm::dvec3>;
 
-Kernel make_kernel(int radius, const std::function<glm::dvec3(double, double)>& weight) {
-    Kernel kernel{radius, {}};
+/// Those above 0 sum to 1, those below to -1.
+Kernel make_kernel(int radius, const std::function<glm::dvec3(double)>& weight) {
+    Kernel kernel;
     glm::dvec3 above(0), below(0);
-    for (int y = -radius; y <= radius; ++y)
-        for (int x = -radius; x <= radius; ++x) {
-            kernel.weights.push_back(weight(x, y));
-            above += glm::max(kernel.weights.back(), 0.0);
-            below -= glm::min(kernel.weights.back(), 0.0);
-        }
-    for (glm::dvec3& w : kernel.weights) // those above 0 sum to 1, those below to -1
+    for (int t = -radius; t <= radius; ++t) {
+        kernel.push_back(weight(t));
+        above += glm::max(kernel.back(), 0.0);
+        below -= glm::min(kernel.back(), 0.0);
+    }
+    for (glm::dvec3& w : kernel)
         for (int i = 0; i < 3; ++i)
             w[i] /= w[i] > 0 ? above[i] : below[i] > 0 ? below[i] : 1;
     return kernel;
 }
 
-Plane filtered(const Plane& plane, const Kernel& kernel) {
+Plane filtered_along(const Plane& plane, glm::ivec2 step, const Kernel& kernel) {
+    const int radius = int(kernel.size()) / 2;
     Plane result = plane;
     tbb::parallel_for(0, plane.height, [&](int y) {
         for (int x = 0; x < plane.width; ++x) {
             glm::dvec3 sum(0);
-            auto weight = kernel.weights.begin();
-            for (int dy = -kernel.radius; dy <= kernel.radius; ++dy)
-                for (int dx = -kernel.radius; dx <= kernel.radius; ++dx)
-                    sum += *weight++ * plane.at(x + dx, y + dy);
+            for (int t = -radius; t <= radius; ++t)
+                sum += kernel[std::size_t(t + radius)] * plane.at(x + t * step.x, y + t * step.y);
             result.values[std::size_t(y) * std::size_t(plane.width) + std::size_t(x)] = sum;
         }
     });
     return result;
 }
 
-/// What the eye resolves of the three opponents: each a sum of Gaussians a sqrt(pi / b)
-/// exp(-pi^2 d^2 / b), d in degrees.
-Kernel contrast_sensitivity() {
-    const double widest = 0.04;
-    const int radius = int(std::ceil(
-        3 * std::sqrt(widest / (2 * glm::pi<double>() * glm::pi<double>())) * pixels_a_degree));
-    return make_kernel(radius, [](double x, double y) {
-        const double square = (x * x + y * y) / (pixels_a_degree * pixels_a_degree);
-        const auto gauss = [square](double a, double b) {
-            return a * std::sqrt(glm::pi<double>() / b)
-                   * std::exp(-glm::pi<double>() * glm::pi<double>() * square / b);
-        };
-        return glm::dvec3(gauss(1, 0.0047), gauss(1, 0.0053),
-                          gauss(34.1, 0.04) + gauss(13.5, 0.025));
-    });
+Plane filtered(const Plane& plane, const Kernel& across, const Kernel& down) {
+    return filtered_along(filtered_along(plane, {1, 0}, across), {0, 1}, down);
+}
+
+/// What the eye resolves of the opponents: Y and Cx by a Gaussian each, Cz by the sum of two; in
+/// each a sqrt(pi / b) exp(-pi^2 d^2 / b), d in degrees.
+Plane as_resolved(const Plane& opponents) {
+    constexpr double pi = glm::pi<double>(), widest = 0.04;
+    const int radius = int(std::ceil(3 * std::sqrt(widest / (2 * pi * pi)) * pixels_a_degree));
+    const auto kernel = [&](glm::dvec3 b) {
+        return make_kernel(radius, [b](double t) {
+            const double degrees = t / pixels_a_degree;
+            return glm::exp(-pi * pi * degrees * degrees / b);
+        });
+    };
+    const Kernel first = kernel({0.0047, 0.0053, widest}), second = kernel(glm::dvec3(0.025));
+    // Of the two, each summed over the square.
+    const auto mass = [&](double a, double b) {
+        double sum = 0;
+        for (int t = -radius; t <= radius; ++t)
+            sum += std::exp(-pi * pi * t * t / (b * pixels_a_degree * pixels_a_degree));
+        return a * std::sqrt(pi / b) * sum * sum;
+    };
+    const double one = mass(34.1, widest), other = mass(13.5, 0.025);
+    Plane result = filtered(opponents, first, first);
+    const Plane more = filtered(opponents, second, second);
+    for (std::size_t i = 0; i < result.values.size(); ++i)
+        result.values[i].z = (one * result.values[i].z + other * more.values[i].z) / (one + other);
+    return result;
 }
 
 /// Strength of edges and of points in the brightness (x of the result, y).
@@ -147,15 +157,12 @@ std::vector<glm::dvec2> features(const Plane& opponents) {
     const int radius = int(std::ceil(3 * deviation));
     const Plane grey =
         converted(opponents, [](glm::dvec3 c) { return glm::dvec3((c.x + 16) / 116); });
-    const auto along = [&](bool down) {
-        return filtered(grey, make_kernel(radius, [=](double x, double y) {
-                            const double t = (down ? y : x) / deviation;
-                            const double gauss =
-                                std::exp(-(x * x + y * y) / (2 * deviation * deviation));
-                            return glm::dvec3(-t * gauss, (t * t - 1) * gauss, 0);
-                        }));
-    };
-    const Plane across = along(false), down = along(true);
+    const auto gauss = [=](double t) { return std::exp(-t * t / (2 * deviation * deviation)); };
+    const Kernel slope = make_kernel(radius, [=](double t) {
+        return gauss(t) * glm::dvec3(-t, t * t / (deviation * deviation) - 1, 0);
+    });
+    const Kernel smooth = make_kernel(radius, [=](double t) { return glm::dvec3(gauss(t)); });
+    const Plane across = filtered(grey, slope, smooth), down = filtered(grey, smooth, slope);
     std::vector<glm::dvec2> strength;
     for (std::size_t i = 0; i < across.values.size(); ++i)
         strength.emplace_back(std::hypot(across.values[i].x, down.values[i].x),
@@ -173,13 +180,12 @@ double spread(double distance, double largest) {
 } // namespace
 
 double flip(const Pixels& a, const Pixels& b) {
-    const Kernel eye = contrast_sensitivity();
     std::vector<glm::dvec3> seen[2];
     std::vector<glm::dvec2> structure[2];
     for (int i = 0; i < 2; ++i) {
         const Plane opponents = converted(linear(i == 0 ? a : b), to_opponents);
         structure[i] = features(opponents);
-        seen[i] = converted(filtered(opponents, eye), [](glm::dvec3 c) {
+        seen[i] = converted(as_resolved(opponents), [](glm::dvec3 c) {
                       return to_hunt_lab(from_opponents(c));
                   }).values;
     }
