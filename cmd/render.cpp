@@ -367,13 +367,14 @@ void warn_of_mismatch(const RenderOptions& o, const Scene& scene, const Volume& 
             "read",
             o.volume.c_str(), grid.origin.x, grid.origin.y, grid.origin.z, end.x, end.y, end.z,
             bounds.lo.x, bounds.lo.y, bounds.lo.z, bounds.hi.x, bounds.hi.y, bounds.hi.z));
-    for (const auto& [name, present] :
-         {std::pair("emitters", !o.no_emitters && has_emitters(scene)),
-          std::pair("sky", has_sky(scene)), std::pair("punctual", !scene.lights.empty())})
-        if (present && !holds(volume, name))
+    const auto miss = [&](bool present, const char* key, const char* name) {
+        if (present && !holds(volume, key))
             progress.warn(o.volume + ": holds no light of " + name
-                          + (name == std::string("punctual") ? " lights" : "")
-                          + ": what they shine on shows none but their direct light");
+                          + ": its share of the picture is missing; bake with these lights");
+    };
+    miss(!o.no_emitters && has_emitters(scene), "emitters", "emitters");
+    miss(has_sky(scene), "sky", "the sky");
+    miss(!scene.lights.empty(), "punctual", "punctual lights");
 }
 
 /// Which light the volume holds, as its metadata say.
