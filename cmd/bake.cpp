@@ -72,7 +72,6 @@ struct BakeOptions : SceneOptions, RunOptions {
     // What only some solvers have, as far as it is given.
     std::string quality;
     std::optional<int> directions;
-    bool first_flight = false;
     std::optional<int> vpls;
     std::optional<int> rsm_samples;
     std::optional<double> tolerance;
@@ -109,7 +108,6 @@ std::vector<SolverOption> solver_options(const BakeOptions& o) {
          {sn},
          o.directions.has_value(),
          whole(o.directions, SnSettings().directions)},
-        {"first-flight", {sn}, o.first_flight, toml_flag(o.first_flight)},
         {"vpls", {gather}, o.vpls.has_value(), whole(o.vpls, GatherSettings().vpls)},
         {"rsm-samples", {gather}, o.rsm_samples.has_value(), whole(o.rsm_samples, 0)},
         {"tolerance",
@@ -245,7 +243,6 @@ BakeSettings to_settings(const BakeOptions& o) {
     settings.rsm_size = o.rsm_size.value_or(0);
     settings.rsm_kernel = o.rsm_kernel.value_or(settings.rsm_kernel);
     settings.rsm_samples = o.rsm_samples.value_or(0);
-    settings.sn.first_flight = o.first_flight;
     settings.lpv.iterations = o.iterations.value_or(0);
     settings.lpv.occlusion = o.occlusion == "none" ? Occlusion::none
                              : o.occlusion == "sh" ? Occlusion::sh
@@ -484,8 +481,6 @@ void add_bake(CLI::App& root, Action& action) {
               "default: balanced")
         ->check(one_of("fast|balanced|accurate"));
     list.number("--directions", o.directions, 48, 384, "sn: directions over the sphere");
-    list.flag("--first-flight", o.first_flight,
-              "sn: rays, not neighbours, bring light to cells next to surfaces");
     list.number("--vpls", o.vpls, 16, 1'000'000,
                 "gather: clusters of patches whose visibility a cell tests");
     list.number("--rsm-samples", o.rsm_samples, 0, 65536,

@@ -3,7 +3,6 @@
 #include "rsm/vpls.h"
 #include "scene/sky.h"
 #include "solver/occlusion.h"
-#include "solver/sn/directions.h"
 #include "surface/emitters.h"
 #include "surface/patches.h"
 #include "text.h"
@@ -155,23 +154,16 @@ void find_validity(const Work& work) {
     work.stages.end(outside_geometry(work.baked.volume.validity));
 }
 
-/// The sky as the directions of a sweep stand for it.
-Sky sky_along(const Sky& sky, const SnSettings& settings) {
-    std::vector<glm::vec3> directions;
-    for (const glm::dvec3& d : sn_octant_directions(sn_direction_count(settings.directions)))
-        for (int signs = 0; signs < 8; ++signs)
-            directions.push_back(glm::vec3(d)
-                                 * glm::vec3(signs & 1 ? -1.0f : 1.0f, signs & 2 ? -1.0f : 1.0f,
-                                             signs & 4 ? -1.0f : 1.0f));
-    return averaged_sky(sky, directions);
-}
-
 /// Luminance along fixed directions, from cell to cell, downstream.
 void solve_sn(const Work& work, std::future<SnProgram> program) {
     find_validity(work);
+    const SnProgram sn = program.get();
+    work.stages.begin("gather");
+    const float limit = sn.gather_peaks(*work.lit, work.visibility, work.scene.sky, work.progress,
+                                        work.baked.volume);
+    work.stages.end(format("what is brighter than %.4g nits", double(limit)));
     work.stages.begin("sweep", 100);
-    program.get().solve(*work.lit, work.visibility, sky_along(work.scene.sky, work.settings.sn),
-                        work.progress, work.baked.volume);
+    sn.sweep(*work.lit, work.visibility, work.scene.sky, limit, work.progress, work.baked.volume);
     work.stages.end(format("%d directions", work.settings.sn.directions));
     work.baked.volume.metadata["directions"] = std::to_string(work.settings.sn.directions);
 }

@@ -111,9 +111,9 @@ struct Choice {
 Choice choose_settings(const Scene& scene, const BakeSettings& base, const Wish& wish,
                        const gpu::DeviceInfo& device);
 
-/// Relative error of irradiance that is expected of settings on a grid: that of the Cornell box,
+/// Relative error of irradiance that is expected of settings: that of the Cornell box,
 /// the hardest of the scenes that it was measured in; more evenly lit ones err by down to a third.
-double expected_error(const BakeSettings& settings, const Grid& grid);
+double expected_error(const BakeSettings& settings);
 
 struct Baked {
     Volume volume;

@@ -21,14 +21,12 @@ double floor_of(int order, bool once) {
 }
 
 /// What a solver adds to that; the squares of both sum.
-double error_of(const BakeSettings& settings, int longest, bool once) {
+double error_of(const BakeSettings& settings, bool once) {
     switch (settings.solver) {
     case Solver::lpv:
         return once ? 0.95 : 0.8;
-    case Solver::sn: { // surfaces lie where cells do, however many directions there are
-        const double places = once ? 0.1 * std::pow(32.0 / longest, 0.3) : 0.9 / longest;
-        return std::hypot(places, 0.11 * std::pow(48.0 / settings.sn.directions, 1.6));
-    }
+    case Solver::sn:
+        return std::hypot(0.016, 0.03 * std::pow(48.0 / settings.sn.directions, 1.2));
     case Solver::gather:
         return std::hypot(0.009,
                           std::hypot(0.13 / std::sqrt(double(settings.gather.vpls)),
@@ -93,10 +91,9 @@ std::string text_of(const BakeSettings& settings) {
 
 } // namespace
 
-double expected_error(const BakeSettings& settings, const Grid& grid) {
+double expected_error(const BakeSettings& settings) {
     const bool once = settings.bounces && *settings.bounces <= 1;
-    const int longest = std::max({grid.dims.x, grid.dims.y, grid.dims.z});
-    return std::hypot(floor_of(sh_order_of(settings), once), error_of(settings, longest, once));
+    return std::hypot(floor_of(sh_order_of(settings), once), error_of(settings, once));
 }
 
 Choice choose_settings(const Scene& scene, const BakeSettings& base, const Wish& wish,
@@ -106,7 +103,7 @@ Choice choose_settings(const Scene& scene, const BakeSettings& base, const Wish&
         settings.sn.order = settings.gather.order = order;
         const BakePlan plan = plan_bake(scene, settings, device);
         choices.push_back(
-            {settings, expected_error(settings, plan.grid), plan.seconds, text_of(settings), {}});
+            {settings, expected_error(settings), plan.seconds, text_of(settings), {}});
     };
     if (!wish.error && !wish.seconds) {
         BakeSettings settings = base;

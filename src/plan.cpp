@@ -233,9 +233,11 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
     }
     case Solver::sn:
         stage("validity", 5e-6 * double(cells) / longest, "which cells lie outside geometry");
+        stage("gather", gather_seconds(plan.grid, patches / 10, settings.gather),
+              "what is brighter than 1.5 times the mean");
         stage("sweep", sn_seconds(plan.grid, settings.sn),
               format("%d directions, order %d", settings.sn.directions, settings.sn.order));
-        plan.host_bytes += sn_host_bytes(plan.grid, settings.sn);
+        plan.host_bytes += sn_host_bytes(plan.grid, patches, settings.sn);
         break;
     case Solver::gather:
         stage("validity", 5e-6 * double(cells) / longest, "which cells lie outside geometry");

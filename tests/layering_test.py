@@ -27,7 +27,7 @@ BUILDS_ON = {
     "solver": ["surface", "visibility", "volume"],
     "solver/lpv": ["solver", "gpu"],
     "solver/gather": ["solver", "gpu"],
-    "solver/sn": ["solver", "gpu"],
+    "solver/sn": ["solver/gather", "gpu"],
     "io": ["volume", "image"],
     "reference": ["scene", "visibility", "volume"],
     "render": ["rsm", "reference", "image"],

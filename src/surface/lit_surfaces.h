@@ -41,6 +41,12 @@ struct LitSurfaces {
     glm::vec3 leaving(const Hit& hit, glm::vec3 direction) const;
 };
 
+/// What a luminance has above a limit, both by the mean of the channels; of the same colour.
+inline glm::vec3 luminance_above(glm::vec3 luminance, float limit) {
+    const float mean = (luminance.x + luminance.y + luminance.z) / 3.0f;
+    return mean > limit ? luminance * (1.0f - limit / mean) : glm::vec3(0.0f);
+}
+
 /// Lights all surfaces. Direct light of punctual lights is sampled at stratified points of each
 /// patch with shadow rays; emitters by points on them and by cosine-distributed rays together
 /// (multiple importance sampling, balance heuristic: Veach and Guibas 1995), the sky by the latter.

@@ -127,21 +127,21 @@ void measure(const gpu::Device& device, const char* name, Scene scene, bool turn
         std::fflush(stdout);
     };
     report("exact, SH L2", 0.0, [&](size_t i, size_t k) { return probe.sh[k][i]; });
-    for (const int directions : sn_direction_counts())
-        for (const bool first_flight : {false, true}) {
-            if (wanted_directions ? directions != wanted_directions
-                                  : directions < 96 || directions == 288)
-                continue;
-            Volume volume;
-            volume.grid = grid;
-            const SnProgram program(device, grid, {directions, 2, first_flight});
-            begin = seconds();
-            program.solve(lit, visibility, scene.sky, silent, volume);
-            const std::string what =
-                std::to_string(directions) + (first_flight ? " first flight" : "");
-            report(what.c_str(), seconds() - begin,
-                   [&](size_t i, size_t k) { return volume.sh[k][cells[i]]; });
-        }
+    for (const int directions : sn_direction_counts()) {
+        if (wanted_directions ? directions != wanted_directions : directions == 288)
+            continue;
+        Volume volume;
+        volume.grid = grid;
+        volume.validity = validity;
+        const SnProgram program(device, grid, {directions, 2});
+        begin = seconds();
+        const float limit = program.gather_peaks(lit, visibility, scene.sky, silent, volume);
+        const double gather = seconds() - begin;
+        program.sweep(lit, visibility, scene.sky, limit, silent, volume);
+        char what[40];
+        std::snprintf(what, sizeof what, "%3d (gather %.2f s)", directions, gather);
+        report(what, seconds() - begin, [&](size_t i, size_t k) { return volume.sh[k][cells[i]]; });
+    }
 }
 
 } // namespace

@@ -275,7 +275,6 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
              {{"--solver", "lpv", "--quality", "fast"}, "--quality is an option of gather or sn"},
              {{"--solver", "sn", "--iterations", "4"}, "--iterations"},
              {{"--solver", "gather", "--rsm-size", "64"}, "--rsm-size"},
-             {{"--solver", "gather", "--first-flight"}, "--first-flight"},
              {{"--solver", "lpv", "--sh-order", "2"}, "--sh-order 2"},
              {{"--vpls", "64", "--directions", "96"},
               "--vpls is an option of gather, not of sn (--directions)"},

@@ -4,32 +4,20 @@
 
 #include <glm/glm.hpp>
 
-#include <array>
 #include <cmath>
 #include <functional>
 #include <map>
-#include <optional>
 #include <tuple>
 #include <vector>
 
 namespace lpvbake::oracle {
 
-/// What ends the way from a cell's centre along an axis.
-struct SnEnd {
-    glm::dvec3 luminance{0.0};
-    double distance = 0.0; ///< cells
-    glm::dvec3 normal{0.0};
-};
-
 struct SnWorld {
     glm::ivec3 dims{0};
     /// True if a surface lies in the box between two cell centres.
     std::function<bool(glm::ivec3, glm::ivec3)> surface_between;
-    std::function<std::optional<SnEnd>(glm::ivec3 cell, int axis, int sign)> link;
-    /// What arrives outside the grid, of light that travels along d.
-    std::function<glm::dvec3(glm::ivec3 cell, glm::dvec3 d)> beyond;
-    /// Where luminance is known: the exact one beside surfaces. May be empty.
-    std::function<glm::dvec3(glm::ivec3 cell, glm::dvec3 d)> exact;
+    /// What arrives outside the grid and beside surfaces, of light that travels along d.
+    std::function<glm::dvec3(glm::ivec3 cell, glm::dvec3 d)> seen;
 };
 
 class SnDirection {
@@ -46,7 +34,7 @@ public:
     glm::dvec3 at(glm::ivec3 c) {
         if (glm::any(glm::lessThan(c, glm::ivec3(0)))
             || glm::any(glm::greaterThanEqual(c, world_.dims)))
-            return world_.beyond(c, d_);
+            return world_.seen(c, d_);
         const auto key = std::tuple(c.x, c.y, c.z);
         if (const auto known = known_.find(key); known != known_.end())
             return known->second;
@@ -55,46 +43,24 @@ public:
 
 private:
     glm::dvec3 compute(glm::ivec3 c) {
-        if (!world_.surface_between(c, c + step_)) {
-            // Where the ray meets the plane of centres before, and the four around that point.
-            const glm::dvec3 at_plane = glm::dvec3(c) - d_ / std::abs(d_[axis_]);
-            glm::dvec3 sum{0.0};
-            for (int corner = 0; corner < 4; ++corner) {
-                glm::ivec3 tap = c;
-                tap[axis_] += step_[axis_];
-                double weight = 1.0;
-                for (int i = 1; i <= 2; ++i) {
-                    const int a = (axis_ + i) % 3;
-                    if (corner >> (i - 1) & 1)
-                        tap[a] += step_[a];
-                    weight *= 1.0 - std::abs(at_plane[a] - double(tap[a]));
-                }
-                sum += weight * at(tap);
-            }
-            return sum;
-        }
-        if (world_.exact)
-            return world_.exact(c, d_);
+        if (world_.surface_between(c, c + step_))
+            return world_.seen(c, d_);
+        // Where the ray meets the plane of centres before, and the four around that point.
+        const glm::dvec3 at_plane = glm::dvec3(c) - d_ / std::abs(d_[axis_]);
         glm::dvec3 sum{0.0};
-        double total = 0.0;
-        for (int a = 0; a < 3; ++a) {
-            const std::optional<SnEnd> end = world_.link(c, a, step_[a]);
-            if (!end) {
-                glm::ivec3 next = c;
-                next[a] += step_[a];
-                sum += std::abs(d_[a]) * at(next);
-                total += std::abs(d_[a]);
-                continue;
+        for (int corner = 0; corner < 4; ++corner) {
+            glm::ivec3 tap = c;
+            tap[axis_] += step_[axis_];
+            double weight = 1.0;
+            for (int i = 1; i <= 2; ++i) {
+                const int a = (axis_ + i) % 3;
+                if (corner >> (i - 1) & 1)
+                    tap[a] += step_[a];
+                weight *= 1.0 - std::abs(at_plane[a] - double(tap[a]));
             }
-            double from_it = 0.0, away = 0.0; // d.n, by the sign of its terms
-            for (int b = 0; b < 3; ++b)
-                (d_[b] * end->normal[b] > 0.0 ? from_it : away) += d_[b] * end->normal[b];
-            const double share = std::max(1e-3, (from_it + away) / from_it);
-            const double weight = std::abs(d_[a]) / end->distance * share;
-            sum += weight * end->luminance;
-            total += weight;
+            sum += weight * at(tap);
         }
-        return sum / total;
+        return sum;
     }
 
     const SnWorld& world_;

@@ -14,13 +14,13 @@ constexpr uint32_t own_task = 4096;
 /// By how much a cluster counts larger for normals that differ.
 constexpr float bend = 40.0f;
 
-std::vector<Emitter> emitters_of(const LitSurfaces& surfaces) {
+std::vector<Emitter> emitters_of(const LitSurfaces& surfaces, float above) {
     std::vector<Emitter> emitters;
     for (size_t i = 0; i < surfaces.patches.size(); ++i) {
         const Patch& patch = surfaces.patches[i];
         for (size_t side = 0; side < 2; ++side) {
             Emitter e;
-            e.luminance = patch.alpha * surfaces.luminance[2 * i + side];
+            e.luminance = patch.alpha * luminance_above(surfaces.luminance[2 * i + side], above);
             e.power = (e.luminance.x + e.luminance.y + e.luminance.z) * patch.area;
             if (!(e.power > 0.0f))
                 continue;
@@ -164,9 +164,9 @@ uint32_t Clusters::emitter_at(const Cluster& cluster, double share) const {
     return uint32_t(std::max<ptrdiff_t>(at - power_before.begin() - 1, cluster.first));
 }
 
-Clusters make_clusters(const LitSurfaces& surfaces, const Visibility& visibility) {
+Clusters make_clusters(const LitSurfaces& surfaces, const Visibility& visibility, float above) {
     Clusters clusters;
-    clusters.emitters = emitters_of(surfaces);
+    clusters.emitters = emitters_of(surfaces, above);
     const auto count = uint32_t(clusters.emitters.size());
     if (count == 0)
         return clusters;

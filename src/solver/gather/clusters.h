@@ -48,7 +48,9 @@ struct Clusters {
 /// Halves the emitters recursively across the longest side of their box in place and normal
 /// together, normals counting most (after Walter et al. 2005): parts are flat before they are
 /// small. The same tree for any number of threads.
-Clusters make_clusters(const LitSurfaces& surfaces, const Visibility& visibility);
+/// Of the light no more is taken than what luminance_above() leaves.
+Clusters make_clusters(const LitSurfaces& surfaces, const Visibility& visibility,
+                       float above = 0.0f);
 
 /// True if nothing in the box `centre` +- `half` is before the cluster's surfaces.
 bool faces_away(const Cluster& cluster, glm::vec3 centre, glm::vec3 half);

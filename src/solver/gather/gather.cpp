@@ -341,8 +341,8 @@ GatherProgram::GatherProgram(const gpu::Device& device, const GatherSettings& se
       surfaces_(compile(device, local_size_, settings.order, part_surfaces)) {}
 
 GatherReport GatherProgram::gather(const LitSurfaces& surfaces, const Sky& sky,
-                                   const Visibility& visibility, Volume& volume,
-                                   Progress& progress) const {
+                                   const Visibility& visibility, Volume& volume, Progress& progress,
+                                   float above) const {
     GatherReport report;
     const Grid& grid = volume.grid;
     volume.sh_order = settings_.order;
@@ -354,7 +354,7 @@ GatherReport GatherProgram::gather(const LitSurfaces& surfaces, const Sky& sky,
         seconds += time - last;
         last = time;
     };
-    const Clusters clusters = make_clusters(surfaces, visibility);
+    const Clusters clusters = make_clusters(surfaces, visibility, above);
     const std::vector<SkyBin> bins = make_sky_bins(sky, settings_.vpls, settings_.order);
     const Occupied occupied(surfaces.patches, grid);
     const Surroundings world{grid,     visibility,      clusters,       bins,

@@ -50,9 +50,9 @@ public:
     /// Fills Volume::sh and sh_order from the light that leaves `surfaces` and the sky, in the
     /// cells whose validity (which has to be there) is above 0; in the others it is 0. The same
     /// bits for any number of threads and any window. Throws Error (memory, device), and whatever
-    /// `progress` throws.
+    /// `progress` throws. With a limit `above` only luminance_above() it leaves the surfaces.
     GatherReport gather(const LitSurfaces& surfaces, const Sky& sky, const Visibility& visibility,
-                        Volume& volume, Progress& progress) const;
+                        Volume& volume, Progress& progress, float above = 0.0f) const;
 
 private:
     const gpu::Device& device_;

@@ -12,7 +12,7 @@
 layout(local_size_x_id = spec_local_size) in;
 layout(constant_id = spec_local_size) const uint local_size = 8u;
 layout(constant_id = spec_march) const uint march = 4u;
-layout(constant_id = spec_variant) const uint coefficients = 9u;
+layout(constant_id = spec_coefficients) const uint coefficients = 9u;
 layout(constant_id = spec_directions) const uint directions = 8u;
 
 layout(push_constant) uniform Push { ProjectPush push; };

@@ -2,6 +2,7 @@
 
 #include "error.h"
 #include "solver/sn/directions.h"
+#include "solver/sn/first_flight.h"
 #include "solver/sn/given.comp.h"
 #include "solver/sn/project.comp.h"
 #include "solver/sn/sweep.h"
@@ -20,15 +21,42 @@ namespace lpvbake {
 namespace {
 
 constexpr uint64_t texel = sizeof(glm::vec4);
-/// Of what is streamed: lists of cells, links, known luminances.
+/// Of what is streamed: lists of cells, known luminances.
 constexpr uint64_t chunk_bytes = uint64_t(20) << 20;
 /// Of the ring of fronts, where all directions of an octant do not fit.
 constexpr uint64_t ring_bytes = uint64_t(64) << 20;
 /// The same on a CPU device, whose caches should hold them.
 constexpr uint64_t cpu_ring_bytes = uint64_t(6) << 20;
-constexpr uint64_t link_bytes = sn::cell_link_vec4s * texel;
 
 using sn::SweepLayout;
+
+/// What is brighter than so many times the mean is gathered, not swept: a bright spot, small as
+/// seen from most cells, is what a few directions miss or see as beams. Less than 1 / `peak` of
+/// what the cells see is so bright.
+constexpr float peak = 1.5f;
+
+/// The sky is either gathered or swept.
+bool is_peak(const Sky& sky, float limit) {
+    const glm::dvec3 mean = sky_mean(sky, -1.0, 1.0, 0.0, 2.0 * glm::pi<double>());
+    return (mean.x + mean.y + mean.z) / 3.0 > double(limit);
+}
+
+/// The sky as the directions of a sweep stand for it.
+Sky sky_along(const Sky& sky, int count) {
+    std::vector<glm::vec3> directions;
+    for (const glm::dvec3& d : sn_octant_directions(count))
+        for (int signs = 0; signs < 8; ++signs)
+            directions.push_back(glm::vec3(d)
+                                 * glm::vec3(signs & 1 ? -1.0f : 1.0f, signs & 2 ? -1.0f : 1.0f,
+                                             signs & 4 ? -1.0f : 1.0f));
+    return averaged_sky(sky, directions);
+}
+
+GatherSettings peak_settings(const SnSettings& settings) {
+    GatherSettings gather;
+    gather.order = settings.order == 3 ? 4 : settings.order; // 3 it does not know
+    return gather;
+}
 
 uint32_t padded_directions(int directions) {
     return (uint32_t(directions) / 8 + sn::lanes - 1) / sn::lanes * sn::lanes;
@@ -79,11 +107,6 @@ struct Octant {
     }
     /// The cube of SnWalls upstream of a cell.
     glm::ivec3 cube(glm::ivec3 c) const { return c + (1 - sign) / 2; }
-    /// From x, y, z to p, q, r.
-    glm::vec3 turned(glm::vec3 v) const {
-        v *= glm::vec3(sign);
-        return {v[layout.axes.x], v[layout.axes.y], v[layout.axes.z]};
-    }
 };
 
 struct Entry {
@@ -92,18 +115,12 @@ struct Entry {
 };
 static_assert(sizeof(Entry) == 8);
 
-/// A place whose luminance is traced.
-struct Given {
-    uint32_t slot;
-    glm::ivec3 cell;
-};
-
 /// Everything of an octant, front by front.
 struct Order {
-    std::vector<Entry> cells;     ///< of a front those near surfaces first
+    std::vector<Entry> cells;     ///< of a front those that are given first
     std::vector<uint32_t> first;  ///< a front's first entry of `cells`; ends with their number
-    std::vector<uint32_t> middle; ///< its first entry that is not near a surface
-    std::vector<Given> given;
+    std::vector<uint32_t> middle; ///< its first entry that is not given
+    std::vector<SnPlace> given;   ///< cells beside surfaces, and places beside the grid
     std::vector<uint32_t> first_given;
 };
 
@@ -118,13 +135,12 @@ void visit_front(const SweepLayout& layout, int front, int lowest, const Visit& 
 }
 
 /// Orders the cells of a front by the slab of coefficients that they lie in, too.
-Order order_cells(const Octant& octant, const SnWalls& walls, bool boundary, bool trace_near,
-                  int slab_layers) {
+Order order_cells(const Octant& octant, const SnWalls& walls, bool boundary, int slab_layers) {
     const SweepLayout& layout = octant.layout;
     const int fronts = layout.fronts();
     struct Front {
         std::vector<Entry> near, interior;
-        std::vector<Given> given;
+        std::vector<SnPlace> given;
     };
     std::vector<Front> parts(static_cast<size_t>(fronts));
     tbb::parallel_for(0, fronts, [&](int front) {
@@ -135,7 +151,7 @@ Order order_cells(const Octant& octant, const SnWalls& walls, bool boundary, boo
             const uint32_t slot = layout.slot(p, q);
             (near ? part.near : part.interior)
                 .push_back({layout.base(front) + slot, uint32_t(octant.grid.index(c))});
-            if (near && trace_near)
+            if (near)
                 part.given.push_back({slot, c});
         });
         const uint64_t slab =
@@ -191,7 +207,6 @@ Directions direction_table(const Octant& octant, std::span<const glm::dvec3> pos
         glm::vec4* row = &directions.table[sn::direction_vec4s * i];
         row[0] = glm::dvec4((1 - du) * (1 - dv), du * (1 - dv), (1 - du) * dv, du * dv);
         row[1] = glm::vec4(slots); // exact: fewer than 2^24
-        row[2] = glm::vec4(d, 0.0);
         glm::vec3 travel;
         for (int a = 0; a < 3; ++a)
             travel[layout.axes[a]] = float(d[a] * octant.sign[layout.axes[a]]);
@@ -202,16 +217,6 @@ Directions direction_table(const Octant& octant, std::span<const glm::dvec3> pos
                 float(4.0 * glm::pi<double>() / total * double(basis[k]));
     }
     return directions;
-}
-
-/// Links of a cell towards -p, -q, -r, for the kernel.
-void put_links(const Octant& octant, const std::array<SnLink, 6>& links, glm::vec4* out) {
-    for (int i = 0; i < 3; ++i) {
-        const int axis = octant.layout.axes[i];
-        const SnLink& link = links[size_t(2 * axis + (octant.sign[axis] > 0 ? 0 : 1))];
-        out[2 * i] = glm::vec4(link.luminance, link.inverse);
-        out[2 * i + 1] = glm::vec4(octant.turned(link.normal), 0.0f);
-    }
 }
 
 /// A window over elements [first, last) of a buffer of vec4s, widened to the device's alignment;
@@ -244,19 +249,20 @@ uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings) {
     const SweepLayout layout(grid.dims);
     const uint32_t stride = batch_directions(layout, sn_direction_count(settings.directions),
                                              std::numeric_limits<uint64_t>::max(), false);
-    return grid.size() * sn::sh_vec4s(uint32_t(sh_count(settings.order))) * texel
-           + layout.ring_texels(stride) * texel + 4 * chunk_bytes;
+    const uint64_t sweep = grid.size() * sn::sh_vec4s(uint32_t(sh_count(settings.order))) * texel
+                           + layout.ring_texels(stride) * texel + 3 * chunk_bytes;
+    return std::max(sweep, gather_device_bytes(peak_settings(settings)));
 }
 
-uint64_t sn_host_bytes(const Grid& grid, const SnSettings& settings) {
-    const uint64_t links = settings.first_flight ? sizeof(Given) : 6 * sizeof(SnLink) + 16;
-    return grid.size() * (uint64_t(sh_count(settings.order)) * 12 + 24 + links) + 4 * chunk_bytes;
+uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& settings) {
+    const uint64_t sweep = grid.size() * (1 + 8 + sizeof(SnPlace)) + 4 * chunk_bytes;
+    return grid.size() * uint64_t(sh_count(settings.order)) * 12
+           + std::max(sweep, gather_host_bytes(grid, patches, peak_settings(settings)));
 }
 
 double sn_seconds(const Grid& grid, const SnSettings& settings) {
-    // First flight: where a tenth of the cells lie next to surfaces.
-    return 0.05
-           + (settings.first_flight ? 7.5e-8 : 6.5e-8) * double(grid.size()) * settings.directions;
+    // Where a tenth of the cells lie beside surfaces.
+    return 0.05 + 7.5e-8 * double(grid.size()) * settings.directions;
 }
 
 SnProgram::SnProgram(const gpu::Device& device, const Grid& grid, const SnSettings& settings,
@@ -264,6 +270,7 @@ SnProgram::SnProgram(const gpu::Device& device, const Grid& grid, const SnSettin
     : device_(device),
       grid_(grid),
       settings_(settings),
+      gather_(device, peak_settings(settings)),
       largest_(std::min({window ? window : std::numeric_limits<uint64_t>::max(),
                          device.info().max_storage_range, device.info().max_texels * texel})
                - device.info().window_alignment),
@@ -273,18 +280,12 @@ SnProgram::SnProgram(const gpu::Device& device, const Grid& grid, const SnSettin
     using gpu::Binding;
     const sn::SweepTiling tiling = tiling_for(device);
     constexpr Binding transport[] = {Binding::texels_rgba32, Binding::storage, Binding::texels_r32,
-                                     Binding::texels_rgba32, Binding::texels_rgba32};
-    for (const bool near : {false, true}) {
-        if (near && settings.first_flight)
-            continue;
-        const uint32_t constants[] = {tiling.local_size, tiling.march, near};
-        (near ? near_ : interior_) = gpu::Program(device, shaders::transport_comp, transport,
-                                                  sizeof(sn::TransportPush), constants);
-    }
+                                     Binding::texels_rgba32};
+    const uint32_t constants[] = {tiling.local_size, tiling.march};
+    transport_ = gpu::Program(device, shaders::transport_comp, transport, sizeof(sn::TransportPush),
+                              constants);
     constexpr Binding given[] = {Binding::storage, Binding::storage, Binding::texels_rgba32};
-    const uint32_t given_constants[] = {tiling.local_size, tiling.march};
-    given_ =
-        gpu::Program(device, shaders::given_comp, given, sizeof(sn::GivenPush), given_constants);
+    given_ = gpu::Program(device, shaders::given_comp, given, sizeof(sn::GivenPush), constants);
     constexpr Binding project[] = {Binding::texels_rgba32, Binding::storage, Binding::uniform,
                                    Binding::texels_rgba32, Binding::storage};
     const uint32_t project_constants[] = {tiling.local_size, tiling.project_march,
@@ -294,8 +295,22 @@ SnProgram::SnProgram(const gpu::Device& device, const Grid& grid, const SnSettin
                             project_constants);
 }
 
-void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, const Sky& sky,
-                      Progress& progress, Volume& volume) const {
+float SnProgram::gather_peaks(const LitSurfaces& lit, const Visibility& visibility, const Sky& sky,
+                              Progress& progress, Volume& volume) const {
+    const float limit = peak * mean_luminance({lit, visibility, sky}, volume.grid, volume.validity);
+    gather_.gather(lit, is_peak(sky, limit) ? sky : Sky(), visibility, volume, progress, limit);
+    volume.sh_order = settings_.order;
+    volume.sh.resize(size_t(sh_count(settings_.order)));
+    return limit;
+}
+
+void SnProgram::sweep(const LitSurfaces& lit, const Visibility& visibility, const Sky& sky,
+                      float limit, Progress& progress, Volume& volume) const {
+    if (limit == 0.0f)
+        return; // peaks are all there is
+    progress.begin("sweep", 100);
+    const SnLight light{lit, visibility,
+                        is_peak(sky, limit) ? Sky() : sky_along(sky, settings_.directions), limit};
     const SweepLayout layout(grid_.dims);
     const sn::SweepTiling tiling = tiling_for(device_);
     const gpu::DeviceInfo& info = device_.info();
@@ -309,14 +324,14 @@ void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, cons
     // The largest front has at most so many cells.
     const uint64_t front_cells = layout.slots();
     if (layer_cells * cell_bytes > largest || layout.ring_texels(stride) * texel > largest
-        || front_cells * std::max(link_bytes, stride * texel) > largest)
+        || front_cells * stride * texel > largest)
         throw Error(ExitCode::memory, "a layer of " + std::to_string(grid_.dims.x) + " x "
                                           + std::to_string(grid_.dims.y) + " cells exceeds what '"
                                           + info.name + "' can bind; lower --resolution");
     const int slab = int(std::min(largest / (layer_cells * cell_bytes), uint64_t(grid_.dims.z)));
     const uint64_t slab_cells = uint64_t(slab) * layer_cells;
 
-    const SnWalls walls = find_walls(lit, visibility, grid_, !settings_.first_flight);
+    const SnWalls walls = find_walls(lit.patches, grid_.dims);
     // Surfaces beyond the places beside the grid?
     const bool boundary =
         !lit.patches.empty()
@@ -331,8 +346,8 @@ void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, cons
         (sn::max_project_weights * sizeof(float) + info.window_alignment - 1)
         / info.window_alignment * info.window_alignment;
     const gpu::Buffer weights(device_, stride / at_once * weight_bytes);
-    gpu::Buffer cells(device_, texel), cell_slots(device_, texel), links(device_, texel),
-        slots(device_, texel), values(device_, texel);
+    gpu::Buffer cells(device_, texel), cell_slots(device_, texel), slots(device_, texel),
+        values(device_, texel);
     gpu::clear(device_, sh);
 
     const std::vector<glm::dvec3> positive = sn_octant_directions(settings_.directions);
@@ -342,7 +357,7 @@ void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, cons
 
     for (int number = 0; number < 8; ++number) {
         const Octant octant(grid_, layout, number);
-        const Order order = order_cells(octant, walls, boundary, settings_.first_flight, slab);
+        const Order order = order_cells(octant, walls, boundary, slab);
         const int fronts = layout.fronts();
         for (int part = 0; part < batches; ++part) {
             const std::span<const glm::dvec3> some = std::span(positive).subspan(
@@ -359,7 +374,7 @@ void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, cons
             for (size_t i = 0; i < fill.size(); ++i) {
                 const size_t d = i % stride;
                 fill[i] = d < some.size()
-                              ? glm::vec4(sky_luminance(sky, -directions.travel[d]), 0.0f)
+                              ? glm::vec4(sky_luminance(light.sky, -directions.travel[d]), 0.0f)
                               : glm::vec4(0.0f);
             }
             put(device_, ring, std::span<const glm::vec4>(fill));
@@ -367,17 +382,10 @@ void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, cons
             for (int begin = 0; begin < fronts;) {
                 // As many fronts as may be streamed at once.
                 const auto fits = [&](int end) {
-                    const uint64_t near_cells = [&] {
-                        uint64_t sum = 0;
-                        for (int f = begin; f < end; ++f)
-                            sum += order.middle[size_t(f)] - order.first[size_t(f)];
-                        return sum;
-                    }();
                     const uint64_t traced =
                         order.first_given[size_t(end)] - order.first_given[size_t(begin)];
                     const uint64_t all = order.first[size_t(end)] - order.first[size_t(begin)];
-                    return all * sizeof(Entry) <= chunk && near_cells * link_bytes <= chunk
-                           && traced * stride * texel <= chunk;
+                    return all * sizeof(Entry) <= chunk && traced * stride * texel <= chunk;
                 };
                 int end = begin + 1;
                 while (end < fronts && fits(end + 1))
@@ -396,41 +404,22 @@ void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, cons
                 reserve(device_, cell_slots, count * sizeof(float));
                 put(device_, cell_slots, std::span<const float>(slots_as_floats));
 
-                std::vector<uint32_t> link_start; // of a front, in entries
-                if (!settings_.first_flight) {
-                    uint32_t entries = 0;
-                    for (int f = begin; f < end; ++f) {
-                        link_start.push_back(entries);
-                        entries += order.middle[size_t(f)] - order.first[size_t(f)];
-                    }
-                    staged.resize(size_t(entries) * sn::cell_link_vec4s);
-                    tbb::parallel_for(begin, end, [&](int f) {
-                        glm::vec4* out =
-                            staged.data()
-                            + size_t(link_start[size_t(f - begin)]) * sn::cell_link_vec4s;
-                        for (uint32_t i = order.first[size_t(f)]; i < order.middle[size_t(f)];
-                             ++i, out += sn::cell_link_vec4s)
-                            put_links(octant, walls.links[walls.links_of[order.cells[i].cell]],
-                                      out);
-                    });
-                    reserve(device_, links, staged.size() * texel);
-                    put(device_, links, std::span<const glm::vec4>(staged));
-                }
                 if (given > 0) {
                     std::vector<uint32_t> places(given);
+                    std::vector<uint32_t> eights; // of places of a front
+                    for (int f = begin; f < end; ++f)
+                        for (uint32_t i = order.first_given[size_t(f)];
+                             i < order.first_given[size_t(f + 1)]; i += 8)
+                            eights.push_back(i);
+                    eights.push_back(order.first_given[size_t(end)]);
                     staged.assign(size_t(given) * stride, glm::vec4(0.0f));
-                    tbb::parallel_for(uint32_t(0), given, [&](uint32_t i) {
-                        const Given& place = order.given[first_given + i];
-                        places[i] = place.slot;
-                        for (size_t d = 0; d < directions.travel.size(); ++d) {
-                            const glm::vec3 towards = -directions.travel[d];
-                            const Hit hit = visibility.closest(
-                                {glm::vec3(place.cell) + 0.5f, towards, 0.0f, HUGE_VALF});
-                            staged[size_t(i) * stride + d] =
-                                glm::vec4(hit.instance == no_hit ? sky_luminance(sky, towards)
-                                                                 : lit.leaving(hit, towards),
-                                          0.0f);
-                        }
+                    const std::span<const SnPlace> all(order.given);
+                    tbb::parallel_for(size_t(0), eights.size() - 1, [&](size_t i) {
+                        const uint32_t from = eights[i], eight = eights[i + 1] - from;
+                        for (uint32_t k = from; k < from + eight; ++k)
+                            places[k - first_given] = all[k].slot;
+                        look(light, all.subspan(from, eight), directions.travel, stride,
+                             std::span(staged).subspan(size_t(from - first_given) * stride));
                     });
                     reserve(device_, slots, places.size() * sizeof(uint32_t));
                     reserve(device_, values, staged.size() * texel);
@@ -447,8 +436,7 @@ void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, cons
                     const auto base = [&](int lag) {
                         return layout.base(f + int(sn::ring_fronts) - lag);
                     };
-                    const uint32_t near_first = order.first[size_t(f)] - first_cell,
-                                   near_last = order.middle[size_t(f)] - first_cell,
+                    const uint32_t swept = order.middle[size_t(f)] - first_cell,
                                    last = order.first[size_t(f + 1)] - first_cell;
                     const uint32_t given_first = order.first_given[size_t(f)] - first_given,
                                    given_last = order.first_given[size_t(f + 1)] - first_given;
@@ -459,19 +447,13 @@ void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, cons
                         batch.dispatch(given_, windows, std::as_bytes(std::span(&push, 1)),
                                        groups_of(given_last - given_first));
                     }
-                    const gpu::Window windows[] = {whole(ring), whole(ring), whole(cell_slots),
-                                                   whole(table), whole(links)};
-                    sn::TransportPush push{near_last,      last,    0,       0,       stride,
-                                           layout.pitch(), base(0), base(1), base(2), base(3)};
-                    batch.dispatch(interior_, windows, std::as_bytes(std::span(&push, 1)),
-                                   groups_of(last - near_last));
-                    if (!settings_.first_flight && near_last > near_first) {
-                        push.first = near_first;
-                        push.last = near_last;
-                        push.first_link = near_first;
-                        push.link_base = link_start[size_t(f - begin)] * sn::cell_link_vec4s;
-                        batch.dispatch(near_, windows, std::as_bytes(std::span(&push, 1)),
-                                       groups_of(near_last - near_first));
+                    if (last > swept) {
+                        const gpu::Window windows[] = {whole(ring), whole(ring), whole(cell_slots),
+                                                       whole(table)};
+                        const sn::TransportPush push{swept,   last,    stride, base(0),
+                                                     base(1), base(2), base(3)};
+                        batch.dispatch(transport_, windows, std::as_bytes(std::span(&push, 1)),
+                                       groups_of(last - swept));
                     }
                     const auto record_project = [&](uint32_t from, uint32_t to) {
                         while (from < to) {
@@ -522,8 +504,6 @@ void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, cons
         }
     }
 
-    volume.sh_order = settings_.order;
-    volume.sh.assign(coefficients, std::vector<glm::vec3>(grid_.size()));
     std::vector<float> layer(layer_cells * cell_bytes / sizeof(float));
     for (int z = 0; z < grid_.dims.z; ++z) {
         const uint64_t start = uint64_t(z) * layer_cells;
@@ -531,7 +511,7 @@ void SnProgram::solve(const LitSurfaces& lit, const Visibility& visibility, cons
         tbb::parallel_for(uint64_t(0), layer_cells, [&](uint64_t cell) {
             const float* c = &layer[cell * cell_bytes / sizeof(float)];
             for (size_t k = 0; k < coefficients; ++k)
-                volume.sh[k][start + cell] = {c[3 * k], c[3 * k + 1], c[3 * k + 2]};
+                volume.sh[k][start + cell] += glm::vec3(c[3 * k], c[3 * k + 1], c[3 * k + 2]);
         });
     }
 }

@@ -34,7 +34,6 @@ LPVBAKE_SHARED_CONST uint binding_ring_in = 0u;    // uniform texel buffer, RGBA
 LPVBAKE_SHARED_CONST uint binding_ring_out = 1u;   // storage buffer, float[], four a texel
 LPVBAKE_SHARED_CONST uint binding_slots = 2u;      // uniform texel buffer, R32F: a slot each
 LPVBAKE_SHARED_CONST uint binding_directions = 3u; // uniform texel buffer, RGBA32F
-LPVBAKE_SHARED_CONST uint binding_links = 4u;      // uniform texel buffer, RGBA32F
 
 // given.comp: luminance of places where it is known.
 LPVBAKE_SHARED_CONST uint binding_given_ring = 0u;   // storage buffer, vec4[]
@@ -50,32 +49,21 @@ LPVBAKE_SHARED_CONST uint binding_sh_in = 3u;           // uniform texel buffer,
 LPVBAKE_SHARED_CONST uint binding_sh_out = 4u;          // storage buffer, vec4[]
 
 // Specialization constants.
-LPVBAKE_SHARED_CONST uint spec_local_size = 0u; // invocations of a work group
-LPVBAKE_SHARED_CONST uint spec_march = 1u;      // cells that follow each other in an invocation
-LPVBAKE_SHARED_CONST uint spec_variant = 2u;    // transport: 1 near surfaces; project: coefficients
-LPVBAKE_SHARED_CONST uint spec_directions = 3u; // project: directions of a dispatch
+LPVBAKE_SHARED_CONST uint spec_local_size = 0u;   // invocations of a work group
+LPVBAKE_SHARED_CONST uint spec_march = 1u;        // cells that follow each other in an invocation
+LPVBAKE_SHARED_CONST uint spec_coefficients = 2u; // project: of a cell
+LPVBAKE_SHARED_CONST uint spec_directions = 3u;   // project: of a dispatch
 
-// A direction takes three vec4s of the table: the weights of its four taps, the four taps' distance
-// in slots, and |d| along p, q, r.
-LPVBAKE_SHARED_CONST uint direction_vec4s = 3u;
+// A direction takes two vec4s of the table: the weights of its four taps, and their distance in
+// slots.
+LPVBAKE_SHARED_CONST uint direction_vec4s = 2u;
 
 // Weights that a dispatch of project.comp reads, at most.
 LPVBAKE_SHARED_CONST uint max_project_weights = 288u;
 
-// A link from a cell towards -p, -q or -r takes two vec4s, a cell three links: the luminance that
-// the surface at its end sends this way and 1 / distance to it (in cells; 0: the link is open), and
-// the surface's normal on the cell's side.
-LPVBAKE_SHARED_CONST uint cell_link_vec4s = 6u;
-
-// Least share of a blocked link's weight: luminance stays a mean of what is around.
-LPVBAKE_SHARED_CONST float least_facing = 1e-3f;
-
 struct TransportPush {
     uint first, last;         // entries of the list of cells
-    uint first_link;          // entry of the list that the window of links starts with
-    uint link_base;           // where that entry's links start, in vec4s
     uint stride;              // texels a slot: directions of the batch
-    uint pitch;               // slots from one q to the next
     uint out_base;            // slot that the front starts with
     uint base1, base2, base3; // the same of the fronts before
 };
@@ -96,9 +84,8 @@ struct ProjectPush {
 };
 
 #ifdef __cplusplus
-static_assert(sizeof(TransportPush) == 40);
-static_assert(offsetof(TransportPush, stride) == 16);
-static_assert(offsetof(TransportPush, base3) == 36);
+static_assert(sizeof(TransportPush) == 28);
+static_assert(offsetof(TransportPush, base3) == 24);
 static_assert(sizeof(GivenPush) == 20);
 static_assert(sizeof(ProjectPush) == 24);
 

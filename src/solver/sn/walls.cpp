@@ -9,7 +9,7 @@
 namespace lpvbake {
 namespace {
 
-/// How far a link goes beyond the neighbour's centre (cells): a surface through that is not missed.
+/// By how much a cube counts as larger than it is (cells): a surface that touches it is not missed.
 constexpr float reach = 1e-3f;
 
 /// True if the triangle meets the cube around the origin, |x|, |y|, |z| <= half (separating axes:
@@ -49,7 +49,7 @@ void occupy(const std::vector<Patch>& patches, SnWalls& walls) {
         const glm::vec3 lo = glm::min(corner[0], glm::min(corner[1], corner[2]));
         const glm::vec3 hi = glm::max(corner[0], glm::max(corner[1], corner[2]));
         // Cube (i, j, k) is centred on (i, j, k) in grid units.
-        const glm::vec3 wide(0.5f + 2.0f * reach);
+        const glm::vec3 wide(0.5f + reach);
         const auto within = [&](glm::vec3 v) {
             return glm::ivec3(glm::clamp(v, glm::vec3(-1.0f), glm::vec3(cubes)));
         };
@@ -72,62 +72,14 @@ void occupy(const std::vector<Patch>& patches, SnWalls& walls) {
     });
 }
 
-SnLink trace_link(const LitSurfaces& lit, const Visibility& visibility, glm::ivec3 cell, int axis,
-                  int sign) {
-    glm::vec3 towards{0.0f};
-    towards[axis] = float(sign);
-    const Hit hit = visibility.closest({glm::vec3(cell) + 0.5f, towards, 0.0f, 1.0f + reach});
-    if (hit.instance == no_hit)
-        return {};
-    const glm::vec3 normal = glm::dot(hit.normal, towards) > 0.0f ? -hit.normal : hit.normal;
-    return {lit.leaving(hit, towards), 1.0f / std::max(hit.t, reach), normal};
-}
-
 } // namespace
 
-SnWalls find_walls(const LitSurfaces& lit, const Visibility& visibility, const Grid& grid,
-                   bool with_links) {
+SnWalls find_walls(const std::vector<Patch>& patches, glm::ivec3 dims) {
     SnWalls walls;
-    walls.dims = grid.dims;
-    const glm::ivec3 cubes = grid.dims + 1;
+    walls.dims = dims;
+    const glm::ivec3 cubes = dims + 1;
     walls.occupied.assign(size_t(cubes.x) * size_t(cubes.y) * size_t(cubes.z), 0);
-    occupy(lit.patches, walls);
-    if (!with_links)
-        return walls;
-
-    walls.links_of.assign(grid.size(), ~0u);
-    uint32_t count = 0;
-    std::vector<glm::ivec3> cells;
-    for (int z = 0; z < grid.dims.z; ++z)
-        for (int y = 0; y < grid.dims.y; ++y)
-            for (int x = 0; x < grid.dims.x; ++x) {
-                bool any = false;
-                for (int corner = 0; corner < 8 && !any; ++corner)
-                    any = walls.is_occupied(
-                        {x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2)});
-                if (any) {
-                    walls.links_of[grid.index({x, y, z})] = count++;
-                    cells.push_back({x, y, z});
-                }
-            }
-    walls.links.resize(count);
-    tbb::parallel_for(size_t(0), cells.size(), [&](size_t i) {
-        for (int end = 0; end < 6; ++end) {
-            // A link is an edge of four cubes.
-            const int axis = end / 2, u = (axis + 1) % 3, v = (axis + 2) % 3;
-            bool any = false;
-            for (int side = 0; side < 4 && !any; ++side) {
-                glm::ivec3 cube = cells[i];
-                cube[axis] += end % 2;
-                cube[u] += side & 1;
-                cube[v] += side >> 1;
-                any = walls.is_occupied(cube);
-            }
-            if (any)
-                walls.links[i][size_t(end)] =
-                    trace_link(lit, visibility, cells[i], axis, end % 2 ? 1 : -1);
-        }
-    });
+    occupy(patches, walls);
     return walls;
 }
 
