@@ -1,3 +1,4 @@
+#include "image/image.h"
 #include "unit/gltf_document.h"
 
 #include <cmath>
@@ -724,6 +725,53 @@ TEST_F(Gltf, EndsEveryKindOfFaultByItsTable) {
                 EXPECT_NEAR(glm::length(normal), 1.0f, 1e-5f);
         expect_error(text, ExitCode::invalid, "--strict", {.strict = true});
     }
+}
+
+TEST_F(Gltf, HalvesImagesThatDoNotFitAndRefusesOnesTooLargeToDecode) {
+    constexpr int side = 256;
+    Pixels pixels{side, side, 4, {}};
+    for (int y = 0; y < side; ++y)
+        for (int x = 0; x < side; ++x)
+            for (const int value : {x, y, (x * 7 + y) % 256, 255 - x})
+                pixels.samples.push_back(float(value) / 255.0f);
+    const std::vector<unsigned char> file = encode_png(pixels, "image");
+    Document document;
+    for (int i = 0; i < 4; ++i) {
+        document.triangle()["material"] = i;
+        document.append("images", {{"bufferView", document.view(packed(file))}});
+        document.append("textures", {{"source", i}});
+        document.append("materials",
+                        {{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", i}}}}}});
+    }
+    LoadSettings settings;
+    settings.max_memory = 1 << 20;
+    settings.max_memory += document.text().size() * 2;
+    const Scene scene = load(document, settings);
+    expect_warning(scene, "images: 3 of 4 are halved");
+    const Image& half = scene.images.at(0);
+    ASSERT_EQ(half.width, side / 2);
+    for (int y = 0; y < half.height; ++y)
+        for (int x = 0; x < half.width; ++x)
+            for (int channel = 0; channel < 4; ++channel) {
+                double sum = 0;
+                for (const int k : {0, 1, 2, 3}) {
+                    const int at = ((2 * y + k / 2) * side + 2 * x + k % 2) * 4 + channel;
+                    const double value = std::round(pixels.samples[at] * 255.0f) / 255.0;
+                    sum += channel == 3       ? value
+                           : value <= 0.04045 ? value / 12.92
+                                              : std::pow((value + 0.055) / 1.055, 2.4);
+                }
+                sum /= 4;
+                if (channel < 3)
+                    sum = sum <= 0.0031308 ? sum * 12.92 : 1.055 * std::pow(sum, 1 / 2.4) - 0.055;
+                ASSERT_NEAR(half.rgba[(y * half.width + x) * 4 + channel], 255 * sum, 0.501);
+            }
+    // A header that promises 16384 x 16384 texels.
+    const std::string huge = std::string("\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR", 16)
+                             + std::string("\0\0\x40\0\0\0\x40\0\x08\x06\0\0\0", 13);
+    document.root["images"][2] = {{"uri", "data:image/png;base64," + base64(huge)}};
+    settings.max_memory = 1 << 30;
+    expect_error(document, "images[2]: would take", ExitCode::memory, settings);
 }
 
 TEST_F(Gltf, RefusesMaterialsThatMakeNoSense) {

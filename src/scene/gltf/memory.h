@@ -27,6 +27,7 @@ public:
         taken_ += bytes;
     }
 
+    uint64_t limit() const { return limit_; }
     uint64_t left() const { return limit_ - taken_; }
 
 private:

@@ -145,33 +145,66 @@ DecodedImage with_statistics(Image image) {
     return result;
 }
 
+/// Linear values in [0, 1], by stored value.
+const std::array<float, 256>& linear_values() {
+    static const std::array<float, 256> table = [] {
+        std::array<float, 256> values;
+        for (int i = 0; i < 256; ++i)
+            values[i] = static_cast<float>(srgb_to_linear(i / 255.0));
+        return values;
+    }();
+    return table;
+}
+
+/// The nearest stored value of a linear one in [0, 1]: how many of the 255 values half way between
+/// lie at or below it, found from the count at the start of its 1/4096.
+uint8_t stored_value(float linear) {
+    constexpr int parts = 4096;
+    struct Table {
+        std::array<float, 256> half_ways;
+        std::array<uint8_t, parts + 1> counts;
+    };
+    static const Table table = [] {
+        Table t;
+        for (int i = 0; i < 255; ++i)
+            t.half_ways[i] = static_cast<float>(srgb_to_linear((i + 0.5) / 255.0));
+        t.half_ways[255] = 2.0f;
+        for (int i = 0; i <= parts; ++i)
+            t.counts[i] = static_cast<uint8_t>(
+                std::upper_bound(t.half_ways.begin(), t.half_ways.end(), float(i) / parts)
+                - t.half_ways.begin());
+        return t;
+    }();
+    uint8_t value = table.counts[static_cast<int>(linear * parts)];
+    while (table.half_ways[value] <= linear)
+        ++value;
+    return value;
+}
+
 /// Half as wide and half as high: the mean of 2 x 2 texels, colour in linear light.
 Image halved(const Image& image) {
-    static const std::array<float, 256> linear = [] {
-        std::array<float, 256> table;
-        for (int i = 0; i < 256; ++i)
-            table[i] = static_cast<float>(srgb_to_linear(i / 255.0));
-        return table;
-    }();
+    const std::array<float, 256>& linear = linear_values();
     Image half{image.name, std::max(1, image.width / 2), std::max(1, image.height / 2), {}};
     half.rgba.resize(size_t{4} * half.width * half.height);
-    for (int y = 0; y < half.height; ++y)
-        for (int x = 0; x < half.width; ++x)
-            for (int channel = 0; channel < 4; ++channel) {
-                float sum = 0.0f;
-                for (int k = 0; k < 4; ++k) {
-                    const int column = std::min(2 * x + k % 2, image.width - 1);
-                    const int row = std::min(2 * y + k / 2, image.height - 1);
-                    const uint8_t value =
-                        image.rgba[4 * (size_t(row) * image.width + column) + channel];
-                    sum += channel < 3 ? linear[value] : value;
+    uint8_t* out = half.rgba.data();
+    for (int y = 0; y < half.height; ++y) {
+        const int rows[2] = {2 * y, std::min(2 * y + 1, image.height - 1)};
+        for (int x = 0; x < half.width; ++x, out += 4) {
+            const int columns[2] = {2 * x, std::min(2 * x + 1, image.width - 1)};
+            float sums[3] = {};
+            int alpha = 2; // rounds
+            for (const int row : rows)
+                for (const int column : columns) {
+                    const uint8_t* texel = &image.rgba[4 * (size_t(row) * image.width + column)];
+                    for (int channel = 0; channel < 3; ++channel)
+                        sums[channel] += linear[texel[channel]];
+                    alpha += texel[3];
                 }
-                const float mean = sum / 4.0f;
-                const float stored =
-                    channel == 3 ? mean : 255.0f * static_cast<float>(linear_to_srgb(mean));
-                half.rgba[4 * (size_t(y) * half.width + x) + channel] =
-                    static_cast<uint8_t>(stored + 0.5f);
-            }
+            for (int channel = 0; channel < 3; ++channel)
+                out[channel] = stored_value(std::min(sums[channel] / 4.0f, 1.0f));
+            out[3] = static_cast<uint8_t>(alpha / 4);
+        }
+    }
     return half;
 }
 
@@ -186,8 +219,13 @@ DecodedImage load_image(const Document& document, int index, int halvings) {
     return result;
 }
 
-/// How often each image is to be halved, so that all fit into half of what memory is left.
-std::vector<int> plan_halvings(Document& document, const std::vector<int>& images) {
+struct ImagePlan {
+    std::vector<int> halvings;         ///< how often each image is to be halved
+    std::vector<uint64_t> full_texels; ///< of each before that
+};
+
+/// Halves images until all fit into half of what memory is left.
+ImagePlan plan_images(Document& document, const std::vector<int>& images) {
     std::vector<uint64_t> texels;
     uint64_t sum = 0, largest = 0;
     for (const int image : images) {
@@ -195,6 +233,7 @@ std::vector<int> plan_halvings(Document& document, const std::vector<int>& image
         sum += texels.back();
         largest = std::max(largest, texels.back());
     }
+    const std::vector<uint64_t> full_texels = texels;
     std::vector<int> halvings(images.size(), 0);
     const uint64_t limit = document.memory.left() / 2 / 4;
     size_t reduced = 0;
@@ -217,7 +256,31 @@ std::vector<int> plan_halvings(Document& document, const std::vector<int>& image
                               std::to_string(reduced) + " of " + std::to_string(images.size())
                                   + " are halved, or halved again, to fit into memory; allow more "
                                     "with --max-memory or use smaller ones");
-    return halvings;
+    return {halvings, full_texels};
+}
+
+/// Bytes a texel that a decoder takes on its way, at most: progressive JPEG keeps three
+/// coefficients of two bytes, and there is the picture as decoded and as RGBA.
+constexpr uint64_t decoding_bytes = 14;
+
+/// Decodes images, so many at a time that what passes through memory meanwhile stays below the
+/// limit on what stays. Throws Error (memory) where one alone is past it.
+std::vector<DecodedImage> load_images(const Document& document, const std::vector<int>& images,
+                                      const ImagePlan& plan, const std::map<int, bool>& sampled) {
+    std::vector<DecodedImage> decoded(images.size());
+    for (size_t begin = 0, end = 0; begin < images.size(); begin = end) {
+        MemoryLimit passing(document.file, document.memory.limit());
+        do
+            passing.take(plan.full_texels[end], decoding_bytes, at("images", images[end]));
+        while (++end < images.size() && plan.full_texels[end] <= passing.left() / decoding_bytes);
+        for_all(end - begin, [&](size_t i) {
+            DecodedImage& image = decoded[begin + i];
+            image = load_image(document, images[begin + i], plan.halvings[begin + i]);
+            if (!sampled.at(images[begin + i]))
+                image.image = {};
+        });
+    }
+    return decoded;
 }
 
 /// Light that passes, coloured by the base colour, as light that passes uncovered: what is
@@ -270,13 +333,8 @@ std::vector<glm::vec3> load_textures(Document& document, std::vector<SourceMater
     std::vector<int> wanted;
     for (const auto& [image, unused] : sampled)
         wanted.push_back(image);
-    const std::vector<int> halvings = plan_halvings(document, wanted);
-    std::vector<DecodedImage> decoded(wanted.size());
-    for_all(wanted.size(), [&](size_t i) {
-        decoded[i] = load_image(document, wanted[i], halvings[i]);
-        if (!sampled.at(wanted[i]))
-            decoded[i].image = {};
-    });
+    std::vector<DecodedImage> decoded =
+        load_images(document, wanted, plan_images(document, wanted), sampled);
 
     std::map<int, size_t> place_of_image; // in `decoded`
     std::map<int, int> scene_image;
