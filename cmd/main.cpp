@@ -7,6 +7,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include <csignal>
 #include <cstdio>
 #include <exception>
 #include <new>
@@ -30,7 +31,7 @@ std::string exit_code_table() {
 }
 
 int fail(ExitCode code, const std::string& text) {
-    std::fprintf(stderr, "lpvbake: error: %s\n", text.c_str());
+    std::fprintf(stderr, "lpvbake: error: %s\n", on_one_line(text).c_str());
     return int(code);
 }
 
@@ -73,6 +74,7 @@ int run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
     using namespace lpvbake;
+    std::signal(SIGXFSZ, SIG_IGN); // a file past its limit is an error like a full disk
     try {
         return run(argc, argv);
     } catch (const Error& error) {

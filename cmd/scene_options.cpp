@@ -15,6 +15,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include <fcntl.h>
 #include <unistd.h>
 
 namespace lpvbake {
@@ -332,12 +333,17 @@ void probe_outputs(const std::vector<std::string>& outputs) {
             throw Error(ExitCode::file, output + ": its folder does not exist");
         if (fs::is_directory(output, ignored))
             throw Error(ExitCode::file, output + ": is a folder");
-        std::string probe = (folder / ".lpvbake-probe-XXXXXX").string();
-        const int file = mkstemp(probe.data());
+        // Without a name where the file system can, so that nothing is left whatever happens.
+        int file = open(folder.c_str(), O_TMPFILE | O_WRONLY | O_CLOEXEC, 0600);
+        if (file < 0 && (errno == EOPNOTSUPP || errno == EISDIR || errno == EINVAL)) {
+            std::string probe = (folder / ".lpvbake-probe-XXXXXX").string();
+            file = mkstemp(probe.data());
+            if (file >= 0)
+                unlink(probe.c_str());
+        }
         if (file < 0)
             throw Error(ExitCode::file, output + ": cannot be written: " + std::strerror(errno));
         close(file);
-        unlink(probe.c_str());
     }
 }
 

@@ -49,6 +49,13 @@ void finish_stdout() {
         throw Error(ExitCode::file, "standard output: cannot be written");
 }
 
+std::string on_one_line(std::string text) {
+    for (char& c : text)
+        if (static_cast<unsigned char>(c) < ' ' || c == 127)
+            c = '?';
+    return text;
+}
+
 ProgressStyle progress_style(const std::string& name) {
     if (name == "bar")
         return ProgressStyle::bar;
@@ -107,7 +114,7 @@ void TerminalProgress::warn(const std::string& text) {
         return;
     warnings_.push_back(text);
     clear();
-    std::fprintf(stderr, "lpvbake: warning: %s\n", text.c_str());
+    std::fprintf(stderr, "lpvbake: warning: %s\n", on_one_line(text).c_str());
 }
 
 } // namespace lpvbake

@@ -19,6 +19,10 @@ void stop_if_signalled();
 /// Writes out what is buffered for standard output. Throws Error (file) if any of it was lost.
 void finish_stdout();
 
+/// The text with its control characters replaced: names in files may hold line ends, and sequences
+/// that a terminal obeys.
+std::string on_one_line(std::string text);
+
 /// How progress is shown on standard error.
 enum class ProgressStyle { bar, plain, none };
 

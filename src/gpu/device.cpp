@@ -180,7 +180,12 @@ void fail(const char* doing, const vk::SystemError& error) {
              || result == vk::Result::eErrorOutOfHostMemory
              || result == vk::Result::eErrorOutOfPoolMemory)
         code = ExitCode::memory;
-    throw Error(code, std::string(doing) + " failed: " + vk::to_string(result));
+    const char* what = "";
+    if (result == vk::Result::eErrorDeviceLost)
+        what = ": the device was lost; try again, or name another with --device";
+    else if (code == ExitCode::memory)
+        what = ": out of memory; a lower --resolution needs less";
+    throw Error(code, std::string(doing) + " failed" + what + " (" + vk::to_string(result) + ")");
 }
 
 Memory::Memory(vk::raii::DeviceMemory handle, uint64_t bytes, uint64_t* in_use, bool mappable)
