@@ -189,10 +189,9 @@ std::vector<Setting> settings_of(const BakeOptions& o) {
     settings.push_back({"sh-order", std::to_string(o.sh_order), true});
     for (const SolverOption& option : solver_options(o))
         settings.push_back({option.name, option.toml, true, option.given});
+    settings.push_back({"dilate", std::to_string(o.dilate), true});
+    append_output_settings(o.outputs, settings);
     settings.insert(settings.end(), {
-                                        {"dilate", std::to_string(o.dilate), true},
-                                        {"precision", toml_string(o.outputs.precision), false},
-                                        {"exr-packing", toml_string(o.outputs.exr_packing), false},
                                         {"device", toml_string(o.device), false},
                                         {"threads", std::to_string(o.threads), false},
                                         {"validation", toml_flag(o.validation), false},

@@ -17,6 +17,7 @@ void add_reference(CLI::App& root, Action& action);
 void add_info(CLI::App& root, Action& action);
 void add_render(CLI::App& root, Action& action);
 void add_diff(CLI::App& root, Action& action);
+void add_convert(CLI::App& root, Action& action);
 void add_report(CLI::App& root, Action& action);
 void add_devices(CLI::App& root, Action& action);
 

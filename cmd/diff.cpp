@@ -137,10 +137,6 @@ void check_options(const DiffOptions& o) {
         throw Error(ExitCode::usage, "--slice-max needs --slice");
 }
 
-Volume read(const std::string& path) {
-    return has_extension(path, ".json") ? read_exr(path) : read_volume(path);
-}
-
 // ---------------------------------------------------------------- outputs
 
 /// The error of one layer of cells as a volume of that layer alone, whose mean luminance is the
@@ -502,7 +498,7 @@ std::optional<std::string> failure(const DiffResult& result) {
 
 void run(const DiffOptions& o) {
     check_options(o);
-    const Volume a = read(o.a), b = read(o.b);
+    const Volume a = read_volume(o.a), b = read_volume(o.b);
     const std::string both = o.a + " and " + o.b;
     if (const auto why = lattice_difference(a.grid, b.grid))
         throw Error(ExitCode::invalid,

@@ -355,7 +355,7 @@ void run(const InfoOptions& o) {
             std::fprintf(stderr, "lpvbake: warning: %s\n", warning.c_str());
         print_scene(o, scene);
     } else if (extension == ".vdb" || extension == ".exr" || extension == ".json") {
-        const Volume volume = extension == ".json" ? read_exr(o.file) : read_volume(o.file);
+        const Volume volume = read_volume(o.file);
         if (!o.slice.empty())
             draw_slice(o, volume);
         print_volume(o, volume);

@@ -47,6 +47,7 @@ int run(int argc, char** argv) {
     add_info(root, action);
     add_render(root, action);
     add_diff(root, action);
+    add_convert(root, action);
     add_report(root, action);
     add_devices(root, action);
     try {

@@ -83,8 +83,7 @@ std::vector<Setting> settings_of(const ReferenceOptions& o) {
         settings.push_back({"noise", toml_number(o.noise), true});
     settings.push_back({"probes", std::to_string(o.probes), true});
     settings.push_back({"seed", std::to_string(o.seed), true});
-    settings.push_back({"precision", toml_string(o.outputs.precision), false});
-    settings.push_back({"exr-packing", toml_string(o.outputs.exr_packing), false});
+    append_output_settings(o.outputs, settings);
     settings.push_back({"threads", std::to_string(o.threads), false});
     settings.push_back({"format", toml_string(o.format), false});
     settings.push_back({"progress", toml_string(o.progress), false});

@@ -159,6 +159,13 @@ CLI::Option* add_grid_options(OptionList& list, SceneOptions& o) {
 void add_output_options(OptionList& list, OutputOptions& o) {
     list.group("Output");
     list.choice("--precision", o.precision, "float|half", "Type of the stored numbers");
+    list.choice("--sh-convention", o.sh_convention, "radiance|irradiance|lpv|godot|unity|unreal",
+                "Signs and factors of the stored coefficients: see lpvbake convert\n--help");
+    list.choice("--axes", o.axes, "gltf|unity|unreal|blender",
+                "Axes of cells, directions and positions");
+    list.number("--exr-columns", o.exr_columns, 0, 16384,
+                "Slices in a row of an EXR's picture; 0: nearly square")
+        ->capture_default_str();
     list.choice("--exr-packing", o.exr_packing, "band|channel",
                 "One RGB file per coefficient, or one RGBA file per colour channel");
 }
@@ -364,11 +371,21 @@ void fill_metadata(const SceneOptions& o, const Scene& scene, const std::vector<
     volume.metadata.try_emplace("settings", text);
 }
 
+void append_output_settings(const OutputOptions& o, std::vector<Setting>& settings) {
+    settings.insert(settings.end(), {{"precision", toml_string(o.precision), false},
+                                     {"sh-convention", toml_string(o.sh_convention), false},
+                                     {"axes", toml_string(o.axes), false},
+                                     {"exr-packing", toml_string(o.exr_packing), false},
+                                     {"exr-columns", std::to_string(o.exr_columns), false}});
+}
+
 Written write_output(const OutputOptions& o, const std::string& path, const Volume& volume,
                      TerminalProgress& progress) {
     const Precision precision = o.precision == "half" ? Precision::half : Precision::full;
     const Packing packing = o.exr_packing == "channel" ? Packing::channel : Packing::band;
-    const WriteReport report = write_volume(path, volume, precision, packing);
+    const Encoding encoding{*convention_named(o.sh_convention), *axes_named(o.axes)};
+    const WriteReport report =
+        write_volume(path, volume, precision, packing, encoding, o.exr_columns);
     for (const std::string& warning : report.warnings)
         progress.warn(warning);
     return {path, report.files};

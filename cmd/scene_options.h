@@ -87,8 +87,13 @@ struct OutputOptions {
     std::vector<std::string> paths;
     std::string precision = "float";
     std::string exr_packing = "band";
+    int exr_columns = 0; ///< 0: nearly square
+    std::string sh_convention = "radiance";
+    std::string axes = "gltf";
 };
 void add_output_options(OptionList& list, OutputOptions& o);
+/// The same as settings, but for the paths.
+void append_output_settings(const OutputOptions& o, std::vector<Setting>& settings);
 
 /// How a command that computes runs and reports.
 struct RunOptions {

@@ -9,6 +9,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <deque>
 #include <filesystem>
 #include <map>
@@ -56,11 +57,14 @@ struct Layout {
     }
 };
 
-/// The layout with the shortest longer side, and among those the smallest area.
-Layout choose_layout(glm::ivec3 dims, const std::string& path) {
+/// The layout with the shortest longer side, and among those the smallest area; or the one with
+/// `wanted` columns, if that is not 0.
+Layout choose_layout(glm::ivec3 dims, int wanted, const std::string& path) {
     Layout best;
     auto best_cost = std::pair<int64_t, int64_t>(max_side + 1, 0);
     for (int64_t columns = 1; columns <= dims.z && columns * dims.x <= max_side; ++columns) {
+        if (wanted > 0 && columns != std::min(wanted, dims.z))
+            continue;
         const int64_t rows = (dims.z + columns - 1) / columns;
         const int64_t width = columns * dims.x, height = rows * dims.y;
         const auto cost = std::pair(std::max(width, height), width * height);
@@ -71,8 +75,11 @@ Layout choose_layout(glm::ivec3 dims, const std::string& path) {
     }
     if (best.columns == 0)
         throw Error(ExitCode::unsupported,
-                    path + ": a grid of " + std::to_string(dims.x) + " x " + std::to_string(dims.y)
-                        + " x " + std::to_string(dims.z)
+                    path + ": "
+                        + (wanted > 0 ? std::to_string(wanted) + " columns of a grid of "
+                                      : std::string("a grid of "))
+                        + std::to_string(dims.x) + " x " + std::to_string(dims.y) + " x "
+                        + std::to_string(dims.z)
                         + " cells does not fit a picture of 16384 texels a side; write .vdb");
     return best;
 }
@@ -96,18 +103,30 @@ Component colour(const Volume& volume, size_t k, int c) {
             3};
 }
 
-std::vector<Texture> textures_of(const Volume& volume, Packing packing) {
+std::vector<Texture> textures_of(const Volume& volume, Packing packing, ShConvention convention) {
     std::vector<Texture> textures;
-    if (packing == Packing::band)
+    const auto add_band = [&](size_t k) {
+        textures.push_back({std::string("sh_") + coefficient_name(int(k)),
+                            {colour(volume, k, 0), colour(volume, k, 1), colour(volume, k, 2)}});
+    };
+    const auto add_channels = [&](const char* suffix, std::array<size_t, 4> order) {
+        for (int c = 0; c < 3; ++c) {
+            textures.push_back({"rgb"[c] + std::string(suffix), {}});
+            for (const size_t k : order)
+                textures.back().channels.push_back(colour(volume, k, c));
+        }
+    };
+    if (packing == Packing::band) {
         for (size_t k = 0; k < volume.sh.size(); ++k)
-            textures.push_back(
-                {std::string("sh_") + coefficient_name(int(k)),
-                 {colour(volume, k, 0), colour(volume, k, 1), colour(volume, k, 2)}});
-    else
-        for (int c = 0; c < 3; ++c)
-            textures.push_back({std::string(1, "rgb"[c]),
-                                {colour(volume, 0, c), colour(volume, 1, c), colour(volume, 2, c),
-                                 colour(volume, 3, c)}});
+            add_band(k);
+    } else {
+        add_channels("", convention == ShConvention::unity ? std::array<size_t, 4>{3, 1, 2, 0}
+                                                           : std::array<size_t, 4>{0, 1, 2, 3});
+        if (volume.sh_order == 2) {
+            add_channels("2", {4, 5, 6, 7});
+            add_band(8);
+        }
+    }
     if (!volume.occlusion.empty()) {
         Texture texture{"occlusion", {}};
         for (size_t k = 0; k < 4; ++k)
@@ -199,8 +218,8 @@ void read_texture(const std::string& path, const std::vector<std::string>& chann
 Volume read_sidecar(const std::string& path, const Json& json) {
     expect(json, "format", format_name);
     integer(json.at("version"), format_version, format_version);
-    for (const auto& [key, value] : field_facts())
-        expect(json, key.c_str(), value);
+    const Encoding encoding =
+        encoding_of([&](const char* key) { return json.at(key).get<std::string>(); }, path);
     Volume volume;
     const Json& grid = json.at("grid");
     for (int a = 0; a < 3; ++a) {
@@ -251,18 +270,22 @@ Volume read_sidecar(const std::string& path, const Json& json) {
         reject(path, "lists no file with \"" + wanted.begin()->first + "\"");
     for (const auto& [key, value] : json.at("metadata").items())
         volume.metadata[key] = value.get<std::string>();
-    return volume;
+    return encoding == Encoding{} ? volume : decoded(std::move(volume), encoding, path);
 }
 
 } // namespace
 
-WriteReport write_exr(const std::string& path, const Volume& volume, Precision precision,
-                      Packing packing) {
-    check_volume(volume, path, ExitCode::failure);
-    if (packing == Packing::channel && volume.sh_order != 1)
+WriteReport write_exr(const std::string& path, const Volume& canonical, Precision precision,
+                      Packing packing, const Encoding& encoding, int columns) {
+    check_volume(canonical, path, ExitCode::failure);
+    if (packing == Packing::channel && canonical.sh_order != 1 && canonical.sh_order != 2)
         throw Error(ExitCode::unsupported,
-                    path + ": packing by colour channel holds SH order 1, not "
-                        + std::to_string(volume.sh_order) + "; pack by band");
+                    path + ": packing by colour channel holds SH order 1 or 2, not "
+                        + std::to_string(canonical.sh_order) + "; pack by band");
+    std::optional<Volume> encoded_one;
+    const Volume& volume = encoding == Encoding{}
+                               ? canonical
+                               : encoded_one.emplace(encoded(canonical, encoding, path));
     WriteReport report;
     if (precision == Precision::half)
         if (const auto why = half_misfit(volume)) {
@@ -270,10 +293,10 @@ WriteReport write_exr(const std::string& path, const Volume& volume, Precision p
             report.warnings.push_back(path + ": " + *why);
         }
     const glm::ivec3 dims = volume.grid.dims;
-    const Layout layout = choose_layout(dims, path);
+    const Layout layout = choose_layout(dims, columns, path);
     const char* precision_name = precision == Precision::half ? "half" : "float";
     const std::string stem = stem_of(path);
-    const std::vector<Texture> textures = textures_of(volume, packing);
+    const std::vector<Texture> textures = textures_of(volume, packing, encoding.convention);
 
     Json json = {
         {"format", format_name},
@@ -297,7 +320,7 @@ WriteReport write_exr(const std::string& path, const Volume& volume, Precision p
     std::map<std::string, std::string> common;
     for (const auto& [key, value] : metadata.items())
         common["lpv:" + key] = value.get<std::string>();
-    for (const auto& [key, value] : field_facts())
+    for (const auto& [key, value] : field_facts(encoding))
         json[key] = common["lpv:" + key] = value;
     common["lpv:grid_dims"] = json["grid"]["dims"].dump();
     common["lpv:grid_origin"] = json["grid"]["origin"].dump();
@@ -311,7 +334,7 @@ WriteReport write_exr(const std::string& path, const Volume& volume, Precision p
     std::vector<std::map<std::string, std::string>> headers;
     for (const Texture& texture : textures) {
         const std::string file = stem + "_" + texture.suffix + ".exr";
-        const auto [quantity, units] = grid_quantity(texture.channels[0].name);
+        const auto [quantity, units] = grid_quantity(texture.channels[0].name, encoding.convention);
         Json channels = Json::array();
         for (const Component& channel : texture.channels)
             channels.push_back(channel.name);

@@ -9,6 +9,13 @@
 namespace lpvbake {
 namespace {
 
+std::string lower_extension(const std::string& path) {
+    std::string extension = std::filesystem::path(path).extension().string();
+    std::transform(extension.begin(), extension.end(), extension.begin(),
+                   [](unsigned char c) { return char(std::tolower(c)); });
+    return extension;
+}
+
 VolumeFormat required_format(const std::string& path) {
     if (const auto format = volume_format(path))
         return *format;
@@ -18,9 +25,7 @@ VolumeFormat required_format(const std::string& path) {
 } // namespace
 
 std::optional<VolumeFormat> volume_format(const std::string& path) {
-    std::string extension = std::filesystem::path(path).extension().string();
-    std::transform(extension.begin(), extension.end(), extension.begin(),
-                   [](unsigned char c) { return char(std::tolower(c)); });
+    const std::string extension = lower_extension(path);
     if (extension == ".vdb")
         return VolumeFormat::vdb;
     if (extension == ".exr")
@@ -29,12 +34,15 @@ std::optional<VolumeFormat> volume_format(const std::string& path) {
 }
 
 WriteReport write_volume(const std::string& path, const Volume& volume, Precision precision,
-                         Packing packing) {
-    return required_format(path) == VolumeFormat::vdb ? write_vdb(path, volume, precision)
-                                                      : write_exr(path, volume, precision, packing);
+                         Packing packing, const Encoding& encoding, int columns) {
+    return required_format(path) == VolumeFormat::vdb
+               ? write_vdb(path, volume, precision, encoding)
+               : write_exr(path, volume, precision, packing, encoding, columns);
 }
 
 Volume read_volume(const std::string& path) {
+    if (lower_extension(path) == ".json") // of a flipbook
+        return read_exr(path);
     return required_format(path) == VolumeFormat::vdb ? read_vdb(path) : read_exr(path);
 }
 

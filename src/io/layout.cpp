@@ -38,19 +38,62 @@ const char* coefficient_name(int k) {
     return coefficient_names[k];
 }
 
-const std::vector<std::pair<std::string, std::string>>& field_facts() {
-    static const std::vector<std::pair<std::string, std::string>> facts = {
-        {"convention", "radiance"},
-        {"direction", "incident"},
-        {"axes", "gltf"},
+std::vector<std::pair<std::string, std::string>> field_facts(const Encoding& encoding) {
+    const bool travel = encoding.convention == ShConvention::lpv;
+    return {
+        {"convention", name_of(encoding.convention)},
+        {"direction", travel ? "travel" : "incident"},
+        {"axes", name_of(encoding.axes)},
         {"probe_position", "center"},
     };
-    return facts;
 }
 
-std::pair<std::string, std::string> grid_quantity(const std::string& grid_name) {
+Encoding encoding_of(const std::function<std::string(const char*)>& fact, const std::string& path) {
+    const auto unknown = [&](const char* key, const std::string& value) {
+        return Error(ExitCode::invalid,
+                     path + ": " + key + " is '" + value + "', which this version does not know");
+    };
+    const std::string convention = fact("convention"), axes = fact("axes");
+    const auto known_convention = convention_named(convention);
+    if (!known_convention)
+        throw unknown("convention", convention);
+    const auto known_axes = axes_named(axes);
+    if (!known_axes)
+        throw unknown("axes", axes);
+    const Encoding encoding{*known_convention, *known_axes};
+    for (const auto& [key, value] : field_facts(encoding))
+        if (const std::string found = fact(key.c_str()); found != value)
+            throw Error(ExitCode::invalid,
+                        path + ": " + key + " is '" + found + "', expected '" + value + "'");
+    return encoding;
+}
+
+Volume encoded(const Volume& volume, const Encoding& encoding, const std::string& path) {
+    if (volume.sh_order > highest_order(encoding.convention))
+        throw Error(ExitCode::unsupported, path + ": the convention " + name_of(encoding.convention)
+                                               + " has a form for order "
+                                               + std::to_string(highest_order(encoding.convention))
+                                               + " at most; the volume has order "
+                                               + std::to_string(volume.sh_order)
+                                               + ": set --sh-order");
+    Volume stored = turned(volume, from_gltf(encoding.axes));
+    encode(encoding.convention, stored.sh_order, stored.sh);
+    return stored;
+}
+
+Volume decoded(Volume stored, const Encoding& encoding, const std::string& path) {
+    if (stored.sh_order > highest_order(encoding.convention))
+        throw Error(ExitCode::invalid, path + ": order " + std::to_string(stored.sh_order)
+                                           + " cannot be of the convention "
+                                           + name_of(encoding.convention));
+    decode(encoding.convention, stored.sh_order, stored.sh);
+    return turned(stored, glm::transpose(from_gltf(encoding.axes)));
+}
+
+std::pair<std::string, std::string> grid_quantity(const std::string& grid_name,
+                                                  ShConvention convention) {
     if (grid_name.starts_with("sh_"))
-        return {"luminance", "cd/m^2"};
+        return {quantity_of(convention).name, quantity_of(convention).units};
     if (grid_name == "density")
         return {"mean luminance over all directions", "cd/m^2"};
     if (grid_name.starts_with("occlusion"))

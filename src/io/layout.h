@@ -2,8 +2,9 @@
 #pragma once
 
 #include "error.h"
-#include "volume/volume.h"
+#include "volume/convention.h"
 
+#include <functional>
 #include <optional>
 #include <string>
 #include <utility>
@@ -17,12 +18,24 @@ namespace lpvbake {
 /// l3_p3, l4_n4, ..., l4_p4. Grids are called `sh_` or `occlusion_` and this.
 const char* coefficient_name(int k);
 
-/// What is true of every volume, as text, keys without the `lpv:` prefix: convention, direction,
-/// axes, probe_position.
-const std::vector<std::pair<std::string, std::string>>& field_facts();
+/// What is true of the field as a file stores it, as text, keys without the `lpv:` prefix:
+/// convention, direction, axes, probe_position.
+std::vector<std::pair<std::string, std::string>> field_facts(const Encoding& encoding);
+
+/// The encoding that a file's facts tell; `fact` returns the text of a key. Throws Error (invalid),
+/// naming `path`, for facts that no encoding has.
+Encoding encoding_of(const std::function<std::string(const char*)>& fact, const std::string& path);
+
+/// What a file stores of a canonical volume. Throws Error (unsupported, naming `path`) for an order
+/// that the convention has no form for.
+Volume encoded(const Volume& volume, const Encoding& encoding, const std::string& path);
+
+/// The inverse. Throws Error (invalid).
+Volume decoded(Volume stored, const Encoding& encoding, const std::string& path);
 
 /// What a grid holds and in which unit: {quantity, units}.
-std::pair<std::string, std::string> grid_quantity(const std::string& grid_name);
+std::pair<std::string, std::string> grid_quantity(const std::string& grid_name,
+                                                  ShConvention convention);
 
 /// Throws Error with `code`, naming `path`, the grid and the cell, unless all grids fit the
 /// lattice, the number of coefficients fits the order (0 to 4) and every value is finite.

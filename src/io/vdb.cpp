@@ -133,9 +133,9 @@ void insert_text(MetaMap& metadata, const std::string& key, const std::string& v
 }
 
 /// What a reader must know to make sense of any of the grids.
-void insert_lattice(MetaMap& metadata, const Volume& volume) {
+void insert_lattice(MetaMap& metadata, const Volume& volume, const Encoding& encoding) {
     const Grid& grid = volume.grid;
-    for (const auto& [key, value] : field_facts())
+    for (const auto& [key, value] : field_facts(encoding))
         insert_text(metadata, key, value);
     metadata.insertMeta("lpv:grid_dims",
                         openvdb::Vec3IMetadata({grid.dims.x, grid.dims.y, grid.dims.z}));
@@ -181,7 +181,9 @@ struct Recipe {
     std::function<openvdb::GridBase::Ptr()> make;
 };
 
-std::vector<Recipe> recipes(const Volume& volume, const std::vector<uint8_t>& active) {
+/// `volume` as it is stored; `turned` in the same axes, but with canonical coefficients.
+std::vector<Recipe> recipes(const Volume& volume, const Volume& turned,
+                            const std::vector<uint8_t>& active) {
     const Grid& lattice = volume.grid;
     const auto scalar = [&](const std::vector<float>& cells) {
         return [&] {
@@ -204,7 +206,7 @@ std::vector<Recipe> recipes(const Volume& volume, const std::vector<uint8_t>& ac
     all.push_back({"density", [&] {
                        return make_grid<FloatGrid>(lattice, active, [&](size_t i) {
                            return sh_y0
-                                  * float(glm::dot(glm::dvec3(volume.sh[0][i]), rec709_luminance));
+                                  * float(glm::dot(glm::dvec3(turned.sh[0][i]), rec709_luminance));
                        });
                    }});
     return all;
@@ -268,10 +270,11 @@ Volume volume_of(const VdbContent& content, const std::string& path) {
                          + std::to_string(sh_max_order));
     const int coefficients = sh_count(volume.sh_order);
     check_dims(volume.grid.dims, 3 * coefficients + 5, path);
-    for (const auto& [key, value] : field_facts())
-        if (const auto found = required<std::string>(*metadata, ("lpv:" + key).c_str(), path);
-            found != value)
-            reject(path, "lpv:" + key + " is '" + found + "', expected '" + value + "'");
+    const Encoding encoding = encoding_of(
+        [&](const char* key) {
+            return required<std::string>(*metadata, (std::string("lpv:") + key).c_str(), path);
+        },
+        path);
 
     const auto grid = [&](const std::string& name) {
         const openvdb::GridBase::Ptr found = content.grid(name);
@@ -296,17 +299,25 @@ Volume volume_of(const VdbContent& content, const std::string& path) {
         copy_cells<FloatGrid>(validity, volume.grid, path, volume.validity, same);
 
     MetaMap ours;
-    insert_lattice(ours, volume);
+    insert_lattice(ours, volume, encoding);
     insert_text(ours, "precision", "");
     for (auto entry = metadata->beginMeta(); entry != metadata->endMeta(); ++entry)
         if (entry->first.starts_with("lpv:") && !ours[entry->first])
             volume.metadata[entry->first.substr(4)] = entry->second->str();
-    return volume;
+    return encoding == Encoding{} ? volume : decoded(std::move(volume), encoding, path);
 }
 
-WriteReport write_vdb(const std::string& path, const Volume& volume, Precision precision) {
+WriteReport write_vdb(const std::string& path, const Volume& canonical, Precision precision,
+                      const Encoding& encoding) {
     initialise();
-    check_volume(volume, path, ExitCode::failure);
+    check_volume(canonical, path, ExitCode::failure);
+    std::optional<Volume> turned_one, encoded_one;
+    const Volume& in_axes = encoding.axes == Axes::gltf
+                                ? canonical
+                                : turned_one.emplace(turned(canonical, from_gltf(encoding.axes)));
+    const Volume& volume = encoding == Encoding{}
+                               ? canonical
+                               : encoded_one.emplace(encoded(canonical, encoding, path));
     WriteReport report;
     if (precision == Precision::half)
         if (const auto why = half_misfit(volume)) {
@@ -315,7 +326,7 @@ WriteReport write_vdb(const std::string& path, const Volume& volume, Precision p
         }
 
     const std::vector<uint8_t> active = active_cells(volume);
-    const std::vector<Recipe> wanted = recipes(volume, active);
+    const std::vector<Recipe> wanted = recipes(volume, in_axes, active);
     openvdb::GridCPtrVec grids(wanted.size());
     const auto transform = transform_of(volume.grid);
     tbb::parallel_for(size_t(0), wanted.size(), [&](size_t g) {
@@ -326,9 +337,9 @@ WriteReport write_vdb(const std::string& path, const Volume& volume, Precision p
         grid->setSaveFloatAsHalf(precision == Precision::half);
         grid->setVectorType(openvdb::VEC_INVARIANT); // colours do not turn with the transform
         grid->setGridClass(name == "density" ? openvdb::GRID_FOG_VOLUME : openvdb::GRID_UNKNOWN);
-        insert_lattice(*grid, volume);
-        insert_text(*grid, "quantity", grid_quantity(name).first);
-        insert_text(*grid, "units", grid_quantity(name).second);
+        insert_lattice(*grid, volume, encoding);
+        insert_text(*grid, "quantity", grid_quantity(name, encoding.convention).first);
+        insert_text(*grid, "units", grid_quantity(name, encoding.convention).second);
         grids[g] = grid;
     });
     MetaMap metadata;
@@ -336,7 +347,7 @@ WriteReport write_vdb(const std::string& path, const Volume& volume, Precision p
     for (const auto& [key, value] : volume.metadata)
         insert_text(metadata, key, value);
     insert_text(metadata, "precision", precision == Precision::half ? "half" : "float");
-    insert_lattice(metadata, volume);
+    insert_lattice(metadata, volume, encoding);
 
     AtomicFile file(path);
     file.write([&](std::ostream& out) { SeekableArchive().write(out, grids, metadata); });

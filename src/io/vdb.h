@@ -1,7 +1,7 @@
 // OpenVDB files. The only header that the rest sees; OpenVDB itself stays in vdb.cpp.
 #pragma once
 
-#include "volume/volume.h"
+#include "volume/convention.h"
 
 #include <cstdint>
 #include <string>
@@ -29,10 +29,10 @@ struct WriteReport {
     }
 };
 
-/// Writes sh_l0, sh_l1_y, ... (Vec3S, canonical coefficients, cd/m^2; all names: coefficient_name
-/// in layout.h), occlusion_l0, ..., validity and density (float; luminance of the mean over all
-/// directions, cd/m^2, for viewers), all with one transform (index i at the centre of cell i,
-/// metres).
+/// Writes sh_l0, sh_l1_y, ... (Vec3S, coefficients as `encoding` has them, by default canonical,
+/// cd/m^2; all names: coefficient_name in layout.h), occlusion_l0, ..., validity and density
+/// (float; luminance of the mean over all directions, cd/m^2, for viewers), all with one transform
+/// (index i at the centre of cell i, metres).
 ///
 /// Metadata, of the file and of each grid: lpv:convention, lpv:direction, lpv:axes,
 /// lpv:probe_position (text), lpv:grid_dims (vec3i), lpv:grid_origin (vec3d, metres), lpv:cell_size
@@ -42,10 +42,12 @@ struct WriteReport {
 /// Cells that are valid or have any value that is not zero are active in every grid, the others
 /// inactive everywhere. The bytes depend on the content alone: OpenVDB's random UUID is replaced by
 /// a hash of everything else in the file. Atomic. Throws Error: failure (a value is not finite),
-/// file.
-WriteReport write_vdb(const std::string& path, const Volume& volume, Precision precision);
+/// unsupported (the encoding has no form for the order), file.
+WriteReport write_vdb(const std::string& path, const Volume& volume, Precision precision,
+                      const Encoding& encoding = {});
 
-/// Reads a file that write_vdb made (in full or half); a file that was changed since, by accident
+/// Reads a file that write_vdb made (in full or half, whatever its encoding: the result is
+/// canonical); a file that was changed since, by accident
 /// or by another program, is told by its hash. Throws Error (file, invalid, memory) that names the
 /// file and the grid.
 Volume read_vdb(const std::string& path);

@@ -1,0 +1,113 @@
+// lpvbake convert: a volume in another file format, convention or order.
+
+#include "commands.h"
+#include "error.h"
+#include "io/io.h"
+#include "result.h"
+#include "scene_options.h"
+#include "terminal.h"
+#include "volume/sh.h"
+
+#include <CLI/CLI.hpp>
+
+#include <filesystem>
+#include <memory>
+
+namespace lpvbake {
+namespace {
+
+const char summary[] = "Writes a volume in another format, convention or order.";
+
+const char manual[] =
+    R"(Reads .vdb, .exr or the .json of a flipbook, as bake, reference and convert write them, in any
+convention, and writes .vdb and .exr. What is not asked for becomes the default: canonical
+coefficients of luminance in glTF's axes, in float.
+
+Conventions, of canonical coefficients c (basis 1, y, z, x, xy, yz, 3z^2-1, xz, x^2-y^2; nits):
+  radiance    c
+  irradiance  A c: pi, 2 pi / 3, pi / 4 by band; summed over the basis it is irradiance
+  lpv         order 1, signs of light's travel: (pi c0, 2 pi / 3 (cy, -cz, cx)), for shaders that
+              evaluate max(0, v.(0.282095, -0.488603 y, 0.488603 z, -0.488603 x)(-n)) / pi
+  godot       c / pi
+  unity       factors of ShadeSH9 (UnityCG.cginc): its sum is irradiance / pi; packed by channel
+              the first files are SHAr, SHAg, SHAb (RGBA = x, y, z, 1), the second SHBr, ...
+  unreal      c with the signs - + - in band 1 and + - + - + in band 2
+Axes, of positions and directions alike (metres all the same):
+  gltf (x, y, z)   unity (-x, y, z)   unreal (x, z, y)   blender (x, -z, y)
+
+Examples:
+  lpvbake convert room.vdb room.exr
+  lpvbake convert room.vdb room_unity.exr --sh-convention unity --axes unity --exr-packing channel
+  lpvbake convert room.json room.vdb --sh-order 1 --precision half
+
+JSON: {"command": "convert", "file", "grid": {"dims", "cell", "origin", "cells"}, "sh_order",
+"outputs": [{"path", "bytes", "files": [{"path", "bytes"}]}], "warnings"}.)";
+
+struct ConvertOptions {
+    std::string file;
+    OutputOptions outputs;
+    int sh_order = -1; ///< -1: the volume's
+    std::string format = "text";
+};
+
+/// The volume without the bands above `order`. Throws Error (usage) if it has not got so many.
+void limit_order(Volume& volume, int order, const std::string& path) {
+    if (order > volume.sh_order)
+        throw Error(ExitCode::usage, "--sh-order: " + path + " has order "
+                                         + std::to_string(volume.sh_order) + ", not "
+                                         + std::to_string(order));
+    volume.sh_order = order;
+    volume.sh.resize(std::size_t(sh_count(order)));
+}
+
+void run(const ConvertOptions& o) {
+    namespace fs = std::filesystem;
+    for (const std::string& path : o.outputs.paths) {
+        if (!volume_format(path))
+            throw Error(ExitCode::usage, path + ": unknown kind of volume file; use .vdb or .exr");
+        std::error_code none;
+        if (fs::weakly_canonical(path, none) == fs::weakly_canonical(o.file, none))
+            throw Error(ExitCode::usage, path + ": is what is read; give another name");
+    }
+    Volume volume = read_volume(o.file);
+    if (o.sh_order >= 0)
+        limit_order(volume, o.sh_order, o.file);
+    TerminalProgress progress(ProgressStyle::none);
+    std::vector<Written> written;
+    for (const std::string& path : o.outputs.paths)
+        written.push_back(write_output(o.outputs, path, volume, progress));
+    if (o.format == "json") {
+        Json document{{"command", "convert"},           {"file", o.file},
+                      {"grid", grid_json(volume.grid)}, {"sh_order", volume.sh_order},
+                      {"outputs", Json::array()},       {"warnings", progress.warnings()}};
+        for (const Written& each : written)
+            document["outputs"].push_back(each.json());
+        print_json(document);
+        return;
+    }
+    print_grid(volume.grid);
+    for (const Written& each : written)
+        each.print();
+}
+
+} // namespace
+
+void add_convert(CLI::App& root, Action& action) {
+    auto options = std::make_shared<ConvertOptions>();
+    CLI::App* app = root.add_subcommand("convert", summary);
+    app->footer(manual);
+    app->add_option("file", options->file, "Volume: .vdb, .exr or .json")
+        ->type_name("IN")
+        ->required();
+    app->add_option("output", options->outputs.paths, "Volumes to write: .vdb or .exr")
+        ->type_name("OUT")
+        ->required();
+    OptionList list(*app);
+    list.number("--sh-order", options->sh_order, 0, 4,
+                "Highest band to keep; default: the volume's");
+    add_output_options(list, options->outputs);
+    list.choice("--format", options->format, "text|json", "Form of the result");
+    app->callback([&action, options] { action = [options] { run(*options); }; });
+}
+
+} // namespace lpvbake

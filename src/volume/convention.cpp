@@ -1,0 +1,224 @@
+#include "volume/convention.h"
+
+#include "volume/sh.h"
+
+#include <tbb/parallel_for.h>
+
+#include <array>
+#include <cassert>
+#include <cmath>
+#include <numbers>
+
+namespace lpvbake {
+namespace {
+
+constexpr double pi = std::numbers::pi;
+
+template <class Value>
+struct Named {
+    Value value;
+    const char* name;
+};
+constexpr Named<ShConvention> conventions[] = {
+    {ShConvention::radiance, "radiance"}, {ShConvention::irradiance, "irradiance"},
+    {ShConvention::lpv, "lpv"},           {ShConvention::godot, "godot"},
+    {ShConvention::unity, "unity"},       {ShConvention::unreal, "unreal"}};
+constexpr Named<Axes> all_axes[] = {{Axes::gltf, "gltf"},
+                                    {Axes::unity, "unity"},
+                                    {Axes::unreal, "unreal"},
+                                    {Axes::blender, "blender"}};
+
+template <class Table, class Value>
+const char* find_name(const Table& table, Value value) {
+    for (const auto& row : table)
+        if (row.value == value)
+            return row.name;
+    return "";
+}
+
+template <class Value, size_t n>
+std::optional<Value> find_value(const Named<Value> (&table)[n], std::string_view name) {
+    for (const auto& row : table)
+        if (name == row.name)
+            return row.value;
+    return std::nullopt;
+}
+
+int band_of(int k) {
+    return int(std::sqrt(double(k)));
+}
+
+/// What coefficient k is stored times.
+double factor(ShConvention convention, int k) {
+    const int band = band_of(k);
+    const double cosine = sh_cosine_factor(band);
+    switch (convention) {
+    case ShConvention::radiance:
+        return 1.0;
+    case ShConvention::irradiance:
+        return cosine;
+    case ShConvention::lpv:
+        return k == 2 ? -cosine : cosine;
+    case ShConvention::godot:
+        return 1.0 / pi;
+    case ShConvention::unity: {
+        // Those of the basis come with it; the z^2 of 3 z^2 - 1 has three times its own.
+        constexpr double basis[] = {sh_y0,  sh_y1,      sh_y1,  sh_y1, sh_y2a,
+                                    sh_y2a, 3 * sh_y2b, sh_y2a, sh_y2c};
+        return cosine / pi * basis[k];
+    }
+    case ShConvention::unreal:
+        // Odd m: those of band 1 but z, and of band 2 yz and xz.
+        return k == 1 || k == 3 || k == 5 || k == 7 ? -1.0 : 1.0;
+    }
+    return 1.0;
+}
+
+/// Calls change(k, cell's value) in place for all.
+void scale(std::vector<std::vector<glm::vec3>>& sh, ShConvention convention, bool back) {
+    tbb::parallel_for(size_t(0), sh.size(), [&](size_t k) {
+        const double f = factor(convention, int(k));
+        assert(f != 0.0 || convention == ShConvention::irradiance);
+        if (f == 1.0)
+            return;
+        for (glm::vec3& c : sh[k])
+            c = glm::vec3(back ? glm::dvec3(c) / f : glm::dvec3(c) * f);
+    });
+}
+
+/// ShadeSH9 has no constant beside its z^2, and takes what is missing from band 0: a third of what
+/// is stored for z^2.
+void move_constant(std::vector<std::vector<glm::vec3>>& sh, double sign) {
+    for (size_t cell = 0; cell < sh[0].size(); ++cell)
+        sh[0][cell] += glm::vec3(sign / 3.0 * glm::dvec3(sh[6][cell]));
+}
+
+} // namespace
+
+const char* name_of(ShConvention convention) {
+    return find_name(conventions, convention);
+}
+const char* name_of(Axes axes) {
+    return find_name(all_axes, axes);
+}
+std::optional<ShConvention> convention_named(std::string_view name) {
+    return find_value(conventions, name);
+}
+std::optional<Axes> axes_named(std::string_view name) {
+    return find_value(all_axes, name);
+}
+
+Quantity quantity_of(ShConvention convention) {
+    switch (convention) {
+    case ShConvention::radiance:
+    case ShConvention::unreal:
+        return {"luminance", "cd/m^2"};
+    case ShConvention::irradiance:
+    case ShConvention::lpv:
+        return {"irradiance", "lx"};
+    case ShConvention::godot:
+        return {"luminance / pi", "cd/m^2"};
+    case ShConvention::unity:
+        return {"irradiance / pi", "lx"};
+    }
+    return {"", ""};
+}
+
+int highest_order(ShConvention convention) {
+    switch (convention) {
+    case ShConvention::radiance:
+        return sh_max_order;
+    case ShConvention::lpv:
+        return 1;
+    case ShConvention::irradiance: // band 3 would be lost
+    case ShConvention::godot:
+    case ShConvention::unity:
+    case ShConvention::unreal:
+        return 2;
+    }
+    return 0;
+}
+
+void encode(ShConvention convention, int order, std::vector<std::vector<glm::vec3>>& sh) {
+    assert(order <= highest_order(convention));
+    scale(sh, convention, false);
+    if (convention == ShConvention::unity && order == 2)
+        move_constant(sh, -1.0);
+}
+
+void decode(ShConvention convention, int order, std::vector<std::vector<glm::vec3>>& sh) {
+    assert(order <= highest_order(convention));
+    if (convention == ShConvention::unity && order == 2)
+        move_constant(sh, 1.0);
+    scale(sh, convention, true);
+}
+
+glm::dmat3 from_gltf(Axes axes) {
+    switch (axes) {
+    case Axes::gltf:
+        break;
+    case Axes::unity:
+        return {{-1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    case Axes::unreal:
+        return {{1, 0, 0}, {0, 0, 1}, {0, 1, 0}};
+    case Axes::blender:
+        return {{1, 0, 0}, {0, 0, 1}, {0, -1, 0}};
+    }
+    return glm::dmat3(1.0);
+}
+
+Volume turned(const Volume& volume, const glm::dmat3& turn) {
+    if (turn == glm::dmat3(1.0))
+        return volume;
+    Volume result;
+    result.sh_order = volume.sh_order;
+    result.metadata = volume.metadata;
+    const Grid& from = volume.grid;
+    Grid& to = result.grid;
+    to.cell = from.cell;
+    to.dims = glm::ivec3(glm::abs(turn * glm::dvec3(from.dims)));
+    const glm::dvec3 one = turn * from.origin,
+                     other = turn * (from.origin + from.cell * glm::dvec3(from.dims));
+    to.origin = glm::min(one, other);
+
+    // Cell c of the result comes from the one whose centre turns to its own.
+    const glm::dmat3 back = glm::transpose(turn);
+    const auto source = [&](glm::ivec3 c) {
+        const glm::dvec3 middle = glm::dvec3(c) + 0.5 - 0.5 * glm::dvec3(to.dims);
+        return from.index(glm::ivec3(back * middle + 0.5 * glm::dvec3(from.dims)));
+    };
+    const auto sized = [&](const auto& grids, auto& turned_grids) {
+        turned_grids = grids;
+        for (size_t k = 0; k < grids.size(); ++k)
+            turned_grids[k].resize(grids[k].empty() ? 0 : to.size());
+    };
+    sized(volume.sh, result.sh);
+    sized(volume.occlusion, result.occlusion);
+    result.validity.resize(volume.validity.empty() ? 0 : to.size());
+    const glm::mat3 rotation(turn);
+    tbb::parallel_for(0, to.dims.z, [&](int z) {
+        std::vector<float> channel(volume.sh.size()), blocked(volume.occlusion.size());
+        for (int y = 0; y < to.dims.y; ++y)
+            for (int x = 0; x < to.dims.x; ++x) {
+                const size_t cell = to.index({x, y, z}), i = source({x, y, z});
+                for (int c = 0; c < 3; ++c) {
+                    for (size_t k = 0; k < channel.size(); ++k)
+                        channel[k] = volume.sh[k][i][c];
+                    sh_rotate(rotation, channel);
+                    for (size_t k = 0; k < channel.size(); ++k)
+                        result.sh[k][cell][c] = channel[k];
+                }
+                for (size_t k = 0; k < blocked.size(); ++k)
+                    blocked[k] = volume.occlusion[k][i];
+                if (!blocked.empty())
+                    sh_rotate(rotation, blocked);
+                for (size_t k = 0; k < blocked.size(); ++k)
+                    result.occlusion[k][cell] = blocked[k];
+                if (!volume.validity.empty())
+                    result.validity[cell] = volume.validity[i];
+            }
+    });
+    return result;
+}
+
+} // namespace lpvbake

@@ -1,0 +1,104 @@
+// lpvbake convert from outside.
+#include "cli/run.h"
+#include "io/io.h"
+#include "volume/compare.h"
+
+#include <nlohmann/json.hpp>
+
+namespace lpvbake {
+namespace {
+
+class Convert : public ::testing::Test {
+protected:
+    CliResult run(const std::string& arguments) {
+        return run_lpvbake(folder_, "convert " + arguments);
+    }
+    void expect_error(const std::string& arguments, ExitCode code, const std::string& text) {
+        expect_one_error(run(arguments), arguments, code, text);
+    }
+    void write(const std::string& name, const Volume& volume) {
+        write_volume(folder_ / name, volume, Precision::full);
+    }
+
+    TemporaryFolder folder_;
+};
+
+TEST_F(Convert, ThereAndBackIsTheSame) {
+    for (const int order : {1, 2, 4}) {
+        const Volume volume = random_volume({6, 5, 4}, order, order == 1, 1);
+        write("a.vdb", volume);
+        ASSERT_EQ(run("a.vdb b.exr").status, 0);
+        ASSERT_EQ(run("b.exr c.vdb").status, 0);
+        ASSERT_EQ(run("b.json d.exr --exr-columns 3").status, 0);
+        for (const char* name : {"c.vdb", "d.exr"}) {
+            const Volume back = read_volume(folder_ / name);
+            EXPECT_TRUE(compare(back, volume, {}).identical) << name << order;
+            EXPECT_EQ(back.metadata, volume.metadata);
+            EXPECT_EQ(back.grid, volume.grid);
+        }
+        const auto sidecar = nlohmann::json::parse(slurp(folder_ / "d.json"));
+        EXPECT_EQ(sidecar["layout"]["columns"], 3);
+        EXPECT_EQ(sidecar["layout"]["rows"], 2);
+    }
+}
+
+TEST_F(Convert, EveryConventionAndAxesComeBackFromEveryFile) {
+    const Volume volume = random_volume({6, 5, 4}, 1, true, 2);
+    write("a.vdb", volume);
+    const std::pair<const char*, const char*> encodings[] = {
+        {"radiance", "blender"}, {"irradiance", "unity"}, {"lpv", "unreal"},
+        {"godot", "gltf"},       {"unity", "unity"},      {"unreal", "unreal"}};
+    for (const auto& [convention, axes] : encodings)
+        for (const char* file : {"b.vdb", "b.exr --exr-packing channel", "b.exr"}) {
+            const std::string options =
+                " --sh-convention " + std::string(convention) + " --axes " + axes;
+            ASSERT_EQ(run("a.vdb " + std::string(file) + options).status, 0) << options;
+            const std::string name = std::string(file).substr(0, 5);
+            ASSERT_EQ(run(name + " c.vdb").status, 0) << options;
+            const Volume back = read_volume(folder_ / "c.vdb");
+            EXPECT_LT(compare(back, volume, {}).relative_l1, 1e-6) << options;
+        }
+}
+
+TEST_F(Convert, StoresWhatTheConventionSays) {
+    Volume volume = random_volume({3, 3, 3}, 2, false, 3);
+    write("a.vdb", volume);
+    ASSERT_EQ(run("a.vdb u.exr --sh-convention unity --exr-packing channel").status, 0);
+    const auto sidecar = nlohmann::json::parse(slurp(folder_ / "u.json"));
+    EXPECT_EQ(sidecar["convention"], "unity");
+    EXPECT_EQ(sidecar["files"][0]["file"], "u_r.exr");
+    EXPECT_EQ(sidecar["files"][0]["channels"],
+              (nlohmann::json{"sh_l1_x.r", "sh_l1_y.r", "sh_l1_z.r", "sh_l0.r"}));
+    EXPECT_EQ(sidecar["files"][3]["file"], "u_r2.exr");
+    EXPECT_EQ(sidecar["files"][6]["file"], "u_sh_l2_x2y2.exr");
+    ASSERT_EQ(run("a.vdb l.vdb --sh-convention lpv --sh-order 1").status, 0);
+    volume.sh_order = 1;
+    volume.sh.resize(4);
+    EXPECT_LT(compare(read_volume(folder_ / "l.vdb"), volume, {}).relative_l1, 1e-6);
+}
+
+TEST_F(Convert, SaysWhatItWrote) {
+    write("a.vdb", random_volume({3, 3, 3}, 2, false, 3));
+    const CliResult result = run("a.vdb b.vdb c.exr --format json --sh-order 1");
+    ASSERT_EQ(result.status, 0) << result.err;
+    const auto document = nlohmann::json::parse(result.out);
+    EXPECT_EQ(document["sh_order"], 1);
+    EXPECT_EQ(document["outputs"][0]["path"], "b.vdb");
+    EXPECT_EQ(document["outputs"][1]["files"].size(), 6u);
+    const CliResult text = run("a.vdb b.vdb");
+    EXPECT_NE(text.out.find("wrote         b.vdb ("), std::string::npos) << text.out;
+}
+
+TEST_F(Convert, WrongCommandsAreRefused) {
+    write("a.vdb", random_volume({3, 3, 3}, 2, false, 3));
+    expect_error("a.vdb b.png", ExitCode::usage, "unknown kind of volume file");
+    expect_error("a.vdb ./a.vdb", ExitCode::usage, "is what is read");
+    expect_error("a.vdb b.vdb --sh-order 4", ExitCode::usage, "has order 2, not 4");
+    expect_error("a.vdb b.vdb --sh-convention lpv", ExitCode::unsupported, "set --sh-order");
+    expect_error("none.vdb b.vdb", ExitCode::file, "none.vdb");
+    expect_error("a.vdb b.vdb --axes maya", ExitCode::usage, "--axes");
+    expect_error("a.vdb", ExitCode::usage, "output");
+}
+
+} // namespace
+} // namespace lpvbake
