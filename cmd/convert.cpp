@@ -6,6 +6,7 @@
 #include "result.h"
 #include "scene_options.h"
 #include "terminal.h"
+#include "volume/dilate.h"
 #include "volume/sh.h"
 
 #include <CLI/CLI.hpp>
@@ -47,6 +48,7 @@ struct ConvertOptions {
     std::string file;
     OutputOptions outputs;
     int sh_order = -1; ///< -1: the volume's
+    int dilate = 0;
     std::string format = "text";
 };
 
@@ -72,6 +74,10 @@ void run(const ConvertOptions& o) {
     Volume volume = read_volume(o.file);
     if (o.sh_order >= 0)
         limit_order(volume, o.sh_order, o.file);
+    if (o.dilate > 0) {
+        dilate(volume, o.dilate);
+        volume.metadata["dilate"] = std::to_string(o.dilate);
+    }
     TerminalProgress progress(ProgressStyle::none);
     std::vector<Written> written;
     for (const std::string& path : o.outputs.paths)
@@ -105,6 +111,9 @@ void add_convert(CLI::App& root, Action& action) {
     OptionList list(*app);
     list.number("--sh-order", options->sh_order, 0, 4,
                 "Highest band to keep; default: the volume's");
+    list.number("--dilate", options->dilate, 0, 1024,
+                "Rings of cells inside geometry to fill from those around them")
+        ->capture_default_str();
     add_output_options(list, options->outputs);
     list.choice("--format", options->format, "text|json", "Form of the result");
     app->callback([&action, options] { action = [options] { run(*options); }; });

@@ -87,6 +87,8 @@ TEST_F(Convert, SaysWhatItWrote) {
     EXPECT_EQ(document["outputs"][1]["files"].size(), 6u);
     const CliResult text = run("a.vdb b.vdb");
     EXPECT_NE(text.out.find("wrote         b.vdb ("), std::string::npos) << text.out;
+    ASSERT_EQ(run("a.vdb d.vdb --dilate 2").status, 0);
+    EXPECT_EQ(read_volume(folder_ / "d.vdb").metadata.at("dilate"), "2");
 }
 
 TEST_F(Convert, WrongCommandsAreRefused) {
