@@ -1,8 +1,6 @@
 // Compressed glTF, made with the encoders of Draco and meshoptimizer and compared with what went
 // in.
-#include "unit/gltf_document.h"
-
-#include <meshoptimizer.h>
+#include "unit/meshopt_document.h"
 
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wpedantic"
@@ -58,63 +56,6 @@ std::vector<float> flat(const std::vector<T>& vectors) {
 }
 
 // ---------------------------------------------------------------- meshoptimizer
-
-std::string encode_vertices(const void* data, size_t count, size_t stride) {
-    std::vector<unsigned char> bytes(meshopt_encodeVertexBufferBound(count, stride));
-    bytes.resize(meshopt_encodeVertexBuffer(bytes.data(), bytes.size(), data, count, stride));
-    return packed(bytes);
-}
-
-std::string encode_indices(const std::vector<uint32_t>& indices, bool as_triangles) {
-    std::vector<unsigned char> bytes(
-        std::max(meshopt_encodeIndexBufferBound(indices.size(), 1 << 20),
-                 meshopt_encodeIndexSequenceBound(indices.size(), 1 << 20)));
-    bytes.resize(as_triangles ? meshopt_encodeIndexBuffer(bytes.data(), bytes.size(),
-                                                          indices.data(), indices.size())
-                              : meshopt_encodeIndexSequence(bytes.data(), bytes.size(),
-                                                            indices.data(), indices.size()));
-    return packed(bytes);
-}
-
-/// A document whose buffer 1 has no bytes: its views are compressed in buffer 0.
-struct MeshoptDocument : Document {
-    std::string extension = "EXT_meshopt_compression";
-
-    int compressed(const std::string& data, size_t count, size_t stride, const char* mode,
-                   const char* filter = nullptr) {
-        const int view_index = view(data);
-        json& entry = root["bufferViews"][view_index];
-        json description = {{"buffer", 0},
-                            {"byteOffset", entry["byteOffset"]},
-                            {"byteLength", data.size()},
-                            {"byteStride", stride},
-                            {"count", count},
-                            {"mode", mode}};
-        if (filter)
-            description["filter"] = filter;
-        entry = {{"buffer", 1},
-                 {"byteLength", count * stride},
-                 {"extensions", {{extension, description}}}};
-        return view_index;
-    }
-
-    int attribute(int view_index, size_t count, const char* shape, int component = 5126) {
-        return append("accessors", {{"bufferView", view_index},
-                                    {"componentType", component},
-                                    {"count", count},
-                                    {"type", shape}});
-    }
-
-    Document finished() const {
-        Document document = *this;
-        document.root["extensionsRequired"] = {extension};
-        document.root["buffers"] = {
-            {{"byteLength", bytes.size()},
-             {"uri", "data:application/octet-stream;base64," + base64(bytes)}},
-            {{"byteLength", 1 << 20}}};
-        return document;
-    }
-};
 
 MeshoptDocument compressed_sheet(const Sheet& source, bool as_triangles = true) {
     MeshoptDocument document;

@@ -114,11 +114,11 @@ struct GltfDocument {
     }
 };
 
-class Gltf : public testing::Test {
+class Gltf : public ::testing::Test {
 protected:
     void SetUp() override {
-        const auto* test = testing::UnitTest::GetInstance()->current_test_info();
-        folder_ = std::filesystem::path(testing::TempDir())
+        const auto* test = ::testing::UnitTest::GetInstance()->current_test_info();
+        folder_ = std::filesystem::path(::testing::TempDir())
                   / (std::string("lpvbake_gltf_") + test->name());
         std::filesystem::remove_all(folder_);
         std::filesystem::create_directories(folder_);
