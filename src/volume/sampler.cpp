@@ -57,6 +57,8 @@ CellWeights weights_at(const Volume& volume, glm::dvec3 point, glm::dvec3 n, Rea
     const Grid& grid = volume.grid;
     const glm::dvec3 at = grid.to_grid(point);
     const glm::dvec3 clamped = glm::clamp(at - 0.5, glm::dvec3(0), glm::dvec3(grid.dims - 1));
+    if (clamped != clamped) // a lattice so large that the point has no place on it
+        return {};
     const glm::ivec3 low =
         glm::clamp(glm::ivec3(clamped), glm::ivec3(0), glm::max(grid.dims - 2, 0));
     const glm::dvec3 share = clamped - glm::dvec3(low);

@@ -224,21 +224,21 @@ private:
     }
 
     void make_normals(const std::vector<bool>& lost) {
-        for (size_t i = 0; i < lost.size(); ++i)
-            if (lost[i])
-                mesh_.normals[i] = glm::vec3(0.0f);
+        // In double: the squares of a small triangle's sides underflow in single precision.
+        std::vector<glm::dvec3> sums(lost.size(), glm::dvec3(0.0));
         for (const glm::uvec3& t : mesh_.triangles) {
-            const glm::vec3 a = mesh_.positions[t.x];
-            const glm::vec3 normal = glm::cross(mesh_.positions[t.y] - a, mesh_.positions[t.z] - a);
+            const glm::dvec3 a(mesh_.positions[t.x]);
+            const glm::dvec3 normal = glm::cross(glm::dvec3(mesh_.positions[t.y]) - a,
+                                                 glm::dvec3(mesh_.positions[t.z]) - a);
             for (int corner = 0; corner < 3; ++corner)
-                if (lost[t[corner]])
-                    mesh_.normals[t[corner]] += normal;
+                sums[t[corner]] += normal;
         }
         for (size_t i = 0; i < lost.size(); ++i)
-            if (const float length = glm::length(mesh_.normals[i]); lost[i])
-                mesh_.normals[i] = length > 0.0f && std::isfinite(length)
-                                       ? mesh_.normals[i] / length
-                                       : glm::vec3(0.0f, 1.0f, 0.0f);
+            if (lost[i]) {
+                const double length = glm::length(sums[i]);
+                mesh_.normals[i] = std::isnormal(length) ? glm::vec3(sums[i] / length)
+                                                         : glm::vec3(0.0f, 1.0f, 0.0f);
+            }
     }
 
     std::vector<glm::vec4> read_colors() {
@@ -334,7 +334,7 @@ private:
             mesh_.positions[i] = position;
             if (!mesh_.normals.empty()) {
                 const glm::dvec3 turned = turn_normal(glm::dmat3(blended[i]), mesh_.normals[i]);
-                if (const double length = glm::length(turned); length > 0.0)
+                if (const double length = glm::length(turned); std::isnormal(length))
                     mesh_.normals[i] = turned / length;
             }
         }
