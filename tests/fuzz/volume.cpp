@@ -18,6 +18,11 @@
 namespace lpvbake {
 namespace {
 
+constexpr ShConvention conventions[] = {ShConvention::radiance, ShConvention::irradiance,
+                                        ShConvention::lpv,      ShConvention::godot,
+                                        ShConvention::unity,    ShConvention::unreal};
+constexpr Axes axes[] = {Axes::gltf, Axes::unity, Axes::unreal, Axes::blender};
+
 using fuzz::require;
 
 /// Small mostly, and sometimes anything.
@@ -70,7 +75,8 @@ VdbContent content_from(FuzzedDataProvider& data) {
         metadata.insertMeta("lpv:sh_order", openvdb::FloatMetadata(1.0f));
     else
         metadata.insertMeta("lpv:sh_order", openvdb::Int32Metadata(order));
-    for (const auto& [key, value] : field_facts())
+    const Encoding encoding{data.PickValueInArray(conventions), data.PickValueInArray(axes)};
+    for (const auto& [key, value] : field_facts(encoding))
         metadata.insertMeta("lpv:" + key, openvdb::StringMetadata(odd() ? "else" : value));
     metadata.insertMeta("lpv:_" + data.ConsumeRandomLengthString(16),
                         openvdb::StringMetadata(data.ConsumeRandomLengthString(16)));
