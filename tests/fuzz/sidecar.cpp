@@ -63,8 +63,8 @@ bool prepare(const std::string& json) {
         const double rows = number(root.at("layout").at("rows"));
         if (!(x * y * z < 1e5) || !(x * columns * y * rows < 1e5))
             return false;
-        picture.width = std::max(1, int(x * columns));
-        picture.height = std::max(1, int(y * rows));
+        picture.width = int(std::clamp(x * columns, 1.0, 1e5));
+        picture.height = int(std::clamp(y * rows, 1.0, 1e5));
         picture.channels = int(root.at("files").at(0).at("channels").size());
     } catch (const nlohmann::json::exception&) {
     }
