@@ -136,7 +136,9 @@ std::string names_of(const std::vector<Solver>& solvers) {
 /// The solvers that may be taken, best first: --solver, or those that have all options that are
 /// given. Throws Error (usage) that names the option that none of them has.
 std::vector<Solver> solvers_of(const BakeOptions& o) {
-    std::vector<Solver> solvers{Solver::gather, Solver::sn, Solver::lpv};
+    // Where rooms lie behind rooms, clusters see too little of each other: gather loses up to 12 %
+    // of the light there, which sn does not.
+    std::vector<Solver> solvers{Solver::sn, Solver::gather, Solver::lpv};
     if (o.solver != "auto")
         std::erase_if(solvers, [&](Solver solver) { return name_of(solver) != o.solver; });
     std::string why = o.solver == "auto" ? "" : "--solver " + o.solver;
@@ -301,8 +303,8 @@ Json describe(const BakeOptions& o, const gpu::DeviceInfo& device, const Choice&
 }
 
 void print_choice(const Choice& choice) {
-    std::printf("choice        %s: about %.2g %% error, %.2g s\n", choice.text.c_str(),
-                100 * choice.error, choice.seconds);
+    std::printf("choice        %s: about %.2g %% error in a Cornell box, %.2g s here\n",
+                choice.text.c_str(), 100 * choice.error, choice.seconds);
 }
 
 void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const Choice& choice,

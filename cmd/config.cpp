@@ -144,8 +144,12 @@ Reader open_config(const std::string& path) {
     text.resize(std::size_t(file.gcount()));
     if (text.size() > limit)
         throw Error(ExitCode::file, path + ": more than 1 MiB, not an option file");
-    if (text.find('\0') != std::string::npos)
-        throw Error(ExitCode::usage, path + ": has a NUL byte, so it is no text; write it anew");
+    if (const std::size_t nul = text.find('\0'); nul != std::string::npos)
+        throw Error(ExitCode::usage,
+                    path + ":"
+                        + std::to_string(
+                            1 + std::count(text.begin(), text.begin() + std::ptrdiff_t(nul), '\n'))
+                        + ": has a NUL byte, so it is no text; write it anew");
     return {path, std::move(text)};
 }
 
