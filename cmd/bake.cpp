@@ -37,7 +37,7 @@ Examples:
   lpvbake bake room.glb -o room.vdb --print-config > room.toml
   lpvbake bake --config room.toml --resolution 128
 
---solver auto takes gather of order 2 unless options say otherwise. An option that one solver alone
+--solver auto takes sn of order 2 unless options say otherwise. An option that one solver alone
 has chooses that solver; one that the chosen solver does not have is an error. With --error the
 fastest settings are taken that are expected to reach it (order 4 where 2 cannot), with --time-budget
 the most accurate that fit, with both the fastest that do both; what is out of reach is told in a
@@ -461,7 +461,7 @@ void add_bake(CLI::App& root, Action& action) {
     list.choice("--solver", o.solver, "auto|gather|sn|lpv",
                 "gather: from clusters of patches straight to the cells. sn:\ndiscrete ordinates. "
                 "lpv: classic propagation. auto: by what is\nwanted (--error, --time-budget) and "
-                "given; else gather");
+                "given; else sn");
     list.text("--error", o.error, "X|X%", "Error of irradiance that is wanted at most; see below")
         ->transform(share_or_percent());
     list.text("--time-budget", o.time_budget, "TIME",

@@ -269,7 +269,7 @@ BakeSettings base_settings(const ReportOptions& o) {
     settings.grid.margin = o.margin;
     settings.bounds = grid_bounds(o);
     settings.emitters = !o.no_emitters;
-    settings.solver = Solver::gather; // as bake's
+    settings.solver = Solver::sn; // as bake's
     settings.bounces = default_bounces(settings.solver);
     return settings;
 }

@@ -487,11 +487,7 @@ std::vector<std::string> verdicts(const SceneReport& scene) {
     for (const RowResult& row : scene.rows) {
         if (!row.peer)
             continue;
-        std::string solver = "lpv";
-        for (const auto& [option, value] : row.row.options)
-            if (option == "solver")
-                solver = value;
-        Tally& tally = tallies[solver];
+        Tally& tally = tallies[name_of(row.row.settings.solver)];
         ++tally.rows;
         if (row.peer->factor <= 1)
             ++tally.lost;

@@ -126,13 +126,13 @@ void apply(const std::string& name, const std::string& value, BakeSettings& sett
     throw Error(ExitCode::usage, "a sweep cannot set '" + name + "'; it can set " + known);
 }
 
-/// What bake's --solver auto makes of options without a solver: the one that alone has one of them;
+/// What bake's --solver auto makes of options without a solver: the first that has one of them;
 /// null where that leaves it open.
 const char* implied_solver(const std::vector<std::pair<std::string, std::string>>& options) {
     constexpr std::pair<const char*, const char*> owners[] = {
         {"solver", nullptr},   {"rsm-samples", "gather"}, {"vpls", "gather"},
         {"directions", "sn"},  {"occlusion", "lpv"},      {"iterations", "lpv"},
-        {"rsm-kernel", "lpv"}, {"rsm-size", "lpv"}};
+        {"rsm-kernel", "lpv"}, {"rsm-size", "lpv"},       {"tolerance", "gather"}};
     for (const auto& [name, solver] : owners)
         for (const auto& [option, value] : options)
             if (option == name)
