@@ -16,7 +16,7 @@ packages=(
     # test
     libgtest-dev libbenchmark-dev vulkan-validationlayers
     clang libclang-rt-14-dev
-    libopenvdb-tools openimageio-tools python3 python3-openvdb python3-numpy
+    libopenvdb-tools openimageio-tools python3 python3-openvdb python3-openimageio python3-numpy
 )
 
 missing=()

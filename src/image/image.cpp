@@ -1,4 +1,5 @@
-// The program's side of the image module: finds it along the executable's RUNPATH, once.
+// The program's side of the image module: finds it along the RUNPATH of the executable or library
+// that this is linked into, once.
 #include "image/image.h"
 
 #include "error.h"

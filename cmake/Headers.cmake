@@ -1,0 +1,18 @@
+# Sets `out` to the headers named (relative to src/) and all that these include, and has CMake run
+# again when one of them changes.
+function(lpvbake_headers out)
+  set(found "")
+  set(open ${ARGN})
+  while(open)
+    list(POP_FRONT open header)
+    if(NOT header IN_LIST found AND EXISTS ${CMAKE_SOURCE_DIR}/src/${header})
+      list(APPEND found ${header})
+      file(STRINGS ${CMAKE_SOURCE_DIR}/src/${header} includes REGEX "^#include \"")
+      list(TRANSFORM includes REPLACE "^#include \"([^\"]+)\".*" "\\1")
+      list(APPEND open ${includes})
+    endif()
+  endwhile()
+  list(TRANSFORM found PREPEND ${CMAKE_SOURCE_DIR}/src/)
+  set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${found})
+  set(${out} ${found} PARENT_SCOPE)
+endfunction()

@@ -1,0 +1,88 @@
+"""A light volume as numpy arrays: where its cells are, and the irradiance that it gives a surface.
+
+load_vdb.py and load_exr.py make one of a file.
+"""
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+# Bands 0 to 2; what a file has beyond is left out.
+NAMES = ["l0", "l1_y", "l1_z", "l1_x", "l2_xy", "l2_yz", "l2_z2", "l2_xz", "l2_x2y2"]
+CORNERS = np.array([(i & 1, i >> 1 & 1, i >> 2 & 1) for i in range(8)])
+
+
+@dataclass
+class LightVolume:
+    sh: np.ndarray        # [coefficient, x, y, z, rgb]: luminance arriving, nits; order as NAMES
+    validity: np.ndarray  # [x, y, z]: 1 outside geometry, else 0
+    origin: np.ndarray    # corner of the first cell, metres
+    cell: float           # edge of a cell, metres
+
+    def to_lattice(self, point):
+        """Metres to cells: cell (i, j, k) has its centre at (i, j, k)."""
+        return (np.asarray(point, float) - self.origin) / self.cell - 0.5
+
+    def weights(self, point, normal):
+        """The eight cells around a point (clamped to the lattice) and their weights: trilinear, of
+        valid cells, times max(0, n.d)^2 for the direction d to the cell's centre, so that cells
+        behind the surface do not count; without that where no cell is left."""
+        dims = np.array(self.validity.shape)
+        at = self.to_lattice(point)
+        clamped = np.clip(at, 0, dims - 1)
+        low = np.minimum(clamped.astype(int), np.maximum(dims - 2, 0))
+        cells = np.minimum(low + CORNERS, dims - 1)
+        share = clamped - low
+        valid = np.prod(np.where(CORNERS, share, 1 - share), axis=1)
+        valid = valid * (self.validity[tuple(cells.T)] > 0)
+        way = cells - at
+        square, along = np.sum(way * way, axis=1), np.maximum(0, way @ normal)
+        facing = valid * np.divide(along * along, square, out=np.ones(8), where=square > 0)
+        for weights in (facing, valid):
+            if weights.sum() > 0:
+                return cells, weights / weights.sum()
+        return cells, np.zeros(8)
+
+    def irradiance(self, point, normal):
+        """Lux (RGB) on a surface with this normal; times albedo / pi it is luminance in nits."""
+        normal = np.asarray(normal, float) / np.linalg.norm(normal)
+        cells, weights = self.weights(point, normal)
+        x, y, z = cells.T
+        coefficients = np.einsum("w,kwc->kc", weights, self.sh[:, x, y, z])
+        return np.maximum(0, cosine_basis(normal)[: len(self.sh)] @ coefficients)
+
+
+def cosine_basis(n):
+    """What the coefficients are multiplied with and summed: pi, 2 pi / 3, pi / 4 by band, times
+    real spherical harmonics without Condon-Shortley signs."""
+    x, y, z = n
+    pi = np.pi
+    basis = [
+        np.sqrt(1 / pi) / 2,
+        *(np.sqrt(3 / pi) / 2 * np.array([y, z, x])),
+        *(np.sqrt(15 / pi) / 2 * np.array([x * y, y * z])),
+        np.sqrt(5 / pi) / 4 * (3 * z * z - 1),
+        np.sqrt(15 / pi) / 2 * x * z,
+        np.sqrt(15 / pi) / 4 * (x * x - y * y),
+    ]
+    return np.array([pi] + 3 * [2 * pi / 3] + 5 * [pi / 4]) * basis
+
+
+def check_canonical(path, convention, axes):
+    """These loaders read the default encoding alone."""
+    if (convention, axes) != ("radiance", "gltf"):
+        sys.exit(f"{path}: is stored as {convention}, axes {axes}; first `lpvbake convert` it")
+
+
+def main(load):
+    """The command line of the loaders: FILE X Y Z NX NY NZ."""
+    if len(sys.argv) != 8:
+        sys.exit(f"usage: {sys.argv[0]} FILE X Y Z NX NY NZ")
+    volume = load(sys.argv[1])
+    numbers = [float(text) for text in sys.argv[2:]]
+    dims = " x ".join(str(n) for n in volume.validity.shape)
+    origin = " ".join(f"{x:g}" for x in volume.origin)
+    lux = " ".join(f"{x:.6g}" for x in volume.irradiance(numbers[:3], numbers[3:]))
+    print(f"grid        {dims} cells of {volume.cell:g} m from {origin}")
+    print(f"irradiance  {lux} lux")

@@ -1,0 +1,43 @@
+#!/usr/bin/python3
+"""Reads a light volume from OpenEXR flipbooks into numpy arrays, through the JSON file beside them;
+Debian's package python3-openimageio.
+
+    load_exr.py room.json  0 1 0  0 1 0
+
+prints the irradiance at a point (metres) of a surface with that normal.
+"""
+
+import json
+import pathlib
+
+import numpy as np
+import OpenImageIO
+
+import light_volume
+
+
+def load(path):
+    path = pathlib.Path(path).with_suffix(".json")
+    facts = json.loads(path.read_text())
+    light_volume.check_canonical(path, facts["convention"], facts["axes"])
+    layout = facts["layout"]
+    rows, columns, (width, height) = layout["rows"], layout["columns"], layout["tile"]
+    grids = {}  # [x, y, z] by the name of a channel
+    for entry in facts["files"]:
+        image = OpenImageIO.ImageBuf(str(path.parent / entry["file"]))
+        tiles = image.get_pixels(OpenImageIO.FLOAT).reshape(rows, height, columns, width, -1)
+        slices = tiles.swapaxes(1, 2).reshape(rows * columns, height, width, -1)
+        for c, name in enumerate(entry["channels"]):
+            grids[name] = slices[: layout["slices"], :, :, c].transpose(2, 1, 0)
+
+    names = light_volume.NAMES[: (facts["sh_order"] + 1) ** 2]
+    return light_volume.LightVolume(
+        sh=np.stack([np.stack([grids[f"sh_{name}.{c}"] for c in "rgb"], -1) for name in names]),
+        validity=grids["validity"],
+        origin=np.array(facts["grid"]["origin"]),
+        cell=facts["grid"]["cell"],
+    )
+
+
+if __name__ == "__main__":
+    light_volume.main(load)

@@ -1,0 +1,35 @@
+#!/usr/bin/python3
+"""Reads a light volume from OpenVDB into numpy arrays; Debian's package python3-openvdb.
+
+    load_vdb.py room.vdb  0 1 0  0 1 0
+
+prints the irradiance at a point (metres) of a surface with that normal.
+"""
+
+import numpy as np
+import pyopenvdb
+
+import light_volume
+
+
+def load(path):
+    facts = pyopenvdb.readMetadata(path)
+    light_volume.check_canonical(path, facts["lpv:convention"], facts["lpv:axes"])
+    dims = tuple(facts["lpv:grid_dims"])
+
+    def array(name, *colours):
+        values = np.zeros(dims + colours, np.float32)
+        pyopenvdb.read(path, name).copyToArray(values)
+        return values
+
+    names = light_volume.NAMES[: (facts["lpv:sh_order"] + 1) ** 2]
+    return light_volume.LightVolume(
+        sh=np.stack([array("sh_" + name, 3) for name in names]),
+        validity=array("validity"),
+        origin=np.array(facts["lpv:grid_origin"]),
+        cell=facts["lpv:cell_size"],
+    )
+
+
+if __name__ == "__main__":
+    light_volume.main(load)
