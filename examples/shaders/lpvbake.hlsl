@@ -1,0 +1,141 @@
+// Irradiance of a light volume, for shaders in HLSL, shader model 4 and later.
+//
+// Every grid is a 3D texture of the volume's cells, filtered linearly and clamped at its edges:
+// sh_l0, sh_l1_y, sh_l1_z, sh_l1_x (RGB; with order 2 also sh_l2_xy, ...) and validity. Declare
+// them, then include this:
+//
+//     #define LPV_ORDER 1           // or 2
+//     Texture3D lpv_sh[4];          // or 9
+//     Texture3D lpv_validity;
+//     SamplerState lpv_sampler;
+//
+// Coefficients are canonical, as `lpvbake bake` writes them unless --sh-convention says otherwise,
+// in whatever --axes. A Lambert surface's luminance is albedo / pi times its irradiance.
+
+struct LpvVolume {
+    float3 origin; // corner of the first cell, metres
+    float cell;  // edge of a cell, metres
+};
+
+#if LPV_ORDER == 1
+#define LPV_EACH(DO) DO(0) DO(1) DO(2) DO(3)
+struct LpvSh { float3 c[4]; };
+#else
+#define LPV_EACH(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7) DO(8)
+struct LpvSh { float3 c[9]; };
+#endif
+
+// Metres to cells: cell (i, j, k) has its centre at (i, j, k).
+float3 lpv_to_lattice(LpvVolume volume, float3 position) {
+    return (position - volume.origin) / volume.cell - 0.5;
+}
+
+int3 lpv_dims() {
+    uint3 dims;
+    lpv_validity.GetDimensions(dims.x, dims.y, dims.z);
+    return int3(dims);
+}
+
+// ---- the field at a point (metres) ----
+
+// By the texture unit: light of cells inside and behind walls leaks in.
+LpvSh lpv_trilinear(LpvVolume volume, float3 position) {
+    float3 uvw = (lpv_to_lattice(volume, position) + 0.5) / float3(lpv_dims());
+    LpvSh sh;
+#define LPV_SAMPLE(k) sh.c[k] = lpv_sh[k].SampleLevel(lpv_sampler, uvw, 0.0).rgb;
+    LPV_EACH(LPV_SAMPLE)
+    return sh;
+}
+
+bool lpv_is_valid(int3 cell) {
+    return lpv_validity.Load(int4(cell, 0)).r > 0.0;
+}
+
+#define LPV_FETCH(k) sh.c[k] += weight * lpv_sh[k].Load(int4(cell, 0)).rgb;
+
+// At a surface of unit normal n: trilinear weights of valid cells times max(0, n.d)^2, d the
+// direction to a cell's centre, so that cells behind the surface do not count. Where none is left,
+// without that factor; then by the nearest valid cell of the 4 x 4 x 4 around; else dark.
+LpvSh lpv_facing(LpvVolume volume, float3 position, float3 n) {
+    int3 dims = lpv_dims();
+    float3 at = lpv_to_lattice(volume, position);
+    float3 clamped = clamp(at, float3(0.0, 0.0, 0.0), float3(dims - 1));
+    int3 low = min(int3(clamped), max(dims - 2, int3(0, 0, 0)));
+    float3 share = clamped - float3(low);
+    float valid[8], faced[8], valid_sum = 0.0, faced_sum = 0.0;
+    for (int i = 0; i < 8; ++i) {
+        int3 corner = int3(i & 1, (i >> 1) & 1, i >> 2);
+        int3 cell = min(low + corner, dims - 1);
+        float3 plain = lerp(1.0 - share, share, float3(corner)), way = float3(cell) - at;
+        float along = max(0.0, dot(way, n)), square = dot(way, way);
+        valid[i] = lpv_is_valid(cell) ? plain.x * plain.y * plain.z : 0.0;
+        faced[i] = valid[i] * (square > 0.0 ? along * along / square : 1.0);
+        valid_sum += valid[i];
+        faced_sum += faced[i];
+    }
+    LpvSh sh;
+#define LPV_CLEAR(k) sh.c[k] = float3(0.0, 0.0, 0.0);
+    LPV_EACH(LPV_CLEAR)
+    if (valid_sum > 0.0) {
+        for (int i = 0; i < 8; ++i) {
+            int3 cell = min(low + int3(i & 1, (i >> 1) & 1, i >> 2), dims - 1);
+            float weight = faced_sum > 0.0 ? faced[i] / faced_sum : valid[i] / valid_sum;
+            LPV_EACH(LPV_FETCH)
+        }
+        return sh;
+    }
+    int3 cell = int3(0, 0, 0);
+    float least = 1e30, weight = 0.0;
+    for (int i = 0; i < 64; ++i) {
+        int3 other = low - 1 + int3(i & 3, (i >> 2) & 3, i >> 4);
+        float3 way = float3(other) - at;
+        if (all(other == clamp(other, int3(0, 0, 0), dims - 1)) && dot(way, way) < least
+            && lpv_is_valid(other)) {
+            cell = other;
+            least = dot(way, way);
+            weight = 1.0;
+        }
+    }
+    LPV_EACH(LPV_FETCH)
+    return sh;
+}
+
+// ---- irradiance (lux) on a plane of unit normal n ----
+
+float3 lpv_irradiance_l1(LpvSh sh, float3 n) {
+    float3 e = 0.88622693 * sh.c[0]
+               + 1.02332671 * (sh.c[1] * n.y + sh.c[2] * n.z + sh.c[3] * n.x);
+    return max(e, 0.0);
+}
+
+// One colour: e0 + e1.n is the linear form.
+float lpv_nonlinear(float e0, float3 e1, float3 n) {
+    if (e0 <= 0.0)
+        return 0.0;
+    float size = length(e1), ratio = min(0.5 * size / e0, 1.0);
+    float q = size > 0.0 ? clamp(0.5 + 0.5 * dot(e1, n) / size, 0.0, 1.0) : 0.5;
+    float p = 1.0 + 2.0 * ratio, a = (1.0 - ratio) / (1.0 + ratio);
+    return e0 * (a + (1.0 - a) * (p + 1.0) * pow(q, p));
+}
+
+// From bands 0 and 1, by a power of a cosine: never negative, the same mean over all normals, and
+// light from one side falls off as it should. The model of Enlighten by Chris Doran and Graham Hazel
+// (Geomerics): grahamhazel.com/blog/2017/12/22/converting-sh-radiance-to-irradiance
+float3 lpv_irradiance_l1_nonlinear(LpvSh sh, float3 n) {
+    float3 e0 = 0.88622693 * sh.c[0];
+    float3 x = 1.02332671 * sh.c[3], y = 1.02332671 * sh.c[1], z = 1.02332671 * sh.c[2];
+    return float3(lpv_nonlinear(e0.r, float3(x.r, y.r, z.r), n),
+                  lpv_nonlinear(e0.g, float3(x.g, y.g, z.g), n),
+                  lpv_nonlinear(e0.b, float3(x.b, y.b, z.b), n));
+}
+
+#if LPV_ORDER == 2
+float3 lpv_irradiance_l2(LpvSh sh, float3 n) {
+    float3 e = 0.88622693 * sh.c[0]
+               + 1.02332671 * (sh.c[1] * n.y + sh.c[2] * n.z + sh.c[3] * n.x)
+               + 0.85808553 * (sh.c[4] * n.x * n.y + sh.c[5] * n.y * n.z + sh.c[7] * n.x * n.z)
+               + 0.24770796 * sh.c[6] * (3.0 * n.z * n.z - 1.0)
+               + 0.42904277 * sh.c[8] * (n.x * n.x - n.y * n.y);
+    return max(e, 0.0);
+}
+#endif

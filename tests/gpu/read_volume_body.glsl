@@ -1,0 +1,29 @@
+// Reads a volume at points by everything that examples/shaders/lpvbake.glsl has; LPV_ORDER is given.
+layout(set = 0, binding = 0) uniform sampler3D lpv_sh[(LPV_ORDER + 1) * (LPV_ORDER + 1)];
+layout(set = 0, binding = 1) uniform sampler3D lpv_validity;
+#include "../../examples/shaders/lpvbake.glsl"
+
+layout(local_size_x = 64) in;
+layout(set = 0, binding = 3) readonly buffer Surfaces { vec4 surfaces[]; }; // point, normal
+layout(set = 0, binding = 4) writeonly buffer Irradiances { vec4 irradiances[]; }; // 4 a point
+layout(push_constant) uniform Push {
+    vec3 origin;
+    float cell;
+    uint count;
+} push;
+
+void main() {
+    uint i = gl_GlobalInvocationID.x;
+    if (i >= push.count)
+        return;
+    LpvVolume volume = LpvVolume(push.origin, push.cell);
+    vec3 n = surfaces[2 * i + 1].xyz;
+    LpvSh plain = lpv_trilinear(volume, surfaces[2 * i].xyz);
+    LpvSh facing = lpv_facing(volume, surfaces[2 * i].xyz, n);
+    irradiances[4 * i] = vec4(lpv_irradiance_l1(plain, n), 0.0);
+    irradiances[4 * i + 1] = vec4(lpv_irradiance_l1(facing, n), 0.0);
+    irradiances[4 * i + 2] = vec4(lpv_irradiance_l1_nonlinear(facing, n), 0.0);
+#if LPV_ORDER == 2
+    irradiances[4 * i + 3] = vec4(lpv_irradiance_l2(facing, n), 0.0);
+#endif
+}

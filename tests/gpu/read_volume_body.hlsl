@@ -1,0 +1,33 @@
+// Reads a volume at points by everything that examples/shaders/lpvbake.hlsl has; LPV_ORDER is given.
+[[vk::binding(0)]] Texture3D lpv_sh[(LPV_ORDER + 1) * (LPV_ORDER + 1)];
+[[vk::binding(1)]] Texture3D lpv_validity;
+[[vk::binding(2)]] SamplerState lpv_sampler;
+#include "../../examples/shaders/lpvbake.hlsl"
+
+[[vk::binding(3)]] StructuredBuffer<float4> surfaces;      // point, normal
+[[vk::binding(4)]] RWStructuredBuffer<float4> irradiances; // 4 a point
+struct Push {
+    float3 origin;
+    float cell;
+    uint count;
+};
+[[vk::push_constant]] ConstantBuffer<Push> push;
+
+[numthreads(64, 1, 1)]
+void main(uint3 thread : SV_DispatchThreadID) {
+    uint i = thread.x;
+    if (i >= push.count)
+        return;
+    LpvVolume volume;
+    volume.origin = push.origin;
+    volume.cell = push.cell;
+    float3 n = surfaces[2 * i + 1].xyz;
+    LpvSh plain = lpv_trilinear(volume, surfaces[2 * i].xyz);
+    LpvSh facing = lpv_facing(volume, surfaces[2 * i].xyz, n);
+    irradiances[4 * i] = float4(lpv_irradiance_l1(plain, n), 0.0);
+    irradiances[4 * i + 1] = float4(lpv_irradiance_l1(facing, n), 0.0);
+    irradiances[4 * i + 2] = float4(lpv_irradiance_l1_nonlinear(facing, n), 0.0);
+#if LPV_ORDER == 2
+    irradiances[4 * i + 3] = float4(lpv_irradiance_l2(facing, n), 0.0);
+#endif
+}

@@ -1,0 +1,2 @@
+#define LPV_ORDER 1
+#include "read_volume_body.hlsl"

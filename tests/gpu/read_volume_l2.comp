@@ -1,0 +1,3 @@
+#version 450
+#define LPV_ORDER 2
+#include "read_volume_body.glsl"

@@ -1,0 +1,2 @@
+#define LPV_ORDER 2
+#include "read_volume_body.hlsl"

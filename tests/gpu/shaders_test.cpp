@@ -1,0 +1,315 @@
+// examples/shaders on the device, from 3D textures, against the sampler of src/volume.
+#include "device.h"
+#include "gpu/read_volume_l1.comp.h"
+#include "gpu/read_volume_l1.hlsl.h"
+#include "gpu/read_volume_l2.comp.h"
+#include "gpu/read_volume_l2.hlsl.h"
+#include "gpu/vulkan.h"
+#include "unit/volumes.h"
+#include "volume/sampler.h"
+#include "volume/sh.h"
+
+#include <array>
+#include <numbers>
+#include <random>
+
+namespace lpvbake::gpu {
+namespace {
+
+using std::numbers::pi;
+
+struct Surface {
+    glm::vec4 point;
+    glm::vec4 normal;
+};
+
+/// What the shaders make of one surface, lux.
+struct Irradiances {
+    glm::vec4 trilinear_l1, l1, nonlinear, l2;
+};
+
+struct Texture {
+    vk::raii::Image image{nullptr};
+    Memory memory;
+    vk::raii::ImageView view{nullptr};
+};
+
+struct Shader {
+    const char* name;
+    int order;
+    bool hlsl;
+    std::span<const uint32_t> words;
+};
+const std::array<Shader, 4> all_shaders{
+    Shader{"GLSL of order 1", 1, false, shaders::read_volume_l1_comp},
+    Shader{"GLSL of order 2", 2, false, shaders::read_volume_l2_comp},
+    Shader{"HLSL of order 1", 1, true, shaders::read_volume_l1_hlsl},
+    Shader{"HLSL of order 2", 2, true, shaders::read_volume_l2_hlsl},
+};
+
+class ShadersTest : public testing::DeviceTest {
+protected:
+    template <class T>
+    static Buffer filled(const std::vector<T>& values) {
+        Buffer buffer(device(), values.size() * sizeof(T));
+        upload(device(), buffer, 0, std::as_bytes(std::span(values)));
+        return buffer;
+    }
+
+    template <class Value>
+    static Texture texture(const Grid& grid, const Value& value) {
+        std::vector<glm::vec4> texels(grid.size());
+        for (std::size_t i = 0; i < texels.size(); ++i)
+            texels[i] = value(i);
+        const Buffer source = filled(texels);
+        Device::Impl& d = device().impl();
+        const vk::Extent3D extent(uint32_t(grid.dims.x), uint32_t(grid.dims.y),
+                                  uint32_t(grid.dims.z));
+        const vk::Format format = vk::Format::eR32G32B32A32Sfloat;
+        Texture made;
+        made.image = vk::raii::Image(
+            d.handle, {{},
+                       vk::ImageType::e3D,
+                       format,
+                       extent,
+                       1,
+                       1,
+                       vk::SampleCountFlagBits::e1,
+                       vk::ImageTiling::eOptimal,
+                       vk::ImageUsageFlagBits::eSampled | vk::ImageUsageFlagBits::eTransferDst});
+        made.memory = d.allocate(made.image.getMemoryRequirements(), Placement::device);
+        made.image.bindMemory(*made.memory.handle(), 0);
+        const vk::ImageSubresourceRange range(vk::ImageAspectFlagBits::eColor, 0, 1, 0, 1);
+        d.submit_now([&](const vk::raii::CommandBuffer& commands) {
+            vk::ImageMemoryBarrier barrier(
+                {}, vk::AccessFlagBits::eTransferWrite, vk::ImageLayout::eUndefined,
+                vk::ImageLayout::eTransferDstOptimal, VK_QUEUE_FAMILY_IGNORED,
+                VK_QUEUE_FAMILY_IGNORED, *made.image, range);
+            commands.pipelineBarrier(vk::PipelineStageFlagBits::eTopOfPipe,
+                                     vk::PipelineStageFlagBits::eTransfer, {}, {}, {}, barrier);
+            commands.copyBufferToImage(
+                *source.impl().handle, *made.image, vk::ImageLayout::eTransferDstOptimal,
+                vk::BufferImageCopy(0, 0, 0, {vk::ImageAspectFlagBits::eColor, 0, 0, 1}, {},
+                                    extent));
+            barrier.srcAccessMask = vk::AccessFlagBits::eTransferWrite;
+            barrier.dstAccessMask = vk::AccessFlagBits::eShaderRead;
+            barrier.oldLayout = vk::ImageLayout::eTransferDstOptimal;
+            barrier.newLayout = vk::ImageLayout::eShaderReadOnlyOptimal;
+            commands.pipelineBarrier(vk::PipelineStageFlagBits::eTransfer,
+                                     vk::PipelineStageFlagBits::eComputeShader, {}, {}, {},
+                                     barrier);
+        });
+        made.view = vk::raii::ImageView(
+            d.handle, {{}, *made.image, vk::ImageViewType::e3D, format, {}, range});
+        return made;
+    }
+
+    static std::vector<Irradiances> run(const Shader& shader, const Volume& volume,
+                                        const std::vector<Surface>& surfaces) {
+        Device::Impl& d = device().impl();
+        std::vector<Texture> textures; // the coefficients, then the validity
+        for (int k = 0; k < sh_count(shader.order); ++k)
+            textures.push_back(texture(volume.grid, [&](std::size_t i) {
+                return glm::vec4(volume.sh[std::size_t(k)][i], 1.0f);
+            }));
+        textures.push_back(
+            texture(volume.grid, [&](std::size_t i) { return glm::vec4(volume.validity[i]); }));
+        const auto coefficients = uint32_t(sh_count(shader.order));
+        const vk::raii::Sampler sampler(d.handle, {{},
+                                                   vk::Filter::eLinear,
+                                                   vk::Filter::eLinear,
+                                                   vk::SamplerMipmapMode::eNearest,
+                                                   vk::SamplerAddressMode::eClampToEdge,
+                                                   vk::SamplerAddressMode::eClampToEdge,
+                                                   vk::SamplerAddressMode::eClampToEdge});
+        const Buffer source = filled(surfaces);
+        const Buffer target = filled(std::vector<Irradiances>(surfaces.size()));
+
+        const vk::DescriptorType image = shader.hlsl ? vk::DescriptorType::eSampledImage
+                                                     : vk::DescriptorType::eCombinedImageSampler;
+        const auto stage = vk::ShaderStageFlagBits::eCompute;
+        const std::array bindings{
+            vk::DescriptorSetLayoutBinding(0, image, coefficients, stage),
+            vk::DescriptorSetLayoutBinding(1, image, 1, stage),
+            vk::DescriptorSetLayoutBinding(2, vk::DescriptorType::eSampler, 1, stage),
+            vk::DescriptorSetLayoutBinding(3, vk::DescriptorType::eStorageBuffer, 1, stage),
+            vk::DescriptorSetLayoutBinding(4, vk::DescriptorType::eStorageBuffer, 1, stage)};
+        const vk::raii::DescriptorSetLayout set_layout(d.handle, {{}, bindings});
+        struct Push {
+            glm::vec3 origin;
+            float cell;
+            uint32_t count;
+        } const push{glm::vec3(volume.grid.origin), float(volume.grid.cell),
+                     uint32_t(surfaces.size())};
+        const vk::PushConstantRange pushed(stage, 0, sizeof push);
+        const vk::raii::PipelineLayout layout(d.handle, {{}, *set_layout, pushed});
+        const vk::raii::ShaderModule module(d.handle,
+                                            {{}, shader.words.size_bytes(), shader.words.data()});
+        const vk::raii::Pipeline pipeline(d.handle, nullptr,
+                                          {{}, {{}, stage, *module, "main"}, *layout});
+        const std::array sizes{vk::DescriptorPoolSize(image, coefficients + 1),
+                               vk::DescriptorPoolSize(vk::DescriptorType::eSampler, 1),
+                               vk::DescriptorPoolSize(vk::DescriptorType::eStorageBuffer, 2)};
+        const vk::raii::DescriptorPool pool(
+            d.handle, {vk::DescriptorPoolCreateFlagBits::eFreeDescriptorSet, 1, sizes});
+        const vk::raii::DescriptorSets sets(d.handle, {*pool, *set_layout});
+        std::vector<vk::DescriptorImageInfo> images;
+        for (const Texture& each : textures)
+            images.emplace_back(*sampler, *each.view, vk::ImageLayout::eShaderReadOnlyOptimal);
+        const vk::DescriptorImageInfo sampling(*sampler);
+        const vk::DescriptorBufferInfo in(*source.impl().handle, 0, source.bytes());
+        const vk::DescriptorBufferInfo out(*target.impl().handle, 0, target.bytes());
+        const vk::DescriptorSet set = *sets.front();
+        const auto storage = vk::DescriptorType::eStorageBuffer;
+        d.handle.updateDescriptorSets(
+            std::array{
+                vk::WriteDescriptorSet(set, 0, 0, coefficients, image, images.data()),
+                vk::WriteDescriptorSet(set, 1, 0, 1, image, &images.back()),
+                vk::WriteDescriptorSet(set, 2, 0, 1, vk::DescriptorType::eSampler, &sampling),
+                vk::WriteDescriptorSet(set, 3, 0, 1, storage, nullptr, &in),
+                vk::WriteDescriptorSet(set, 4, 0, 1, storage, nullptr, &out)},
+            {});
+        d.submit_now([&](const vk::raii::CommandBuffer& commands) {
+            commands.bindPipeline(vk::PipelineBindPoint::eCompute, *pipeline);
+            commands.bindDescriptorSets(vk::PipelineBindPoint::eCompute, *layout, 0, set, {});
+            commands.pushConstants<Push>(*layout, stage, 0, push);
+            commands.dispatch(uint32_t(surfaces.size() + 63) / 64, 1, 1);
+            full_barrier(commands);
+        });
+        std::vector<Irradiances> result(surfaces.size());
+        download(device(), target, 0, std::as_writable_bytes(std::span(result)));
+        return result;
+    }
+};
+
+std::vector<Surface> random_surfaces(const Grid& grid, std::size_t count, unsigned seed) {
+    std::mt19937 random(seed);
+    std::uniform_real_distribution<float> share(-0.1f, 1.1f); // beyond the edges, too
+    std::normal_distribution<float> normal;
+    std::vector<Surface> surfaces(count);
+    for (Surface& surface : surfaces) {
+        const glm::vec3 p(share(random), share(random), share(random));
+        const glm::vec3 n(normal(random), normal(random), normal(random));
+        surface.point =
+            glm::vec4(glm::vec3(grid.origin) + float(grid.cell) * glm::vec3(grid.dims) * p, 0);
+        surface.normal = glm::vec4(glm::normalize(n), 0);
+    }
+    return surfaces;
+}
+
+Volume of_order(Volume volume, int order) {
+    volume.sh_order = order;
+    volume.sh.resize(std::size_t(sh_count(order)));
+    return volume;
+}
+
+/// The non-linear form by its definition: mean irradiance and the share that comes from one side.
+double nonlinear(double mean, glm::dvec3 slope, glm::dvec3 n) {
+    if (mean <= 0)
+        return 0;
+    const double r = std::min(1.0, glm::length(slope) / (2 * mean));
+    const double q = r > 0 ? (1 + glm::dot(glm::normalize(slope), n)) / 2 : 0.5;
+    const double p = 1 + 2 * r, low = (1 - r) / (1 + r);
+    return mean * (low + (1 - low) * (p + 1) * std::pow(q, p));
+}
+
+TEST_F(ShadersTest, ReadWhatTheSamplerReads) {
+    Volume volume = random_volume({7, 5, 6}, 2, false, 5);
+    // A block of cells without light, so that the nearest of more than eight counts.
+    glm::ivec3 c;
+    for (c.z = 1; c.z < 5; ++c.z)
+        for (c.y = 0; c.y < 4; ++c.y)
+            for (c.x = 3; c.x < 7; ++c.x)
+                volume.validity[volume.grid.index(c)] = 0;
+    const Volume first = of_order(volume, 1);
+    const std::vector<Surface> surfaces = random_surfaces(volume.grid, 5000, 6);
+    const double filtering = device().is_cpu() ? 0.05 : 50; // GPUs weight by 1/256
+    for (const Shader& shader : all_shaders) {
+        SCOPED_TRACE(shader.name);
+        const std::vector<Irradiances> found = run(shader, volume, surfaces);
+        int dark = 0;
+        for (std::size_t i = 0; i < surfaces.size(); ++i) {
+            const glm::dvec3 p(surfaces[i].point), n(surfaces[i].normal);
+            const auto expect = [&](glm::dvec3 expected, glm::vec4 got, double tolerance) {
+                for (int axis = 0; axis < 3; ++axis)
+                    ASSERT_NEAR(expected[axis], got[axis], tolerance) << i << ' ' << axis;
+            };
+            const glm::dvec3 facing = read_irradiance(first, p, n, Reading::facing);
+            dark += facing == glm::dvec3(0);
+            expect(facing, found[i].l1, 0.05);
+            expect(read_irradiance(first, p, n, Reading::trilinear), found[i].trilinear_l1,
+                   filtering);
+            if (shader.order == 2)
+                expect(read_irradiance(volume, p, n, Reading::facing), found[i].l2, 0.05);
+            const CellWeights weights = weights_at(volume, p, n, Reading::facing);
+            glm::dvec3 sum[4]{};
+            for (std::size_t k = 0; k < 4; ++k)
+                for (std::size_t w = 0; w < 8; ++w)
+                    sum[k] += weights.weight[w] * glm::dvec3(volume.sh[k][weights.cell[w]]);
+            glm::dvec3 bent;
+            for (int axis = 0; axis < 3; ++axis)
+                bent[axis] = nonlinear(
+                    std::sqrt(pi) / 2 * sum[0][axis],
+                    std::sqrt(pi / 3) * glm::dvec3(sum[3][axis], sum[1][axis], sum[2][axis]), n);
+            expect(bent, found[i].nonlinear, 0.2);
+            if (HasFatalFailure())
+                return;
+        }
+        EXPECT_LT(dark, int(surfaces.size()) / 2); // else this would compare nothing with nothing
+    }
+}
+
+// Light from everywhere, from one point, and between: mean and extremes in closed form.
+TEST_F(ShadersTest, NonlinearKeepsTheMeanAndStaysAboveZero) {
+    const glm::dvec3 axis = glm::normalize(glm::dvec3(1, -2, 0.5));
+    const glm::dvec3 u = glm::normalize(glm::cross(axis, glm::dvec3(0, 0, 1)));
+    const std::array ratios{0.0, 0.3, 0.5, 0.8, 1.0, 1.7}; // 1: all light from one point
+    // A cell for each; at its centre normals at midpoints in the cosine with the axis, around it,
+    // and then along it both ways.
+    Volume volume;
+    volume.grid = {glm::dvec3(0), 1.0, {int(ratios.size()), 1, 1}};
+    volume.sh_order = 2;
+    volume.sh.assign(9, std::vector<glm::vec3>(ratios.size(), glm::vec3(0)));
+    volume.validity.assign(ratios.size(), 1);
+    constexpr int heights = 200, turns = 8, normals = heights * turns + 2;
+    std::vector<Surface> surfaces;
+    for (std::size_t cell = 0; cell < ratios.size(); ++cell) {
+        const double c1 = std::sqrt(3.0) * ratios[cell]; // where c0 = 1
+        volume.sh[0][cell] = glm::vec3(1);
+        volume.sh[1][cell] = glm::vec3(c1 * axis.y);
+        volume.sh[2][cell] = glm::vec3(c1 * axis.z);
+        volume.sh[3][cell] = glm::vec3(c1 * axis.x);
+        const auto add = [&](glm::dvec3 n) {
+            surfaces.push_back({glm::vec4(float(cell) + 0.5f, 0.5f, 0.5f, 0), glm::vec4(n, 0)});
+        };
+        for (int i = 0; i < heights; ++i)
+            for (int j = 0; j < turns; ++j) {
+                const double z = (i + 0.5) * 2 / heights - 1, phi = 2 * pi * j / turns;
+                add(z * axis
+                    + std::sqrt(1 - z * z)
+                          * (std::cos(phi) * u + std::sin(phi) * glm::cross(axis, u)));
+            }
+        add(axis);
+        add(-axis);
+    }
+    for (const Shader& shader : all_shaders) {
+        const std::vector<Irradiances> found = run(shader, volume, surfaces);
+        for (std::size_t cell = 0; cell < ratios.size(); ++cell) {
+            SCOPED_TRACE(std::string(shader.name) + ", " + std::to_string(ratios[cell]));
+            const Irradiances* here = &found[cell * normals];
+            const double mean = std::sqrt(pi) / 2, r = std::min(ratios[cell], 1.0);
+            double sum = 0;
+            for (int i = 0; i < heights * turns; ++i) {
+                EXPECT_GE(here[i].nonlinear.x, 0);
+                sum += double(here[i].nonlinear.x);
+            }
+            EXPECT_NEAR(sum / (heights * turns), mean, 1e-4);
+            EXPECT_NEAR(here[normals - 2].nonlinear.y, mean * (1 + 3 * r + 4 * r * r) / (1 + r),
+                        1e-4);
+            EXPECT_NEAR(here[normals - 1].nonlinear.z, mean * (1 - r) / (1 + r), 1e-4);
+        }
+    }
+}
+
+} // namespace
+} // namespace lpvbake::gpu
