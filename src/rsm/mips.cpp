@@ -75,9 +75,7 @@ Image halved(const Image& image, bool weighted, const std::array<float, 256>& li
 } // namespace
 
 std::vector<Image> mip_levels(const Image& image, int first, bool weighted) {
-    std::array<float, 256> linear;
-    for (int i = 0; i < 256; ++i)
-        linear[i] = float(srgb_to_linear(i / 255.0));
+    const std::array<float, 256>& linear = linear_values();
     std::vector<Image> levels{image};
     while (levels.back().width > 1 || levels.back().height > 1) {
         levels.push_back(halved(levels.back(), weighted, linear));

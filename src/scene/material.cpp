@@ -8,16 +8,6 @@
 namespace lpvbake {
 namespace {
 
-const std::array<float, 256>& srgb_table() {
-    static const std::array<float, 256> table = [] {
-        std::array<float, 256> values;
-        for (int i = 0; i < 256; ++i)
-            values[i] = static_cast<float>(srgb_to_linear(i / 255.0));
-        return values;
-    }();
-    return table;
-}
-
 /// Brings a coordinate near [0, 1] without changing what it samples, so that texel indices fit
 /// whatever the file says.
 float wrapped(float u, Wrap wrap) {
@@ -50,7 +40,7 @@ int wrapped(int i, int size, Wrap wrap) {
 
 glm::vec4 texel(const Image& image, int x, int y) {
     const uint8_t* p = &image.rgba[4 * (static_cast<size_t>(y) * image.width + x)];
-    const std::array<float, 256>& linear = srgb_table();
+    const std::array<float, 256>& linear = linear_values();
     return {linear[p[0]], linear[p[1]], linear[p[2]], p[3] / 255.0f};
 }
 

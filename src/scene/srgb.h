@@ -1,13 +1,26 @@
 // The transfer function of sRGB (IEC 61966-2-1).
 #pragma once
 
+#include <array>
 #include <cmath>
+#include <cstddef>
 
 namespace lpvbake {
 
 /// Linear value in [0, 1] of an sRGB-encoded one in [0, 1].
 inline double srgb_to_linear(double encoded) {
     return encoded <= 0.04045 ? encoded / 12.92 : std::pow((encoded + 0.055) / 1.055, 2.4);
+}
+
+/// Linear values in [0, 1], by stored 8-bit value.
+inline const std::array<float, 256>& linear_values() {
+    static const std::array<float, 256> table = [] {
+        std::array<float, 256> values;
+        for (std::size_t i = 0; i < values.size(); ++i)
+            values[i] = static_cast<float>(srgb_to_linear(static_cast<double>(i) / 255.0));
+        return values;
+    }();
+    return table;
 }
 
 /// sRGB-encoded value in [0, 1] of a linear one in [0, 1].

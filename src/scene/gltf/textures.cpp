@@ -145,17 +145,6 @@ DecodedImage with_statistics(Image image) {
     return result;
 }
 
-/// Linear values in [0, 1], by stored value.
-const std::array<float, 256>& linear_values() {
-    static const std::array<float, 256> table = [] {
-        std::array<float, 256> values;
-        for (int i = 0; i < 256; ++i)
-            values[i] = static_cast<float>(srgb_to_linear(i / 255.0));
-        return values;
-    }();
-    return table;
-}
-
 /// The nearest stored value of a linear one in [0, 1]: how many of the 255 values half way between
 /// lie at or below it, found from the count at the start of its 1/4096.
 uint8_t stored_value(float linear) {
