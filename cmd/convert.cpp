@@ -24,21 +24,40 @@ const char manual[] =
 convention, and writes .vdb and .exr. What is not asked for becomes the default: canonical
 coefficients of luminance in glTF's axes, in float.
 
-Conventions, of canonical coefficients c (basis 1, y, z, x, xy, yz, 3z^2-1, xz, x^2-y^2; nits):
-  radiance    c
+Conventions, of canonical coefficients c (basis 1, y, z, x, xy, yz, 3z^2-1, xz, x^2-y^2; nits),
+and the source of each program's formula:
+  radiance    c (three.js LightProbe)
   irradiance  A c: pi, 2 pi / 3, pi / 4 by band; summed over the basis it is irradiance
   lpv         order 1, signs of light's travel: (pi c0, 2 pi / 3 (cy, -cz, cx)), for shaders that
               evaluate max(0, v.(0.282095, -0.488603 y, 0.488603 z, -0.488603 x)(-n)) / pi
-  godot       c / pi
-  unity       factors of ShadeSH9 (UnityCG.cginc): its sum is irradiance / pi; packed by channel
-              the first files are SHAr, SHAg, SHAb (RGBA = x, y, z, 1), the second SHBr, ...
-  unreal      c with the signs - + - in band 1 and + - + - + in band 2
+  godot       c / pi (Godot 4, scene_forward_clustered.glsl, lightmap captures)
+  unity       factors of ShadeSH9 (UnityCG.cginc, SHEvalLinearL0L1 and L2): its sum is irradiance /
+              pi; packed by channel the first files are SHAr, SHAg, SHAb (RGBA = x, y, z, 1), the
+              second SHBr, ...
+  unreal      c with the signs - + - in band 1 and + - + - + in band 2 (Unreal Engine 5,
+              SHCommon.ush, SHBasisFunction3)
 Axes, of positions and directions alike (metres all the same):
   gltf (x, y, z)   unity (-x, y, z)   unreal (x, z, y)   blender (x, -z, y)
 
+Targets:
+  generic, houdini  canonical coefficients of all bands in float, glTF's axes
+  blender   the same in Blender's axes; in a .vdb index i is the corner of cell i, as Blender draws
+            voxel i from i to i + 1
+  unity     convention and axes unity, half, packed by channel; STEM.unity.json: what to set on import
+  unreal    convention and axes unreal, half, packed by channel; STEM.unreal.json
+  godot     convention godot, half, packed by channel; FILE.exr.import of each picture (Godot 4)
+  threejs   half, one picture: the atlas of LightProbeGridWebGL (r187)
+  vrc       order 1 as unity has it, half, in the three textures of VRC Light Volumes; STEM.unity.json
+  bevy      half, one picture of ambient cubes (irradiance / pi): Bevy's irradiance volume. It cannot
+            be converted back
+All but the first three keep orders up to 2, and two rings of cells inside geometry are filled, as
+their samplers take all cells around a point; unity, unreal, godot and vrc leave no tile of a picture
+empty. An option that is given goes before what the target says. In which order Unity and Unreal take
+tiles, and Unity rows, is not proven: their notes say what to look at.
+
 Examples:
   lpvbake convert room.vdb room.exr
-  lpvbake convert room.vdb room_unity.exr --sh-convention unity --axes unity --exr-packing channel
+  lpvbake convert room.vdb room_unity.exr --target unity
   lpvbake convert room.json room.vdb --sh-order 1 --precision half
 
 JSON: {"command": "convert", "file", "grid": {"dims", "cell", "origin", "cells"}, "sh_order",

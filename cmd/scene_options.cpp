@@ -1,6 +1,7 @@
 #include "scene_options.h"
 
 #include "error.h"
+#include "io/target.h"
 #include "scene/gltf/light_file.h"
 #include "scene/gltf/sky_file.h"
 #include "scene/lights.h"
@@ -158,16 +159,20 @@ CLI::Option* add_grid_options(OptionList& list, SceneOptions& o) {
 
 void add_output_options(OptionList& list, OutputOptions& o) {
     list.group("Output");
+    list.choice("--target", o.target, "generic|blender|houdini|unity|unreal|godot|threejs|vrc|bevy",
+                "Program that reads the files: sets the options below that are not\ngiven, see "
+                "lpvbake convert --help, and writes what it needs beside them");
     list.choice("--precision", o.precision, "float|half", "Type of the stored numbers");
     list.choice("--sh-convention", o.sh_convention, "radiance|irradiance|lpv|godot|unity|unreal",
-                "Signs and factors of the stored coefficients: see lpvbake convert\n--help");
+                "Signs and factors of the stored coefficients");
     list.choice("--axes", o.axes, "gltf|unity|unreal|blender",
                 "Axes of cells, directions and positions");
+    list.choice("--exr-packing", o.exr_packing, "band|channel|vrc|cube|atlas",
+                "One RGB file per coefficient, one RGBA file per colour channel, or as\nVRC Light "
+                "Volumes, Bevy and three.js have it");
     list.number("--exr-columns", o.exr_columns, 0, 16384,
                 "Slices in a row of an EXR's picture; 0: nearly square")
         ->capture_default_str();
-    list.choice("--exr-packing", o.exr_packing, "band|channel",
-                "One RGB file per coefficient, or one RGBA file per colour channel");
 }
 
 void add_run_options(OptionList& list, RunOptions& o) {
@@ -371,21 +376,42 @@ void fill_metadata(const SceneOptions& o, const Scene& scene, const std::vector<
     volume.metadata.try_emplace("settings", text);
 }
 
+namespace {
+
+/// How the outputs are stored: as the target has it, but for what is given.
+Target storage_of(const OutputOptions& o) {
+    Target storage = *target_named(o.target);
+    if (!o.precision.empty())
+        storage.precision = o.precision == "half" ? Precision::half : Precision::full;
+    if (!o.sh_convention.empty())
+        storage.encoding.convention = *convention_named(o.sh_convention);
+    if (!o.axes.empty())
+        storage.encoding.axes = *axes_named(o.axes);
+    if (!o.exr_packing.empty())
+        storage.pictures.packing = *packing_named(o.exr_packing);
+    if (o.exr_columns > 0)
+        storage.pictures.columns = o.exr_columns;
+    return storage;
+}
+
+} // namespace
+
 void append_output_settings(const OutputOptions& o, std::vector<Setting>& settings) {
-    settings.insert(settings.end(), {{"precision", toml_string(o.precision), false},
-                                     {"sh-convention", toml_string(o.sh_convention), false},
-                                     {"axes", toml_string(o.axes), false},
-                                     {"exr-packing", toml_string(o.exr_packing), false},
-                                     {"exr-columns", std::to_string(o.exr_columns), false}});
+    const Target storage = storage_of(o);
+    const auto add = [&](const char* name, const std::string& given, const char* value) {
+        settings.push_back({name, toml_string(value), false, !given.empty()});
+    };
+    add("target", o.target, storage.name);
+    add("precision", o.precision, storage.precision == Precision::half ? "half" : "float");
+    add("sh-convention", o.sh_convention, name_of(storage.encoding.convention));
+    add("axes", o.axes, name_of(storage.encoding.axes));
+    add("exr-packing", o.exr_packing, name_of(storage.pictures.packing));
+    settings.push_back({"exr-columns", std::to_string(o.exr_columns), false});
 }
 
 Written write_output(const OutputOptions& o, const std::string& path, const Volume& volume,
                      TerminalProgress& progress) {
-    const Precision precision = o.precision == "half" ? Precision::half : Precision::full;
-    const Packing packing = o.exr_packing == "channel" ? Packing::channel : Packing::band;
-    const Encoding encoding{*convention_named(o.sh_convention), *axes_named(o.axes)};
-    const WriteReport report =
-        write_volume(path, volume, precision, packing, encoding, o.exr_columns);
+    const WriteReport report = write_for(storage_of(o), path, volume);
     for (const std::string& warning : report.warnings)
         progress.warn(warning);
     return {path, report.files};

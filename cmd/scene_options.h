@@ -82,14 +82,15 @@ Scene load_scene(const SceneOptions& o, const std::vector<Light>& lights);
 /// time by.
 bool mentions_images(const SceneOptions& o);
 
-/// Volumes to write.
+/// Volumes to write. What is empty is as the target has it.
 struct OutputOptions {
     std::vector<std::string> paths;
-    std::string precision = "float";
-    std::string exr_packing = "band";
+    std::string target = "generic";
+    std::string precision;
+    std::string sh_convention;
+    std::string axes;
+    std::string exr_packing;
     int exr_columns = 0; ///< 0: nearly square
-    std::string sh_convention = "radiance";
-    std::string axes = "gltf";
 };
 void add_output_options(OptionList& list, OutputOptions& o);
 /// The same as settings, but for the paths.

@@ -13,6 +13,7 @@
 #include <deque>
 #include <filesystem>
 #include <map>
+#include <numbers>
 
 namespace lpvbake {
 namespace {
@@ -43,27 +44,69 @@ std::string sidecar_of(const std::string& path) {
     return beside().string();
 }
 
+constexpr const char* packing_names[] = {"band", "channel", "vrc", "cube", "atlas"};
+
 // ---- layout ----
 
 struct Layout {
     int columns = 0;
     int rows = 0;
 
-    /// Row-major texel index of a cell in the picture of dims.x * columns texels a row.
-    size_t texel(glm::ivec3 dims, glm::ivec3 cell) const {
-        const size_t x = size_t(cell.z % columns) * size_t(dims.x) + size_t(cell.x);
-        const size_t y = size_t(cell.z / columns) * size_t(dims.y) + size_t(cell.y);
+    /// Row-major index of a texel of a texture of `dims` in the picture of dims.x * columns texels
+    /// a row.
+    size_t texel(glm::ivec3 dims, glm::ivec3 at) const {
+        const size_t x = size_t(at.z % columns) * size_t(dims.x) + size_t(at.x);
+        const size_t y = size_t(at.z / columns) * size_t(dims.y) + size_t(at.y);
         return y * size_t(columns) * size_t(dims.x) + x;
     }
 };
 
-/// The layout with the shortest longer side, and among those the smallest area; or the one with
-/// `wanted` columns, if that is not 0.
-Layout choose_layout(glm::ivec3 dims, int wanted, const std::string& path) {
+/// How blocks of cells make a texture: `rows` of them along y, and what is more behind along z,
+/// each between `padding` copies of its outermost slices.
+struct Stack {
+    int blocks = 1;
+    int rows = 1;
+    int padding = 0;
+
+    glm::ivec3 dims(glm::ivec3 cells) const {
+        return {cells.x, cells.y * rows, (cells.z + 2 * padding) * (blocks / rows)};
+    }
+    /// Calls visit(texel, block, cell, whether it is padding) for all texels of a texture.
+    template <class Visit>
+    void for_each_texel(glm::ivec3 cells, const Layout& layout, const Visit& visit) const {
+        for (int block = 0; block < blocks; ++block) {
+            const glm::ivec3 first(0, block % rows * cells.y,
+                                   block / rows * (cells.z + 2 * padding) + padding);
+            for (int z = -padding; z < cells.z + padding; ++z) {
+                const int slice = std::clamp(z, 0, cells.z - 1);
+                size_t cell = size_t(slice) * size_t(cells.x) * size_t(cells.y);
+                for (int y = 0; y < cells.y; ++y)
+                    for (int x = 0; x < cells.x; ++x, ++cell)
+                        visit(layout.texel(dims(cells), first + glm::ivec3(x, y, z)), block, cell,
+                              z != slice);
+            }
+        }
+    }
+};
+
+Stack stack_of(Packing packing) {
+    if (packing == Packing::cube)
+        return {6, 2, 0};
+    if (packing == Packing::atlas)
+        return {7, 1, 1};
+    return {};
+}
+
+/// The layout with the shortest longer side, and among those the smallest area; or the one with the
+/// number of columns that is asked for.
+Layout choose_layout(glm::ivec3 dims, const Pictures& pictures, const std::string& path) {
+    const int wanted = pictures.columns;
     Layout best;
     auto best_cost = std::pair<int64_t, int64_t>(max_side + 1, 0);
     for (int64_t columns = 1; columns <= dims.z && columns * dims.x <= max_side; ++columns) {
         if (wanted > 0 && columns != std::min(wanted, dims.z))
+            continue;
+        if (pictures.no_empty_tiles && dims.z % columns != 0)
             continue;
         const int64_t rows = (dims.z + columns - 1) / columns;
         const int64_t width = columns * dims.x, height = rows * dims.y;
@@ -76,17 +119,18 @@ Layout choose_layout(glm::ivec3 dims, int wanted, const std::string& path) {
     if (best.columns == 0)
         throw Error(ExitCode::unsupported,
                     path + ": "
-                        + (wanted > 0 ? std::to_string(wanted) + " columns of a grid of "
-                                      : std::string("a grid of "))
+                        + (wanted > 0 ? std::to_string(wanted) + " columns of a texture of "
+                                      : std::string("a texture of "))
                         + std::to_string(dims.x) + " x " + std::to_string(dims.y) + " x "
-                        + std::to_string(dims.z)
-                        + " cells does not fit a picture of 16384 texels a side; write .vdb");
+                        + std::to_string(dims.z) + " texels does not fit a picture of 16384 a side"
+                        + (pictures.no_empty_tiles ? " without empty tiles" : "") + "; write .vdb");
     return best;
 }
 
 // ---- which channel of which file holds what ----
 
-/// A scalar of the volume: the floats of one grid, or of one colour of an RGB grid.
+/// A scalar of the volume: the floats of one grid, or of one colour of an RGB grid; or, without a
+/// name, zeros.
 struct Component {
     std::string name; ///< e.g. sh_l1_y.g
     const float* first = nullptr;
@@ -95,27 +139,80 @@ struct Component {
 
 struct Texture {
     std::string suffix; ///< of the file's name: STEM_suffix.exr
-    std::vector<Component> channels;
+    /// What the channels hold, block by block, all of as many channels.
+    std::vector<std::vector<Component>> blocks;
 };
 
+Component colour(const std::string& name, const std::vector<glm::vec3>& grid, int c) {
+    return {name + "." + "rgb"[c], &grid[0].x + c, 3};
+}
+
 Component colour(const Volume& volume, size_t k, int c) {
-    return {std::string("sh_") + coefficient_name(int(k)) + "." + "rgb"[c], &volume.sh[k][0].x + c,
-            3};
+    return colour(std::string("sh_") + coefficient_name(int(k)), volume.sh[k], c);
+}
+
+/// Irradiance over pi of each cell towards +x, -x, +y, ...; `volume` is canonical.
+std::vector<std::vector<glm::vec3>> ambient_cube(const Volume& volume) {
+    std::vector<std::vector<glm::vec3>> sides(6, std::vector<glm::vec3>(volume.grid.size()));
+    tbb::parallel_for(size_t(0), sides.size(), [&](size_t side) {
+        glm::vec3 normal(0.0f);
+        normal[int(side / 2)] = side % 2 == 0 ? 1.0f : -1.0f;
+        std::vector<float> coefficients(volume.sh.size());
+        for (size_t cell = 0; cell < volume.grid.size(); ++cell)
+            for (int c = 0; c < 3; ++c) {
+                for (size_t k = 0; k < coefficients.size(); ++k)
+                    coefficients[k] = volume.sh[k][cell][c];
+                sides[side][cell][c] =
+                    std::max(0.0f, sh_irradiance(coefficients, normal)) / std::numbers::pi_v<float>;
+            }
+    });
+    return sides;
+}
+
+std::vector<Texture> cube_textures(const std::vector<std::vector<glm::vec3>>& sides) {
+    constexpr const char* names[] = {"cube_px", "cube_nx", "cube_py",
+                                     "cube_ny", "cube_pz", "cube_nz"};
+    Texture cube{"cube", {}};
+    for (size_t side = 0; side < 6; ++side)
+        cube.blocks.push_back({colour(names[side], sides[side], 0),
+                               colour(names[side], sides[side], 1),
+                               colour(names[side], sides[side], 2)});
+    return {cube};
 }
 
 std::vector<Texture> textures_of(const Volume& volume, Packing packing, ShConvention convention) {
     std::vector<Texture> textures;
     const auto add_band = [&](size_t k) {
         textures.push_back({std::string("sh_") + coefficient_name(int(k)),
-                            {colour(volume, k, 0), colour(volume, k, 1), colour(volume, k, 2)}});
+                            {{colour(volume, k, 0), colour(volume, k, 1), colour(volume, k, 2)}}});
     };
     const auto add_channels = [&](const char* suffix, std::array<size_t, 4> order) {
         for (int c = 0; c < 3; ++c) {
-            textures.push_back({"rgb"[c] + std::string(suffix), {}});
+            textures.push_back({"rgb"[c] + std::string(suffix), {{}}});
             for (const size_t k : order)
-                textures.back().channels.push_back(colour(volume, k, c));
+                textures.back().blocks[0].push_back(colour(volume, k, c));
         }
     };
+    if (packing == Packing::vrc) {
+        constexpr size_t z = 2, colours[] = {0, 3, 1}; // the coefficients 1, x and y
+        for (int file = 0; file < 3; ++file) {
+            add_band(colours[file]);
+            textures.back().suffix = std::to_string(file);
+            textures.back().blocks[0].push_back(colour(volume, z, file));
+        }
+        return textures;
+    }
+    if (packing == Packing::atlas) {
+        textures.push_back({"atlas", {}});
+        for (size_t i = 0; i < 28; ++i) {
+            if (i % 4 == 0)
+                textures[0].blocks.emplace_back();
+            const size_t k = i / 3;
+            textures[0].blocks.back().push_back(k < volume.sh.size() ? colour(volume, k, int(i % 3))
+                                                                     : Component{});
+        }
+        return textures;
+    }
     if (packing == Packing::band) {
         for (size_t k = 0; k < volume.sh.size(); ++k)
             add_band(k);
@@ -128,29 +225,59 @@ std::vector<Texture> textures_of(const Volume& volume, Packing packing, ShConven
         }
     }
     if (!volume.occlusion.empty()) {
-        Texture texture{"occlusion", {}};
+        Texture texture{"occlusion", {{}}};
         for (size_t k = 0; k < 4; ++k)
-            texture.channels.push_back({std::string("occlusion_") + coefficient_name(int(k)),
-                                        volume.occlusion[k].data(), 1});
+            texture.blocks[0].push_back({std::string("occlusion_") + coefficient_name(int(k)),
+                                         volume.occlusion[k].data(), 1});
         textures.push_back(texture);
     }
     if (!volume.validity.empty())
-        textures.push_back({"validity", {{"validity", volume.validity.data(), 1}}});
+        textures.push_back({"validity", {{{"validity", volume.validity.data(), 1}}}});
     return textures;
 }
 
-Pixels picture_of(const Texture& texture, glm::ivec3 dims, const Layout& layout) {
-    const size_t n = texture.channels.size();
+Pixels picture_of(const Texture& texture, glm::ivec3 cells, const Stack& stack,
+                  const Layout& layout) {
+    const size_t n = texture.blocks[0].size();
+    const glm::ivec3 dims = stack.dims(cells);
     Pixels pixels{layout.columns * dims.x, layout.rows * dims.y, int(n), {}};
     pixels.samples.resize(size_t(pixels.width) * size_t(pixels.height) * n);
-    size_t cell = 0;
-    for (int z = 0; z < dims.z; ++z)
-        for (int y = 0; y < dims.y; ++y)
-            for (int x = 0; x < dims.x; ++x, ++cell)
-                for (size_t c = 0; c < n; ++c)
-                    pixels.samples[layout.texel(dims, {x, y, z}) * n + c] =
-                        texture.channels[c].first[cell * texture.channels[c].stride];
+    stack.for_each_texel(cells, layout, [&](size_t texel, int block, size_t cell, bool) {
+        for (size_t c = 0; c < n; ++c)
+            if (const Component& from = texture.blocks[size_t(block)][c]; from.first)
+                pixels.samples[texel * n + c] = from.first[cell * from.stride];
+    });
     return pixels;
+}
+
+/// Throws Error (unsupported) for what a packing has no form for.
+void check_packing(const Volume& volume, Packing packing, ShConvention convention,
+                   const std::string& path) {
+    const auto unless = [&](bool fits, const std::string& what) {
+        if (!fits)
+            throw Error(ExitCode::unsupported, path + ": packing by " + what + ", not order "
+                                                   + std::to_string(volume.sh_order) + " of "
+                                                   + name_of(convention) + "; pack by band");
+    };
+    const int order = volume.sh_order;
+    const bool canonical = convention == ShConvention::radiance;
+    switch (packing) {
+    case Packing::band:
+        break;
+    case Packing::channel:
+        unless(order == 1 || order == 2, "colour channel holds SH order 1 or 2");
+        break;
+    case Packing::vrc:
+        unless(order == 1 && convention == ShConvention::unity,
+               "vrc holds SH order 1 of the convention unity");
+        break;
+    case Packing::cube:
+        unless(canonical, "cube is made of the convention radiance");
+        break;
+    case Packing::atlas:
+        unless(canonical && order <= 2, "atlas holds SH orders 0 to 2 of the convention radiance");
+        break;
+    }
 }
 
 // ---- reading ----
@@ -186,38 +313,49 @@ std::map<std::string, std::pair<float*, size_t>> destinations(Volume& volume) {
     return all;
 }
 
-void read_texture(const std::string& path, const std::vector<std::string>& channels,
-                  glm::ivec3 dims, const Layout& layout,
+/// Blocks of names of channels, each of as many.
+using Names = std::vector<std::vector<std::string>>;
+
+void read_texture(const std::string& path, const Names& blocks, glm::ivec3 cells,
+                  const Stack& stack, const Layout& layout,
                   std::map<std::string, std::pair<float*, size_t>>& wanted) {
+    const size_t channels = blocks[0].size();
+    const glm::ivec3 dims = stack.dims(cells);
     const int width = layout.columns * dims.x, height = layout.rows * dims.y;
     const uint64_t texels = uint64_t(width) * uint64_t(height);
-    const std::string bytes = read_file(path, (uint64_t(1) << 20) + texels * channels.size() * 8);
+    const std::string bytes = read_file(path, (uint64_t(1) << 20) + texels * channels * 8);
     const Pixels pixels = decode_exr(std::as_bytes(std::span(bytes)), path, texels);
-    if (pixels.width != width || pixels.height != height
-        || size_t(pixels.channels) != channels.size())
+    if (pixels.width != width || pixels.height != height || size_t(pixels.channels) != channels)
         reject(path, "has " + std::to_string(pixels.width) + " x " + std::to_string(pixels.height)
                          + " texels of " + std::to_string(pixels.channels)
                          + " channels; the sidecar says " + std::to_string(width) + " x "
-                         + std::to_string(height) + " of " + std::to_string(channels.size()));
-    for (size_t c = 0; c < channels.size(); ++c) {
-        const auto found = wanted.find(channels[c]);
-        if (found == wanted.end())
-            reject(path,
-                   "the sidecar's channel \"" + channels[c] + "\" is unknown, or is given twice");
-        const auto [first, stride] = found->second;
-        size_t cell = 0;
-        for (int z = 0; z < dims.z; ++z)
-            for (int y = 0; y < dims.y; ++y)
-                for (int x = 0; x < dims.x; ++x, ++cell)
-                    first[cell * stride] =
-                        pixels.samples[layout.texel(dims, {x, y, z}) * channels.size() + c];
-        wanted.erase(found);
-    }
+                         + std::to_string(height) + " of " + std::to_string(channels));
+    std::vector<std::pair<float*, size_t>> to;
+    for (const std::vector<std::string>& block : blocks)
+        for (const std::string& name : block) {
+            to.push_back({nullptr, 0});
+            if (name.empty())
+                continue;
+            const auto found = wanted.find(name);
+            if (found == wanted.end())
+                reject(path,
+                       "the sidecar's channel \"" + name + "\" is unknown, or is given twice");
+            to.back() = found->second;
+            wanted.erase(found);
+        }
+    stack.for_each_texel(cells, layout, [&](size_t texel, int block, size_t cell, bool padding) {
+        for (size_t c = 0; c < channels; ++c)
+            if (const auto [first, stride] = to[size_t(block) * channels + c]; first && !padding)
+                first[cell * stride] = pixels.samples[texel * channels + c];
+    });
 }
 
 Volume read_sidecar(const std::string& path, const Json& json) {
     expect(json, "format", format_name);
     integer(json.at("version"), format_version, format_version);
+    if (json.at("packing") == name_of(Packing::cube))
+        throw Error(ExitCode::unsupported,
+                    path + ": holds ambient cubes, which cannot be turned back into coefficients");
     const Encoding encoding =
         encoding_of([&](const char* key) { return json.at(key).get<std::string>(); }, path);
     Volume volume;
@@ -233,28 +371,41 @@ Volume read_sidecar(const std::string& path, const Json& json) {
     const Layout layout{
         integer(json.at("layout").at("columns"), 1, max_side / std::min(dims.x, max_side)),
         integer(json.at("layout").at("rows"), 1, max_side / std::min(dims.y, max_side))};
-    if (dims.x > max_side || dims.y > max_side || int64_t(layout.columns) * layout.rows < dims.z)
-        reject(path, "the layout does not hold all slices");
+    const int padding =
+        json.at("layout").contains("padding") ? integer(json["layout"]["padding"], 0, 1) : 0;
 
     struct Entry {
         std::string file;
-        std::vector<std::string> channels;
+        Names blocks;
+        Stack stack;
     };
     std::vector<Entry> entries;
-    const auto mentions = [&](const char* channel) {
-        return std::any_of(entries.begin(), entries.end(), [&](const Entry& entry) {
-            return std::find(entry.channels.begin(), entry.channels.end(), channel)
-                   != entry.channels.end();
-        });
+    const auto mentions = [&](const std::string& channel) {
+        for (const Entry& entry : entries)
+            for (const std::vector<std::string>& block : entry.blocks)
+                if (std::ranges::find(block, channel) != block.end())
+                    return true;
+        return false;
     };
     for (const Json& file : json.at("files")) {
-        entries.push_back({file.at("file").get<std::string>(),
-                           file.at("channels").get<std::vector<std::string>>()});
-        const std::string& name = entries.back().file;
-        if (name.empty() || name.find('/') != std::string::npos)
-            reject(path, "file \"" + name + "\" is not the name of a file beside the sidecar");
-        if (entries.back().channels.size() > 4 || entries.size() > 32)
-            reject(path, "lists too many files or channels");
+        Entry entry{file.at("file").get<std::string>(), {}, {}};
+        if (entry.file.empty() || entry.file.find('/') != std::string::npos)
+            reject(path,
+                   "file \"" + entry.file + "\" is not the name of a file beside the sidecar");
+        if (file.contains("blocks"))
+            entry.blocks = file["blocks"].get<Names>();
+        else
+            entry.blocks = {file.at("channels").get<std::vector<std::string>>()};
+        for (const std::vector<std::string>& block : entry.blocks)
+            if (block.size() > 4 || block.size() != entry.blocks[0].size())
+                reject(path, "lists too many channels, or blocks of different ones");
+        if (entry.blocks.empty() || entry.blocks.size() > 16 || entries.size() >= 32)
+            reject(path, "lists too many files or blocks, or none");
+        entry.stack = {int(entry.blocks.size()), 1, padding};
+        if (dims.x > max_side || dims.y > max_side
+            || int64_t(layout.columns) * layout.rows < entry.stack.dims(dims).z)
+            reject(path, "the layout does not hold all slices");
+        entries.push_back(entry);
     }
     const size_t cells = volume.grid.size();
     volume.sh.assign(size_t(sh_count(volume.sh_order)), std::vector<glm::vec3>(cells));
@@ -265,7 +416,7 @@ Volume read_sidecar(const std::string& path, const Json& json) {
     auto wanted = destinations(volume);
     for (const Entry& entry : entries)
         read_texture((std::filesystem::path(path).parent_path() / entry.file).string(),
-                     entry.channels, dims, layout, wanted);
+                     entry.blocks, dims, entry.stack, layout, wanted);
     if (!wanted.empty())
         reject(path, "lists no file with \"" + wanted.begin()->first + "\"");
     for (const auto& [key, value] : json.at("metadata").items())
@@ -275,13 +426,22 @@ Volume read_sidecar(const std::string& path, const Json& json) {
 
 } // namespace
 
+const char* name_of(Packing packing) {
+    return packing_names[size_t(packing)];
+}
+
+std::optional<Packing> packing_named(std::string_view name) {
+    const auto found = std::ranges::find(packing_names, name);
+    if (found == std::end(packing_names))
+        return std::nullopt;
+    return Packing(found - std::begin(packing_names));
+}
+
 WriteReport write_exr(const std::string& path, const Volume& canonical, Precision precision,
-                      Packing packing, const Encoding& encoding, int columns) {
+                      const Pictures& pictures, const Encoding& encoding) {
     check_volume(canonical, path, ExitCode::failure);
-    if (packing == Packing::channel && canonical.sh_order != 1 && canonical.sh_order != 2)
-        throw Error(ExitCode::unsupported,
-                    path + ": packing by colour channel holds SH order 1 or 2, not "
-                        + std::to_string(canonical.sh_order) + "; pack by band");
+    const Packing packing = pictures.packing;
+    check_packing(canonical, packing, encoding.convention, path);
     std::optional<Volume> encoded_one;
     const Volume& volume = encoding == Encoding{}
                                ? canonical
@@ -293,10 +453,19 @@ WriteReport write_exr(const std::string& path, const Volume& canonical, Precisio
             report.warnings.push_back(path + ": " + *why);
         }
     const glm::ivec3 dims = volume.grid.dims;
-    const Layout layout = choose_layout(dims, columns, path);
+    const Stack stack = stack_of(packing);
+    const glm::ivec3 texture_dims = stack.dims(dims);
+    const Layout layout = choose_layout(texture_dims, pictures, path);
+    report.columns = layout.columns;
+    report.rows = layout.rows;
     const char* precision_name = precision == Precision::half ? "half" : "float";
     const std::string stem = stem_of(path);
-    const std::vector<Texture> textures = textures_of(volume, packing, encoding.convention);
+    std::vector<std::vector<glm::vec3>> cube;
+    if (packing == Packing::cube)
+        cube = ambient_cube(volume);
+    const std::vector<Texture> textures = packing == Packing::cube
+                                              ? cube_textures(cube)
+                                              : textures_of(volume, packing, encoding.convention);
 
     Json json = {
         {"format", format_name},
@@ -308,12 +477,14 @@ WriteReport write_exr(const std::string& path, const Volume& canonical, Precisio
         {"layout",
          {{"columns", layout.columns},
           {"rows", layout.rows},
-          {"tile", {dims.x, dims.y}},
-          {"slices", dims.z}}},
-        {"packing", packing == Packing::band ? "band" : "channel"},
+          {"tile", {texture_dims.x, texture_dims.y}},
+          {"slices", texture_dims.z}}},
+        {"packing", name_of(packing)},
         {"precision", precision_name},
         {"sh_order", volume.sh_order},
     };
+    if (stack.padding > 0)
+        json["layout"]["padding"] = stack.padding;
     Json metadata = volume.metadata;
     if (!metadata.contains("tool"))
         metadata["tool"] = "lpvbake " LPVBAKE_VERSION;
@@ -322,6 +493,8 @@ WriteReport write_exr(const std::string& path, const Volume& canonical, Precisio
         common["lpv:" + key] = value.get<std::string>();
     for (const auto& [key, value] : field_facts(encoding))
         json[key] = common["lpv:" + key] = value;
+    if (packing == Packing::cube)
+        json["convention"] = common["lpv:convention"] = "ambient cube";
     common["lpv:grid_dims"] = json["grid"]["dims"].dump();
     common["lpv:grid_origin"] = json["grid"]["origin"].dump();
     common["lpv:cell_size"] = json["grid"]["cell"].dump();
@@ -334,18 +507,26 @@ WriteReport write_exr(const std::string& path, const Volume& canonical, Precisio
     std::vector<std::map<std::string, std::string>> headers;
     for (const Texture& texture : textures) {
         const std::string file = stem + "_" + texture.suffix + ".exr";
-        const auto [quantity, units] = grid_quantity(texture.channels[0].name, encoding.convention);
-        Json channels = Json::array();
-        for (const Component& channel : texture.channels)
-            channels.push_back(channel.name);
+        const auto [quantity, units] =
+            packing == Packing::cube
+                ? std::pair<std::string, std::string>("irradiance / pi", "lx")
+                : grid_quantity(texture.blocks[0][0].name, encoding.convention);
+        Json blocks = Json::array();
+        for (const std::vector<Component>& block : texture.blocks) {
+            blocks.push_back(Json::array());
+            for (const Component& channel : block)
+                blocks.back().push_back(channel.name);
+        }
+        const bool single = blocks.size() == 1;
+        const Json& channels = single ? blocks[0] : blocks;
         headers.push_back(common);
-        headers.back()["lpv:channels"] = channels.dump();
+        headers.back()[single ? "lpv:channels" : "lpv:blocks"] = channels.dump();
         headers.back()["lpv:quantity"] = quantity;
         headers.back()["lpv:units"] = units;
         json["files"].push_back({{"file", std::filesystem::path(file).filename().string()},
                                  {"quantity", quantity},
                                  {"units", units},
-                                 {"channels", channels}});
+                                 {single ? "channels" : "blocks", channels}});
         files.emplace_back(file);
         report.files.push_back({file, 0});
     }
@@ -356,7 +537,7 @@ WriteReport write_exr(const std::string& path, const Volume& canonical, Precisio
     files.back().write(json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 
     tbb::parallel_for(size_t(0), textures.size(), [&](size_t t) {
-        const auto bytes = encode_exr(picture_of(textures[t], dims, layout),
+        const auto bytes = encode_exr(picture_of(textures[t], dims, stack, layout),
                                       precision == Precision::half, headers[t], path);
         files[t].write({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
     });

@@ -34,10 +34,10 @@ std::optional<VolumeFormat> volume_format(const std::string& path) {
 }
 
 WriteReport write_volume(const std::string& path, const Volume& volume, Precision precision,
-                         Packing packing, const Encoding& encoding, int columns) {
+                         const Pictures& pictures, const Encoding& encoding) {
     return required_format(path) == VolumeFormat::vdb
                ? write_vdb(path, volume, precision, encoding)
-               : write_exr(path, volume, precision, packing, encoding, columns);
+               : write_exr(path, volume, precision, pictures, encoding);
 }
 
 Volume read_volume(const std::string& path) {

@@ -13,14 +13,13 @@ enum class VolumeFormat { vdb, exr };
 /// The format that a path's extension (.vdb, .exr, in any case) stands for; none: it is neither.
 std::optional<VolumeFormat> volume_format(const std::string& path);
 
-/// Writes .vdb or .exr (`packing` and `columns` are for the latter). Throws Error: usage (unknown
-/// extension: names those that are known), and what write_vdb and write_exr throw.
+/// Writes .vdb or .exr (`pictures` are of the latter). Throws Error: usage (unknown extension:
+/// names those that are known), and what write_vdb and write_exr throw.
 WriteReport write_volume(const std::string& path, const Volume& volume, Precision precision,
-                         Packing packing = Packing::band, const Encoding& encoding = {},
-                         int columns = 0);
+                         const Pictures& pictures = {}, const Encoding& encoding = {});
 
-/// Reads .vdb or .exr, or the .json beside the latter. Throws Error: usage (unknown extension), and what read_vdb and read_exr
-/// throw.
+/// Reads .vdb or .exr, or the .json beside the latter. Throws Error: usage (unknown extension), and
+/// what read_vdb and read_exr throw.
 Volume read_volume(const std::string& path);
 
 } // namespace lpvbake

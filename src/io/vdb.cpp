@@ -121,9 +121,9 @@ public:
     }
 };
 
-openvdb::math::Transform::Ptr transform_of(const Grid& grid) {
+openvdb::math::Transform::Ptr transform_of(const Grid& grid, bool corner_index) {
     auto transform = openvdb::math::Transform::createLinearTransform(grid.cell);
-    const glm::dvec3 first = grid.center({0, 0, 0});
+    const glm::dvec3 first = corner_index ? grid.origin : grid.center({0, 0, 0});
     transform->postTranslate({first.x, first.y, first.z});
     return transform;
 }
@@ -137,6 +137,7 @@ void insert_lattice(MetaMap& metadata, const Volume& volume, const Encoding& enc
     const Grid& grid = volume.grid;
     for (const auto& [key, value] : field_facts(encoding))
         insert_text(metadata, key, value);
+    insert_text(metadata, "index_position", encoding.corner_index ? "corner" : "center");
     metadata.insertMeta("lpv:grid_dims",
                         openvdb::Vec3IMetadata({grid.dims.x, grid.dims.y, grid.dims.z}));
     metadata.insertMeta("lpv:grid_origin",
@@ -315,9 +316,10 @@ WriteReport write_vdb(const std::string& path, const Volume& canonical, Precisio
     const Volume& in_axes = encoding.axes == Axes::gltf
                                 ? canonical
                                 : turned_one.emplace(turned(canonical, from_gltf(encoding.axes)));
-    const Volume& volume = encoding == Encoding{}
-                               ? canonical
-                               : encoded_one.emplace(encoded(canonical, encoding, path));
+    const Volume& volume =
+        encoding.convention == ShConvention::radiance
+            ? in_axes
+            : encoded_one.emplace(encoded(in_axes, {encoding.convention, Axes::gltf}, path));
     WriteReport report;
     if (precision == Precision::half)
         if (const auto why = half_misfit(volume)) {
@@ -328,7 +330,7 @@ WriteReport write_vdb(const std::string& path, const Volume& canonical, Precisio
     const std::vector<uint8_t> active = active_cells(volume);
     const std::vector<Recipe> wanted = recipes(volume, in_axes, active);
     openvdb::GridCPtrVec grids(wanted.size());
-    const auto transform = transform_of(volume.grid);
+    const auto transform = transform_of(volume.grid, encoding.corner_index);
     tbb::parallel_for(size_t(0), wanted.size(), [&](size_t g) {
         const auto& [name, make] = wanted[g];
         const openvdb::GridBase::Ptr grid = make();

@@ -20,6 +20,8 @@ struct WriteReport {
     /// Such as: half asked for, but values exceed 65504, wrote float.
     std::vector<std::string> warnings;
     std::vector<File> files;
+    /// Of an EXR: tiles a row and rows; else 0.
+    int columns = 0, rows = 0;
 
     uint64_t bytes() const {
         uint64_t sum = 0;
@@ -32,12 +34,13 @@ struct WriteReport {
 /// Writes sh_l0, sh_l1_y, ... (Vec3S, coefficients as `encoding` has them, by default canonical,
 /// cd/m^2; all names: coefficient_name in layout.h), occlusion_l0, ..., validity and density
 /// (float; luminance of the mean over all directions, cd/m^2, for viewers), all with one transform
-/// (index i at the centre of cell i, metres).
+/// (index i at the centre of cell i, metres; see Encoding::corner_index).
 ///
 /// Metadata, of the file and of each grid: lpv:convention, lpv:direction, lpv:axes,
-/// lpv:probe_position (text), lpv:grid_dims (vec3i), lpv:grid_origin (vec3d, metres), lpv:cell_size
-/// (double, metres), lpv:sh_order (int32); of each grid lpv:quantity and lpv:units; of the file
-/// lpv:precision and volume.metadata, with lpv:tool added where it is missing.
+/// lpv:probe_position, lpv:index_position (text), lpv:grid_dims (vec3i), lpv:grid_origin (vec3d,
+/// metres), lpv:cell_size (double, metres), lpv:sh_order (int32); of each grid lpv:quantity and
+/// lpv:units; of the file lpv:precision and volume.metadata, with lpv:tool added where it is
+/// missing.
 ///
 /// Cells that are valid or have any value that is not zero are active in every grid, the others
 /// inactive everywhere. The bytes depend on the content alone: OpenVDB's random UUID is replaced by

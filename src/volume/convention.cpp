@@ -167,6 +167,12 @@ glm::dmat3 from_gltf(Axes axes) {
     return glm::dmat3(1.0);
 }
 
+Grid turned_grid(const Grid& grid, const glm::dmat3& turn) {
+    const glm::dvec3 one = turn * grid.origin,
+                     other = turn * (grid.origin + grid.cell * glm::dvec3(grid.dims));
+    return {glm::min(one, other), grid.cell, glm::ivec3(glm::abs(turn * glm::dvec3(grid.dims)))};
+}
+
 Volume turned(const Volume& volume, const glm::dmat3& turn) {
     if (turn == glm::dmat3(1.0))
         return volume;
@@ -174,12 +180,7 @@ Volume turned(const Volume& volume, const glm::dmat3& turn) {
     result.sh_order = volume.sh_order;
     result.metadata = volume.metadata;
     const Grid& from = volume.grid;
-    Grid& to = result.grid;
-    to.cell = from.cell;
-    to.dims = glm::ivec3(glm::abs(turn * glm::dvec3(from.dims)));
-    const glm::dvec3 one = turn * from.origin,
-                     other = turn * (from.origin + from.cell * glm::dvec3(from.dims));
-    to.origin = glm::min(one, other);
+    const Grid& to = result.grid = turned_grid(from, turn);
 
     // Cell c of the result comes from the one whose centre turns to its own.
     const glm::dmat3 back = glm::transpose(turn);

@@ -37,6 +37,9 @@ enum class Axes {
 struct Encoding {
     ShConvention convention = ShConvention::radiance;
     Axes axes = Axes::gltf;
+    /// Of OpenVDB alone: index i stands at the lower corner of cell i instead of at its centre, for
+    /// programs that draw voxel i from i to i + 1 (Blender).
+    bool corner_index = false;
 
     bool operator==(const Encoding&) const = default;
 };
@@ -63,6 +66,9 @@ void decode(ShConvention convention, int order, std::vector<std::vector<glm::vec
 
 /// The columns are where glTF's axes go: entries are 0, 1 and -1.
 glm::dmat3 from_gltf(Axes axes);
+
+/// A lattice in axes that `turn` (a signed permutation) takes its own to.
+Grid turned_grid(const Grid& grid, const glm::dmat3& turn);
 
 /// The volume in axes that `turn` takes its own to (a signed permutation): its lattice, what
 /// directions its coefficients and its occlusion have, and its cells' order. Metadata stay. Exact

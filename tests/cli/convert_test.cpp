@@ -5,6 +5,9 @@
 
 #include <nlohmann/json.hpp>
 
+#include <map>
+#include <set>
+
 namespace lpvbake {
 namespace {
 
@@ -75,6 +78,66 @@ TEST_F(Convert, StoresWhatTheConventionSays) {
     volume.sh_order = 1;
     volume.sh.resize(4);
     EXPECT_LT(compare(read_volume(folder_ / "l.vdb"), volume, {}).relative_l1, 1e-6);
+}
+
+TEST_F(Convert, WritesWhatEachTargetReads) {
+    Volume volume = random_volume({4, 5, 7}, 2, false, 4);
+    volume.validity.assign(volume.grid.size(), 1.0f);
+    write("a.vdb", volume);
+    const std::map<std::string, std::set<std::string>> notes = {
+        {"generic", {}},
+        {"houdini", {}},
+        {"blender", {}},
+        {"threejs", {}},
+        {"bevy", {}},
+        {"unity", {"t.unity.json"}},
+        {"vrc", {"t.unity.json"}},
+        {"unreal", {"t.unreal.json"}},
+        {"godot",
+         {"t_r.exr.import", "t_g.exr.import", "t_b.exr.import", "t_r2.exr.import",
+          "t_g2.exr.import", "t_b2.exr.import", "t_sh_l2_x2y2.exr.import",
+          "t_validity.exr.import"}}};
+    for (const auto& [target, expected] : notes) {
+        const CliResult result =
+            run("a.vdb t.exr u.vdb --format json --precision float --target " + target);
+        ASSERT_EQ(result.status, 0) << target << result.err;
+        const auto outputs = nlohmann::json::parse(result.out)["outputs"];
+        std::set<std::string> beside;
+        for (const auto& file : outputs[0]["files"])
+            if (const std::string name = file["path"]; name != "t.json" && !name.ends_with(".exr"))
+                beside.insert(name);
+        EXPECT_EQ(beside, expected) << target;
+        // What comes back is what was given, but for bands that the program has no form for.
+        Volume wanted = volume;
+        if (target == "vrc") {
+            wanted.sh_order = 1;
+            wanted.sh.resize(4);
+        }
+        EXPECT_LT(compare(read_volume(folder_ / "u.vdb"), wanted, {}).relative_l1, 1e-6) << target;
+        if (target != "bevy") {
+            EXPECT_LT(compare(read_volume(folder_ / "t.exr"), wanted, {}).relative_l1, 1e-6)
+                << target;
+        }
+        const auto layout = nlohmann::json::parse(slurp(folder_ / "t.json"))["layout"];
+        if (!expected.empty()) { // these programs take empty tiles for slices
+            EXPECT_EQ(int(layout["columns"]) * int(layout["rows"]), target == "unreal" ? 5 : 7)
+                << target;
+        }
+    }
+    const std::string import = slurp(folder_ / "t_r.exr.import");
+    EXPECT_NE(import.find("importer=\"3d_texture\""), std::string::npos);
+    EXPECT_NE(import.find("slices/vertical="), std::string::npos);
+    expect_error("a.vdb t.exr --target maya", ExitCode::usage, "--target");
+}
+
+TEST_F(Convert, OptionsGoBeforeTheTarget) {
+    write("a.vdb", random_volume({4, 5, 6}, 2, false, 4));
+    ASSERT_EQ(run("a.vdb t.exr --target unity --axes unreal --exr-packing band").status, 0);
+    const auto sidecar = nlohmann::json::parse(slurp(folder_ / "t.json"));
+    EXPECT_EQ(sidecar["convention"], "unity");
+    EXPECT_EQ(sidecar["axes"], "unreal");
+    EXPECT_EQ(sidecar["packing"], "band");
+    EXPECT_EQ(sidecar["precision"], "half");
 }
 
 TEST_F(Convert, SaysWhatItWrote) {

@@ -41,7 +41,7 @@ TEST(Exr, FullPrecisionRoundTripsExactly) {
                 const TemporaryFolder folder;
                 const Volume volume = random_volume(dims, order, dims.x != 1, 1);
                 const WriteReport report =
-                    write_exr(folder / "a.exr", volume, Precision::full, packing);
+                    write_exr(folder / "a.exr", volume, Precision::full, {packing});
                 expect_equal(read_exr(folder / "a.exr"), volume);
                 expect_equal(read_exr(folder / "a.json"), volume);
                 if (order == 1 && dims.x == 2)
@@ -58,7 +58,7 @@ TEST(Exr, HalfRoundTripsWithinHalfOrIsFull) {
     const TemporaryFolder folder;
     Volume volume = random_volume({7, 6, 5}, 1, true, 2);
     EXPECT_TRUE(
-        write_exr(folder / "a.exr", volume, Precision::half, Packing::band).warnings.empty());
+        write_exr(folder / "a.exr", volume, Precision::half, {Packing::band}).warnings.empty());
     const Volume back = read_exr(folder / "a.exr");
     for (size_t k = 0; k < 4; ++k)
         for (size_t i = 0; i < volume.grid.size(); ++i)
@@ -66,7 +66,7 @@ TEST(Exr, HalfRoundTripsWithinHalfOrIsFull) {
                 EXPECT_NEAR(back.sh[k][i][c], volume.sh[k][i][c],
                             std::abs(volume.sh[k][i][c]) / 2048 + 1e-7);
     volume.sh[0][3].x = 1e6f;
-    EXPECT_EQ(write_exr(folder / "a.exr", volume, Precision::half, Packing::band).warnings.size(),
+    EXPECT_EQ(write_exr(folder / "a.exr", volume, Precision::half, {Packing::band}).warnings.size(),
               1u);
     expect_equal(read_exr(folder / "a.exr"), volume);
     EXPECT_EQ(json::parse(slurp(folder / "a.json"))["precision"], "float");
@@ -76,7 +76,7 @@ TEST(Exr, FilesAndLayout) {
     const TemporaryFolder folder;
     const glm::ivec3 dims(4, 5, 11);
     const Volume volume = random_volume(dims, 1, true, 3);
-    write_exr(folder / "scene.v2.exr", volume, Precision::full, Packing::band);
+    write_exr(folder / "scene.v2.exr", volume, Precision::full, {Packing::band});
     const json sidecar = json::parse(slurp(folder / "scene.v2.json"));
     const int columns = sidecar["layout"]["columns"], rows = sidecar["layout"]["rows"];
     EXPECT_EQ(columns, 4); // 16 x 15 texels
@@ -103,7 +103,7 @@ TEST(Exr, FilesAndLayout) {
     // The twelfth tile holds no slice.
     EXPECT_EQ(l1z.samples.back(), 0.0f);
 
-    write_exr(folder / "c.exr", volume, Precision::full, Packing::channel);
+    write_exr(folder / "c.exr", volume, Precision::full, {Packing::channel});
     const Pixels green = read_pixels(folder / "c_g.exr");
     EXPECT_EQ(green.channels, 4);
     const Pixels occlusion = read_pixels(folder / "c_occlusion.exr");
@@ -122,7 +122,7 @@ TEST(Exr, PicturesAreNearSquareAndFitEngines) {
         volume.grid = {{0, 0, 0}, 1, dims};
         volume.sh_order = 0;
         volume.sh.assign(1, std::vector<glm::vec3>(volume.grid.size()));
-        write_exr(folder / "a.exr", volume, Precision::half, Packing::band);
+        write_exr(folder / "a.exr", volume, Precision::half, {Packing::band});
         const json sidecar = json::parse(slurp(folder / "a.json"))["layout"];
         return glm::ivec2(sidecar["columns"], sidecar["rows"]);
     };
@@ -135,15 +135,98 @@ TEST(Exr, PicturesAreNearSquareAndFitEngines) {
     wide.sh_order = 0;
     wide.sh.assign(1, std::vector<glm::vec3>(16385));
     const Error error = error_of(
-        "b.exr", [&] { write_exr(folder / "b.exr", wide, Precision::half, Packing::band); });
+        "b.exr", [&] { write_exr(folder / "b.exr", wide, Precision::half, {Packing::band}); });
     EXPECT_EQ(error.code, ExitCode::unsupported);
     EXPECT_NE(std::string(error.what()).find("write .vdb"), std::string::npos);
+}
+
+TEST(Exr, AtlasIsThatOfThreeJs) {
+    const TemporaryFolder folder;
+    for (const int order : {1, 2}) {
+        const glm::ivec3 dims(3, 2, 4);
+        Volume volume = random_volume(dims, order, false, 9);
+        volume.validity.clear(); // which has no place in it
+        write_exr(folder / "a.exr", volume, Precision::full, {Packing::atlas, 5});
+        const Pixels atlas = read_pixels(folder / "a_atlas.exr");
+        ASSERT_EQ(atlas.width, 5 * 3); // 7 (4 + 2) slices, five in a row
+        ASSERT_EQ(atlas.height, 9 * 2);
+        ASSERT_EQ(atlas.channels, 4);
+        // Float f of a probe is channel f % 4 of block f / 4; each block stands between copies of
+        // its first and last slices.
+        for (int z = -1; z <= dims.z; ++z)
+            for (int f = 0; f < 28; ++f) {
+                const glm::ivec3 probe(2, 1, std::clamp(z, 0, dims.z - 1));
+                const int slice = f / 4 * (dims.z + 2) + z + 1;
+                const int x = slice % 5 * 3 + probe.x, y = slice / 5 * 2 + probe.y;
+                const size_t k = size_t(f) / 3;
+                const float expected =
+                    k < volume.sh.size() ? volume.sh[k][volume.grid.index(probe)][f % 3] : 0.0f;
+                EXPECT_EQ(atlas.samples[size_t((y * 15 + x) * 4 + f % 4)], expected)
+                    << order << ' ' << z << ' ' << f;
+            }
+        expect_equal(read_exr(folder / "a.exr"), volume);
+    }
+}
+
+TEST(Exr, PacksForVrcLightVolumes) {
+    const TemporaryFolder folder;
+    const Volume volume = random_volume({3, 2, 4}, 1, false, 10);
+    write_exr(folder / "a.exr", volume, Precision::full, {Packing::vrc, 0, true},
+              {.convention = ShConvention::unity});
+    const json sidecar = json::parse(slurp(folder / "a.json"));
+    const auto channels = [&](size_t file) { return sidecar["files"][file]["channels"]; };
+    EXPECT_EQ(channels(0), (json{"sh_l0.r", "sh_l0.g", "sh_l0.b", "sh_l1_z.r"}));
+    EXPECT_EQ(channels(1), (json{"sh_l1_x.r", "sh_l1_x.g", "sh_l1_x.b", "sh_l1_z.g"}));
+    EXPECT_EQ(channels(2), (json{"sh_l1_y.r", "sh_l1_y.g", "sh_l1_y.b", "sh_l1_z.b"}));
+    const Pixels one = read_pixels(folder / "a_1.exr");
+    EXPECT_FLOAT_EQ(one.samples[1], 0.32573501f * volume.sh[3][0].y);
+    EXPECT_FLOAT_EQ(one.samples[3], 0.32573501f * volume.sh[2][0].y);
+    const Volume back = read_exr(folder / "a.exr");
+    for (size_t k = 0; k < 4; ++k)
+        EXPECT_NEAR(back.sh[k][5].z, volume.sh[k][5].z, 1e-6 * std::abs(volume.sh[k][5].z));
+}
+
+TEST(Exr, CubeHoldsIrradianceOverPiOfSixSides) {
+    const TemporaryFolder folder;
+    const glm::ivec3 dims(3, 2, 4);
+    Volume volume = random_volume(dims, 1, false, 11);
+    for (glm::vec3& c : volume.sh[0])
+        c = glm::vec3(4000.0f); // so that no side is dark
+    write_exr(folder / "a.exr", volume, Precision::full, {Packing::cube, 3});
+    const Pixels cube = read_pixels(folder / "a_cube.exr");
+    ASSERT_EQ(cube.width, 3 * 3);
+    ASSERT_EQ(cube.height, 4 * 2 * 2);
+    // Of order 1, irradiance over pi is 0.282095 c0 + 2/3 0.488603 c.n.
+    const size_t l1[] = {3, 1, 2};
+    for (int axis = 0; axis < 3; ++axis)
+        for (int side = 0; side < 2; ++side) {
+            const glm::ivec3 cell(1, 1, 2);
+            const int slice = axis * dims.z + cell.z;
+            const int x = slice % 3 * 3 + cell.x, y = slice / 3 * 4 + side * dims.y + cell.y;
+            const size_t i = volume.grid.index(cell);
+            const float expected =
+                0.28209479f * volume.sh[0][i].g
+                + (side == 0 ? 1.0f : -1.0f) * 0.32573501f * volume.sh[l1[axis]][i].g;
+            EXPECT_NEAR(cube.samples[size_t((y * 9 + x) * 3 + 1)], expected, 1e-6 * expected)
+                << axis << ' ' << side;
+        }
+    EXPECT_EQ(error_of("a", [&] { read_exr(folder / "a.exr"); }).code, ExitCode::unsupported);
+}
+
+TEST(Exr, LeavesNoTileEmptyWhereThatIsAskedFor) {
+    const TemporaryFolder folder;
+    for (const int slices : {12, 13}) {
+        write_exr(folder / "a.exr", random_volume({4, 4, slices}, 1, false, 12), Precision::half,
+                  {.no_empty_tiles = true});
+        const json layout = json::parse(slurp(folder / "a.json"))["layout"];
+        EXPECT_EQ(int(layout["columns"]) * int(layout["rows"]), slices);
+    }
 }
 
 TEST(Exr, OpensInOiiotool) {
     const TemporaryFolder folder;
     write_exr(folder / "a.exr", random_volume({7, 6, 5}, 1, true, 4), Precision::half,
-              Packing::channel);
+              {Packing::channel});
     const std::string text = output_of("oiiotool --info -v " + folder / "a_r.exr");
     for (const char* expected :
          {"14 x   18, 4 channel, half openexr", "channel list: R, G, B, A", "compression: \"zip\"",
@@ -161,7 +244,7 @@ TEST(Exr, BytesDependOnContentAlone) {
     const Volume volume = random_volume({40, 17, 23}, 1, true, 5);
     const auto bytes = [&](size_t threads) {
         const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-        write_exr(folder / "a.exr", volume, Precision::half, Packing::channel);
+        write_exr(folder / "a.exr", volume, Precision::half, {Packing::channel});
         std::vector<std::string> all;
         for (const char* name :
              {"a.json", "a_r.exr", "a_g.exr", "a_b.exr", "a_occlusion.exr", "a_validity.exr"})
@@ -180,17 +263,31 @@ TEST(Exr, RefusesToWrite) {
     const TemporaryFolder folder;
     Volume volume = random_volume({3, 3, 3}, 1, false, 6);
     volume.sh[0][0].x = std::nanf("");
-    EXPECT_EQ(error_of("a.exr",
-                       [&] { write_exr(folder / "a.exr", volume, Precision::half, Packing::band); })
-                  .code,
-              ExitCode::failure);
+    EXPECT_EQ(
+        error_of("a.exr",
+                 [&] { write_exr(folder / "a.exr", volume, Precision::half, {Packing::band}); })
+            .code,
+        ExitCode::failure);
     EXPECT_EQ(error_of("a.exr",
                        [&] {
                            write_exr(folder / "a.exr", random_volume({3, 3, 3}, 4, false, 6),
-                                     Precision::half, Packing::channel);
+                                     Precision::half, {Packing::channel});
                        })
                   .code,
               ExitCode::unsupported);
+    const std::pair<Packing, Encoding> unfit[] = {
+        {Packing::vrc, {}},
+        {Packing::atlas, {.convention = ShConvention::godot}},
+        {Packing::cube, {.convention = ShConvention::unity}}};
+    volume = random_volume({3, 3, 3}, 1, false, 6);
+    for (const auto& [packing, encoding] : unfit)
+        EXPECT_EQ(error_of("a.exr",
+                           [&] {
+                               write_exr(folder / "a.exr", volume, Precision::half, {packing},
+                                         encoding);
+                           })
+                      .code,
+                  ExitCode::unsupported);
     EXPECT_EQ(folder.count(), 0);
 }
 
@@ -198,7 +295,7 @@ TEST(Exr, RejectsDamagedFiles) {
     const TemporaryFolder folder;
     const std::string path = folder / "a.json";
     write_exr(folder / "a.exr", random_volume({4, 5, 6}, 1, true, 7), Precision::full,
-              Packing::band);
+              {Packing::band});
     const json good = json::parse(slurp(path));
     const auto code = [&](const std::string& bytes) {
         spill(path, bytes);

@@ -1,0 +1,40 @@
+// Programs that read volumes: how each wants them stored, and what it must be told to read them.
+#pragma once
+
+#include "io/io.h"
+
+#include <span>
+
+namespace lpvbake {
+
+/// Files that a program wants beside a volume.
+enum class Notes {
+    none,
+    godot,  ///< PICTURE.exr.import of each picture: import it as a 3D texture (Godot 4)
+    unity,  ///< STEM.unity.json: what to set in the texture importer
+    unreal, ///< STEM.unreal.json: what to set when a volume texture is made
+};
+
+/// How a volume is stored for a program.
+struct Target {
+    const char* name;
+    Encoding encoding = {};
+    Pictures pictures = {};
+    Precision precision = Precision::full;
+    int highest_order = 4; ///< bands above it are left out
+    /// Rings of cells inside geometry to fill (see volume/dilate.h), for programs that read all
+    /// cells around a point, valid or not.
+    int dilate = 0;
+    Notes notes = Notes::none;
+};
+
+/// generic, blender, houdini, unity, unreal, godot, threejs, vrc, bevy.
+std::span<const Target> targets();
+/// Null for an unknown name.
+const Target* target_named(std::string_view name);
+
+/// Writes .vdb or .exr as the target wants it, and its notes, which come last. Notes are of .exr
+/// alone. Throws Error, as write_volume does.
+WriteReport write_for(const Target& target, const std::string& path, const Volume& volume);
+
+} // namespace lpvbake
