@@ -69,10 +69,11 @@ def cosine_basis(n):
     return np.array([pi] + 3 * [2 * pi / 3] + 5 * [pi / 4]) * basis
 
 
-def check_canonical(path, convention, axes):
+def check_canonical(path, convention, axes, packing="band"):
     """These loaders read the default encoding alone."""
-    if (convention, axes) != ("radiance", "gltf"):
-        sys.exit(f"{path}: is stored as {convention}, axes {axes}; first `lpvbake convert` it")
+    if (convention, axes) != ("radiance", "gltf") or packing not in ("band", "channel"):
+        sys.exit(f"{path}: is stored as {convention}, axes {axes}, packing {packing}; first "
+                 "`lpvbake convert` it")
 
 
 def main(load):

@@ -19,7 +19,7 @@ import light_volume
 def load(path):
     path = pathlib.Path(path).with_suffix(".json")
     facts = json.loads(path.read_text())
-    light_volume.check_canonical(path, facts["convention"], facts["axes"])
+    light_volume.check_canonical(path, facts["convention"], facts["axes"], facts["packing"])
     layout = facts["layout"]
     rows, columns, (width, height) = layout["rows"], layout["columns"], layout["tile"]
     grids = {}  # [x, y, z] by the name of a channel
@@ -30,10 +30,11 @@ def load(path):
         for c, name in enumerate(entry["channels"]):
             grids[name] = slices[: layout["slices"], :, :, c].transpose(2, 1, 0)
 
+    everywhere = np.ones(facts["grid"]["dims"], np.float32)
     names = light_volume.NAMES[: (facts["sh_order"] + 1) ** 2]
     return light_volume.LightVolume(
         sh=np.stack([np.stack([grids[f"sh_{name}.{c}"] for c in "rgb"], -1) for name in names]),
-        validity=grids["validity"],
+        validity=grids.get("validity", everywhere),
         origin=np.array(facts["grid"]["origin"]),
         cell=facts["grid"]["cell"],
     )

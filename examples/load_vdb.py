@@ -22,10 +22,11 @@ def load(path):
         pyopenvdb.read(path, name).copyToArray(values)
         return values
 
+    stored = [grid.name for grid in pyopenvdb.readAllGridMetadata(path)]
     names = light_volume.NAMES[: (facts["lpv:sh_order"] + 1) ** 2]
     return light_volume.LightVolume(
         sh=np.stack([array("sh_" + name, 3) for name in names]),
-        validity=array("validity"),
+        validity=array("validity") if "validity" in stored else np.ones(dims, np.float32),
         origin=np.array(facts["lpv:grid_origin"]),
         cell=facts["lpv:cell_size"],
     )

@@ -121,7 +121,19 @@ class Install(unittest.TestCase):
         stem = self.folder / "cornell"
         run(self.program, "bake", self.examples / "cornell_box.gltf", "-o", f"{stem}.vdb", "-o",
             f"{stem}.exr", "--resolution", "10")
-        self.expect_agreement(stem, rel=2e-5)  # six digits are printed
+        first = self.expect_agreement(stem, rel=2e-5)  # six digits are printed
+        packed = self.folder / "packed.exr"
+        run(self.program, "convert", f"{stem}.vdb", packed, "--exr-packing", "channel")
+        self.assertEqual(self.printed(PYTHON, self.examples / "load_exr.py", packed)[1], first)
+
+    def test_loaders_take_what_has_no_validity(self):
+        full, stem = self.folder / "full", self.folder / "bare"
+        run(self.program, "bake", self.examples / "cornell_box.gltf", "-o", f"{full}.vdb",
+            "--resolution", "4")
+        run(self.program, "convert", f"{full}.vdb", f"{full}.exr", "--exr-packing", "atlas")
+        run(self.program, "convert", f"{full}.json", f"{stem}.vdb", f"{stem}.exr")
+        self.assertEqual(list(self.folder.glob("bare*validity*")), [])
+        self.expect_agreement(stem, rel=2e-5)
 
     def test_loaders_see_the_sky(self):
         stem = self.folder / "sky"
@@ -149,12 +161,16 @@ class Install(unittest.TestCase):
         source, other = self.folder / "plain.vdb", self.folder / "unity"
         run(self.program, "bake", self.examples / "cornell_box.gltf", "-o", source, "--resolution",
             "4")
-        for output, loader in ((f"{other}.vdb", "load_vdb.py"), (f"{other}.exr", "load_exr.py")):
-            run(self.program, "convert", source, output, "--sh-convention", "unity")
+        for output, loader, option, value in (
+                (f"{other}.vdb", "load_vdb.py", "--sh-convention", "unity"),
+                (f"{other}.exr", "load_exr.py", "--axes", "unity"),
+                (f"{other}.exr", "load_exr.py", "--exr-packing", "atlas")):
+            run(self.program, "convert", source, output, option, value)
             result = subprocess.run([PYTHON, self.examples / loader, output, *POINT, *NORMAL],
                                     capture_output=True, text=True)
             self.assertEqual(result.returncode, 1)
-            self.assertRegex(result.stderr, r"^.*unity.*: is stored as unity.*lpvbake convert.*\n$")
+            self.assertRegex(result.stderr,
+                             rf"^.*unity.*: is stored as .*{value}.*lpvbake convert.*\n$")
 
 
 if __name__ == "__main__":
