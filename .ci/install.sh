@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Installs the Debian packages (bookworm) that the build, the tests and the examples need; does
-# nothing where all are there. Run as root or with sudo.
+# Installs the Debian packages (bookworm) that the build, the tests and the examples need, with
+# --clients also the large programs of the client tests; does nothing where all are there. Run as
+# root or with sudo.
 set -euo pipefail
 
 packages=(
@@ -18,6 +19,9 @@ packages=(
     clang libclang-rt-14-dev
     libopenvdb-tools openimageio-tools python3 python3-openvdb python3-openimageio python3-numpy
 )
+if [[ ${1:-} == --clients ]]; then
+    packages+=(blender chromium chromium-driver)
+fi
 
 missing=()
 for package in "${packages[@]}"; do

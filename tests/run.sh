@@ -3,8 +3,9 @@
 #
 #   tests/run.sh [--clients] [--allow-skip] [--no-fuzz] [--preset NAME]
 #
-#   --clients     also the tests with other programs as clients. There are none yet beyond those
-#                 that always run (vdb_print, oiiotool and Python's pyopenvdb as readers).
+#   --clients     also the tests with Blender and Chromium as clients, beside the readers that
+#                 always run (vdb_print, oiiotool, Python's pyopenvdb). Installs both, and takes
+#                 three.js from the npm registry.
 #   --allow-skip  tests that did not run (no Vulkan device, no reader) do not fail the run.
 #   --no-fuzz     leaves out the fuzzers, which are built apart and run for seconds each.
 #   --preset      default, debug or sanitize (see CMakePresets.json).
@@ -38,9 +39,12 @@ while [[ $# -gt 0 ]]; do
     shift
 done
 
-.ci/install.sh
 if $clients; then
-    echo "--clients: no client tests beyond the readers that always run" >&2
+    .ci/install.sh --clients
+    options=(-DLPVBAKE_CLIENTS=ON)
+else
+    .ci/install.sh
+    options=(-DLPVBAKE_CLIENTS=OFF)
 fi
 presets=("$preset")
 if $fuzz; then
@@ -49,7 +53,7 @@ fi
 status=0
 results=()
 for each in "${presets[@]}"; do
-    cmake --preset "$each" >&2
+    cmake --preset "$each" "${options[@]}" >&2
     cmake --build --preset "$each" >&2
     result=build/$each/tests.xml
     rm -f "$result"

@@ -1,0 +1,242 @@
+#!/usr/bin/env python3
+"""The three.js page in headless Chromium, beside `lpvbake render` of the same volume and camera; and
+that the comparison fails where the volume is broken.
+
+Usage: threejs_test.py LPVBAKE EXAMPLES CACHE
+
+three.js itself comes from the npm registry, once, into the folder CACHE.
+"""
+
+import base64
+import hashlib
+import http.server
+import json
+import pathlib
+import subprocess
+import sys
+import tarfile
+import tempfile
+import threading
+import time
+import unittest
+import urllib.request
+
+import numpy as np
+import OpenImageIO as oiio
+
+LPVBAKE, EXAMPLES, CACHE = sys.argv[1], pathlib.Path(sys.argv[2]), pathlib.Path(sys.argv[3])
+CDN = "https://cdn.jsdelivr.net/npm/three@0.187.0/"
+PACKAGE = "https://registry.npmjs.org/three/-/three-0.187.0.tgz"
+SHA256 = "ff540832ded0cfe919764d24a3d88f3e2a05f23303f876423e4f893841e90728"
+CAMERA, EXPOSURE, SIZE = "0,1,4:0,1,0:35", "4", (640, 480)
+# Mean difference of what is shown, 0 to 1. The samplers differ (three.js reads half a cell before
+# the surface, `render` the cells that face it), and so do shadow maps and rays.
+TOLERANCE = 0.005
+
+
+def run(*command):
+    result = subprocess.run([str(part) for part in command], capture_output=True, text=True)
+    if result.returncode != 0:
+        raise AssertionError(f"{command} ended with {result.returncode}\n{result.stderr}")
+
+
+def three():
+    """The unpacked package."""
+    folder = CACHE / "three-0.187.0"
+    if not folder.exists():
+        CACHE.mkdir(parents=True, exist_ok=True)
+        data = urllib.request.urlopen(PACKAGE, timeout=120).read()
+        if hashlib.sha256(data).hexdigest() != SHA256:
+            raise AssertionError(f"{PACKAGE} is not what it was")
+        with tempfile.TemporaryDirectory(dir=CACHE) as unpacked:
+            archive = pathlib.Path(unpacked) / "three.tgz"
+            archive.write_bytes(data)
+            with tarfile.open(archive) as tar:
+                tar.extractall(unpacked)
+            (pathlib.Path(unpacked) / "package").rename(folder)
+    return folder
+
+
+def pixels(path):
+    return np.asarray(oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT))
+
+
+def picture(path):
+    return pixels(path)[..., :3]
+
+
+def serve(folder):
+    """Serves a folder, with three.js at /three/ and the page taking it from there."""
+    package = three()
+
+    class Handler(http.server.SimpleHTTPRequestHandler):
+        def translate_path(self, path):
+            path = path.split("?")[0].lstrip("/")
+            if path.startswith("three/"):
+                return str(package / path[len("three/"):])
+            return str(folder / path)
+
+        def log_message(self, *_):
+            pass
+
+    Handler.extensions_map = {**http.server.SimpleHTTPRequestHandler.extensions_map,
+                              ".js": "text/javascript"}
+    page = (EXAMPLES / "threejs/index.html").read_text()
+    assert page.count(CDN) == 2
+    (folder / "index.html").write_text(page.replace(CDN, "./three/"))
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    return server
+
+
+class Chromium:
+    """Chromium by chromedriver (W3C WebDriver)."""
+
+    def __init__(self):
+        self.driver = subprocess.Popen(["chromedriver", "--port=0"], stdout=subprocess.PIPE,
+                                       stderr=subprocess.DEVNULL, text=True)
+        for line in self.driver.stdout:
+            if "started successfully on port" in line:
+                self.address = f"http://127.0.0.1:{line.split()[-1].rstrip('.')}"
+                break
+        arguments = ["--headless=new", "--no-sandbox", "--use-gl=angle",
+                     "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+                     "--force-device-scale-factor=1", "--hide-scrollbars"]
+        session = self.call("POST", "/session", {"capabilities": {"alwaysMatch": {
+            "goog:chromeOptions": {"args": arguments}}}})
+        self.address += "/session/" + session["sessionId"]
+
+    def call(self, method, path, body=None):
+        data = None if body is None else json.dumps(body).encode()
+        request = urllib.request.Request(self.address + path, data, method=method)
+        return json.load(urllib.request.urlopen(request, timeout=120))["value"]
+
+    def script(self, text):
+        return self.call("POST", "/execute/sync", {"script": text, "args": []})
+
+    def open(self, url):
+        """Loads the page; its state, and what it says."""
+        self.call("POST", "/url", {"url": url})
+        # Screenshots are of the view, which is smaller than the window.
+        for _ in range(2):
+            width, height = self.script("return [outerWidth - innerWidth, outerHeight - innerHeight]")
+            self.call("POST", "/window/rect",
+                      {"width": SIZE[0] + width, "height": SIZE[1] + height})
+        end = time.monotonic() + 100
+        while time.monotonic() < end:
+            state = self.script("return [document.body.dataset.state ?? '', "
+                                "document.getElementById('message').textContent]")
+            if state[0]:
+                return state
+            time.sleep(0.2)
+        raise AssertionError(f"{url} did not load")
+
+    def screenshot(self, path):
+        path.write_bytes(base64.b64decode(self.call("GET", "/screenshot")))
+        return picture(path)
+
+    def close(self):
+        self.call("DELETE", "")
+        self.driver.kill()
+        self.driver.wait()
+        self.driver.stdout.close()
+
+
+class ThreeJs(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        temporary = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(temporary.cleanup)
+        cls.folder = pathlib.Path(temporary.name)
+        cls.scene = cls.folder / "scene.gltf"
+        cls.scene.write_bytes((EXAMPLES / "cornell_box.gltf").read_bytes())
+        run(LPVBAKE, "bake", cls.scene, "-o", cls.folder / "volume.exr", "--target", "threejs")
+        server = serve(cls.folder)
+        cls.addClassCleanup(server.server_close)
+        cls.addClassCleanup(server.shutdown)
+        cls.url = f"http://127.0.0.1:{server.server_address[1]}/index.html"
+        cls.chromium = Chromium()
+        cls.addClassCleanup(cls.chromium.close)
+        cls.expected = {show: cls.render(show) for show in ("both", "direct", "indirect")}
+
+    @classmethod
+    def render(cls, show):
+        path = cls.folder / f"render_{show}.png"
+        run(LPVBAKE, "render", cls.scene, cls.folder / "volume.json", "-o", path, "--camera",
+            CAMERA, "--size", f"{SIZE[0]}x{SIZE[1]}", "--exposure", EXPOSURE,
+            "--show", "final" if show == "both" else show)
+        return picture(path)
+
+    def view(self, show, volume="volume.json"):
+        state, message = self.chromium.open(
+            f"{self.url}?scene=scene.gltf&volume={volume}&camera={CAMERA}&exposure={EXPOSURE}"
+            f"&show={show}&panel=0")
+        self.assertEqual((state, message), ("ready", ""))
+        return self.chromium.screenshot(self.folder / f"view_{show}.png")
+
+    def difference(self, show, volume="volume.json"):
+        view = self.view(show, volume)
+        self.assertEqual(view.shape, self.expected[show].shape)
+        return float(np.mean(np.abs(view - self.expected[show])))
+
+    def test_shows_what_render_shows(self):
+        for show in ("both", "direct", "indirect"):
+            difference = self.difference(show)
+            print(f"{show}: mean difference {difference:.4f}")
+            self.assertGreater(self.expected[show].mean(), 0.05, show)
+            self.assertLess(difference, TOLERANCE, show)
+
+    def test_broken_volumes_look_different(self):
+        facts = json.loads((self.folder / "volume.json").read_text())
+        layout = facts["layout"]
+        (width, height), columns, rows = layout["tile"], layout["columns"], layout["rows"]
+        image = pixels(self.folder / facts["files"][0]["file"])
+        atlas = image.reshape(rows, height, columns, width, 4).swapaxes(1, 2)
+        atlas = atlas.reshape(rows * columns, height, width, 4)
+        probes = atlas[:layout["slices"]].reshape(7, -1, height, width, 4)
+
+        def coefficients(change):  # [block, slice, y, x, channel] as [slice, y, x, 28 floats]
+            floats = np.moveaxis(probes, 0, 3).reshape(*probes.shape[1:4], 28).copy()
+            change(floats)
+            return np.moveaxis(floats.reshape(*probes.shape[1:4], 7, 4), 3, 0)
+
+        def swap(floats):  # y and x
+            floats[..., 3:6], floats[..., 9:12] = (floats[..., 9:12].copy(),
+                                                   floats[..., 3:6].copy())
+
+        def negate(floats):  # band 1
+            floats[..., 3:12] *= -1
+
+        broken = {"flipped axis": probes[:, :, :, ::-1], "swapped coefficient": coefficients(swap),
+                  "wrong sign": coefficients(negate), "wrong slice order": probes[:, ::-1],
+                  "missing pi": probes / np.pi}
+        for name, changed in broken.items():
+            atlas[:layout["slices"]] = changed.reshape(-1, height, width, 4)
+            back = atlas.reshape(rows, columns, height, width, 4).swapaxes(1, 2)
+            out = oiio.ImageBuf(oiio.ImageSpec(image.shape[1], image.shape[0], 4, "half"))
+            out.set_pixels(oiio.ROI(), np.ascontiguousarray(back.reshape(image.shape)))
+            out.write(str(self.folder / "broken_atlas.exr"))
+            facts["files"][0]["file"] = "broken_atlas.exr"
+            (self.folder / "broken.json").write_text(json.dumps(facts))
+            difference = self.difference("indirect", "broken.json")
+            print(f"{name}: mean difference {difference:.4f}")
+            self.assertGreater(difference, 5 * TOLERANCE, name)
+
+    def test_says_what_is_wrong(self):
+        run(LPVBAKE, "convert", self.folder / "volume.json", self.folder / "band.exr")
+        state, message = self.chromium.open(f"{self.url}?scene=scene.gltf&volume=band.json")
+        self.assertEqual(state, "failed")
+        self.assertIn("--target threejs", message)
+
+    def test_probes_are_spheres(self):
+        with_spheres = self.chromium.open(
+            f"{self.url}?scene=scene.gltf&volume=volume.json&camera={CAMERA}&exposure={EXPOSURE}"
+            "&panel=0&probes=1")
+        self.assertEqual(with_spheres, ["ready", ""])
+        view = self.chromium.screenshot(self.folder / "spheres.png")
+        changed = np.mean(np.any(np.abs(view - self.expected["both"]) > 0.05, axis=-1))
+        self.assertGreater(changed, 0.05)
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
