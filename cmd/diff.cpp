@@ -219,6 +219,8 @@ std::vector<std::string> grid_names(const Volume& volume) {
         names.push_back(std::string("occlusion_") + coefficient_name(int(k)));
     if (!volume.validity.empty())
         names.push_back("validity");
+    for (std::size_t k = 0; k < volume.walls.size(); ++k)
+        names.push_back(wall_name(int(k)));
     return names;
 }
 
@@ -247,6 +249,8 @@ std::vector<NamedDifference> named_differences(const Comparison& comparison) {
             {std::string("occlusion_") + coefficient_name(int(k)), comparison.occlusion[k], false});
     if (comparison.validity)
         named.push_back({"validity", *comparison.validity, false});
+    for (std::size_t k = 0; k < comparison.walls.size(); ++k)
+        named.push_back({wall_name(int(k)), comparison.walls[k], true});
     return named;
 }
 

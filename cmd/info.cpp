@@ -265,6 +265,9 @@ std::vector<Range> ranges_of(const Volume& volume) {
                                   volume.occlusion[k].data(), volume.occlusion[k].size(), 1));
     if (!volume.validity.empty())
         ranges.push_back(range_of("validity", volume.validity.data(), volume.validity.size(), 1));
+    for (std::size_t k = 0; k < volume.walls.size(); ++k)
+        ranges.push_back(
+            range_of(wall_name(int(k)), &volume.walls[k].data()->x, volume.walls[k].size(), 3));
     return ranges;
 }
 

@@ -49,7 +49,7 @@ and is the file's first camera; where it has none, inside if the middle is walle
 else orbit.
 
 --sampler facing weights the eight cells around a point by how far they lie before its surface, valid
-ones alone; trilinear does not, and shows light from inside and behind walls.
+ones alone that no wall hides; trilinear does not, and shows light from inside and behind walls.
 
 --show
   final       direct + indirect, nits        irradiance  of the volume's light, lux

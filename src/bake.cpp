@@ -9,6 +9,7 @@
 #include "visibility/backs.h"
 #include "visibility/validity.h"
 #include "visibility/visibility.h"
+#include "visibility/walls.h"
 
 #include <algorithm>
 #include <chrono>
@@ -44,6 +45,12 @@ std::string outside_geometry(const std::vector<float>& validity) {
     const auto valid = std::count(validity.begin(), validity.end(), 1.0f);
     return format("%.1f %% of the cells outside geometry",
                   100.0 * double(valid) / double(validity.size()));
+}
+
+std::string share_with_walls(const std::vector<std::vector<glm::vec3>>& walls) {
+    const auto without = std::ranges::count(walls[0], glm::vec3(0.0f));
+    return format("beside %.1f %% of the cells",
+                  100.0 * (1.0 - double(without) / double(walls[0].size())));
 }
 
 /// As a reference of the same light says it: "punctual lights after one reflection; emitters and
@@ -252,6 +259,9 @@ Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& 
         solve_gather(work, std::move(gather));
         break;
     }
+    stages.begin("walls");
+    baked.volume.walls = find_walls(visibility, plan.grid.dims, baked.volume.validity);
+    stages.end(share_with_walls(baked.volume.walls));
     baked.volume.metadata["solver"] = name_of(settings.solver);
     baked.volume.metadata["content"] = content_of(scene, plan, settings.bounces);
     baked.volume.metadata["bounces"] = settings.bounces ? std::to_string(*settings.bounces) : "inf";

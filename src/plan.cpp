@@ -2,6 +2,7 @@
 #include "error.h"
 #include "rsm/view.h"
 #include "text.h"
+#include "visibility/walls.h"
 #include "volume/sh.h"
 
 #include <algorithm>
@@ -93,7 +94,6 @@ int sh_order_of(const BakeSettings& settings) {
     return 0;
 }
 
-
 BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
                    const gpu::DeviceInfo& device) {
     BakePlan plan;
@@ -139,9 +139,9 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
                            double(plan.device_bytes) / 0x1p30, device.name.c_str(),
                            double(device.memory) / 0x1p30,
                            largest_resolution(box, settings, device.memory)));
-    // The volume itself takes 12 bytes a coefficient, and a copy while it is written.
+    // The volume itself takes 12 bytes a coefficient and a wall, and a copy while it is written.
     plan.host_bytes = 260 * plan.triangles + (uint64_t(64) << 20)
-                      + cells * (150 + 24 * uint64_t(sh_count(sh_order_of(settings))));
+                      + cells * (150 + 24 * uint64_t(sh_count(sh_order_of(settings)) + wall_count));
 
     // Seconds a unit, fitted to bakes of the Cornell box and of two rooms with a door at 16, 32 and
     // 64 cells by two threads of a CPU device (lavapipe). Within about a factor of 1.5 there; a GPU
@@ -250,6 +250,7 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
                   format("%d texels of each map for each cell", settings.rsm_samples));
         break;
     }
+    stage("walls", 1e-6 * double(cells), "what stands between cells and the points around them");
     const uint64_t memory = uint64_t(sysconf(_SC_PHYS_PAGES)) * uint64_t(sysconf(_SC_PAGESIZE));
     if (plan.host_bytes > memory)
         throw Error(

@@ -180,6 +180,10 @@ std::vector<Texture> cube_textures(const std::vector<std::vector<glm::vec3>>& si
     return {cube};
 }
 
+Component wall_axis(const Volume& volume, size_t k, int axis) {
+    return {wall_name(int(k)) + "." + "xyz"[axis], &volume.walls[k][0].x + axis, 3};
+}
+
 std::vector<Texture> textures_of(const Volume& volume, Packing packing, ShConvention convention) {
     std::vector<Texture> textures;
     const auto add_band = [&](size_t k) {
@@ -233,6 +237,10 @@ std::vector<Texture> textures_of(const Volume& volume, Packing packing, ShConven
     }
     if (!volume.validity.empty())
         textures.push_back({"validity", {{{"validity", volume.validity.data(), 1}}}});
+    for (size_t k = 0; k < volume.walls.size(); ++k)
+        textures.push_back(
+            {wall_name(int(k)),
+             {{wall_axis(volume, k, 0), wall_axis(volume, k, 1), wall_axis(volume, k, 2)}}});
     return textures;
 }
 
@@ -310,6 +318,9 @@ std::map<std::string, std::pair<float*, size_t>> destinations(Volume& volume) {
         all[std::string("occlusion_") + coefficient_name(int(k))] = {volume.occlusion[k].data(), 1};
     if (!volume.validity.empty())
         all["validity"] = {volume.validity.data(), 1};
+    for (size_t k = 0; k < volume.walls.size(); ++k)
+        for (int axis = 0; axis < 3; ++axis)
+            all[wall_axis(volume, k, axis).name] = {&volume.walls[k][0].x + axis, 3};
     return all;
 }
 
@@ -367,7 +378,7 @@ Volume read_sidecar(const std::string& path, const Json& json) {
     const glm::ivec3 dims = volume.grid.dims;
     volume.grid.cell = grid.at("cell").get<double>();
     volume.sh_order = integer(json.at("sh_order"), 0, sh_max_order);
-    check_dims(dims, 3 * sh_count(volume.sh_order) + 5, path);
+    check_dims(dims, 3 * sh_count(volume.sh_order) + 5 + 3 * most_walls, path);
     const Layout layout{
         integer(json.at("layout").at("columns"), 1, max_side / std::min(dims.x, max_side)),
         integer(json.at("layout").at("rows"), 1, max_side / std::min(dims.y, max_side))};
@@ -413,6 +424,9 @@ Volume read_sidecar(const std::string& path, const Json& json) {
         volume.occlusion.assign(4, std::vector<float>(cells));
     if (mentions("validity"))
         volume.validity.assign(cells, 0.0f);
+    while (volume.walls.size() < size_t(most_walls)
+           && mentions((wall_name(int(volume.walls.size())) + ".x").c_str()))
+        volume.walls.emplace_back(cells, glm::vec3(0.0f));
     auto wanted = destinations(volume);
     for (const Entry& entry : entries)
         read_texture((std::filesystem::path(path).parent_path() / entry.file).string(),

@@ -41,7 +41,8 @@ struct Pictures {
 
 /// Writes STEM_sh_l0.exr, ... (band) or STEM_r.exr, STEM_g.exr, STEM_b.exr (channel; of order 2
 /// also STEM_r2.exr, STEM_g2.exr, STEM_b2.exr and STEM_sh_l2_x2y2.exr), the occlusion
-/// as STEM_occlusion.exr (RGBA = 1, y, z, x), the validity as STEM_validity.exr (Y), and STEM.json;
+/// as STEM_occlusion.exr (RGBA = 1, y, z, x), the validity as STEM_validity.exr (Y), the walls as
+/// STEM_wall_0.exr, ... (RGB = x, y, z), and STEM.json;
 /// or STEM_0.exr to STEM_2.exr (vrc), STEM_cube.exr, STEM_atlas.exr.
 /// `path` is STEM.exr. Texel (x, y) of tile t, counted from the picture's top left, is cell
 /// (x, y, t); tiles beyond the last slice are zero. Each file is atomic, none takes its name before
@@ -59,7 +60,7 @@ struct Pictures {
 ///       "probe_position": "center",
 ///       "files": [ { "file": name beside the sidecar, "quantity": what it holds, "units": unit,
 ///                    "channels": [what each of its channels holds: "sh_l0.r", "occlusion_l1_y",
-///                                 "validity", ...], or of atlas and cube
+///                                 "validity", "wall_0.x", ...], or of atlas and cube
 ///                    "blocks": [the same of each block, "" for nothing] }, ... ],
 ///       "metadata": { volume.metadata, "tool" added where it is missing }
 ///     }

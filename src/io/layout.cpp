@@ -30,12 +30,19 @@ void for_each_grid(const Volume& volume, const Visit& visit) {
               volume.occlusion[k].data());
     if (!volume.validity.empty())
         visit(std::string("validity"), volume.validity.size(), 1, volume.validity.data());
+    for (size_t k = 0; k < volume.walls.size(); ++k)
+        visit(wall_name(int(k)), volume.walls[k].size(), 3,
+              volume.walls[k].empty() ? nullptr : &volume.walls[k][0].x);
 }
 
 } // namespace
 
 const char* coefficient_name(int k) {
     return coefficient_names[k];
+}
+
+std::string wall_name(int k) {
+    return "wall_" + std::to_string(k);
 }
 
 std::vector<std::pair<std::string, std::string>> field_facts(const Encoding& encoding) {
@@ -98,6 +105,8 @@ std::pair<std::string, std::string> grid_quantity(const std::string& grid_name,
         return {"mean luminance over all directions", "cd/m^2"};
     if (grid_name.starts_with("occlusion"))
         return {"blocking potential", "1"};
+    if (grid_name.starts_with("wall_"))
+        return {"way to a plane that hides what is beyond", "cells"};
     return {"validity", "1"};
 }
 
@@ -123,6 +132,9 @@ void check_volume(const Volume& volume, const std::string& path, ExitCode code) 
                coefficients);
     if (!volume.occlusion.empty() && volume.occlusion.size() != 4)
         reject(volume.occlusion.size(), " occlusion grids are given, expected 4");
+    if (volume.walls.size() > size_t(most_walls))
+        reject(volume.walls.size(), " grids of walls are given, at most ", most_walls,
+               " are known");
     for_each_grid(
         volume, [&](const std::string& name, size_t cells, int floats, const float* data) {
             if (cells != grid.size())

@@ -157,6 +157,9 @@ std::vector<uint8_t> active_cells(const Volume& volume) {
             active[i] |= cells[i] != 0;
     for (size_t i = 0; i < volume.validity.size(); ++i)
         active[i] |= volume.validity[i] != 0;
+    for (const auto& cells : volume.walls)
+        for (size_t i = 0; i < active.size(); ++i)
+            active[i] |= cells[i] != glm::vec3(0);
     return active;
 }
 
@@ -191,19 +194,24 @@ std::vector<Recipe> recipes(const Volume& volume, const Volume& turned,
             return make_grid<FloatGrid>(lattice, active, [&](size_t i) { return cells[i]; });
         };
     };
+    const auto triple = [&](const std::vector<glm::vec3>& cells) {
+        return [&] {
+            return make_grid<Vec3SGrid>(lattice, active, [&](size_t i) {
+                const glm::vec3 c = cells[i];
+                return openvdb::Vec3s(c.r, c.g, c.b);
+            });
+        };
+    };
     std::vector<Recipe> all;
     for (size_t k = 0; k < volume.sh.size(); ++k)
-        all.push_back({std::string("sh_") + coefficient_name(int(k)), [&, k] {
-                           return make_grid<Vec3SGrid>(lattice, active, [&](size_t i) {
-                               const glm::vec3 c = volume.sh[k][i];
-                               return openvdb::Vec3s(c.r, c.g, c.b);
-                           });
-                       }});
+        all.push_back({std::string("sh_") + coefficient_name(int(k)), triple(volume.sh[k])});
     for (size_t k = 0; k < volume.occlusion.size(); ++k)
         all.push_back(
             {std::string("occlusion_") + coefficient_name(int(k)), scalar(volume.occlusion[k])});
     if (!volume.validity.empty())
         all.push_back({"validity", scalar(volume.validity)});
+    for (size_t k = 0; k < volume.walls.size(); ++k)
+        all.push_back({wall_name(int(k)), triple(volume.walls[k])});
     all.push_back({"density", [&] {
                        return make_grid<FloatGrid>(lattice, active, [&](size_t i) {
                            return sh_y0
@@ -270,7 +278,7 @@ Volume volume_of(const VdbContent& content, const std::string& path) {
         reject(path, "lpv:sh_order is " + std::to_string(volume.sh_order) + ", not 0 to "
                          + std::to_string(sh_max_order));
     const int coefficients = sh_count(volume.sh_order);
-    check_dims(volume.grid.dims, 3 * coefficients + 5, path);
+    check_dims(volume.grid.dims, 3 * coefficients + 5 + 3 * most_walls, path);
     const Encoding encoding = encoding_of(
         [&](const char* key) {
             return required<std::string>(*metadata, (std::string("lpv:") + key).c_str(), path);
@@ -284,10 +292,10 @@ Volume volume_of(const VdbContent& content, const std::string& path) {
         return found;
     };
     volume.sh.resize(size_t(coefficients));
+    const auto triple = [](const openvdb::Vec3s& v) { return glm::vec3(v.x(), v.y(), v.z()); };
     for (int k = 0; k < coefficients; ++k)
-        copy_cells<Vec3SGrid>(
-            grid(std::string("sh_") + coefficient_name(k)), volume.grid, path, volume.sh[size_t(k)],
-            [](const openvdb::Vec3s& v) { return glm::vec3(v.x(), v.y(), v.z()); });
+        copy_cells<Vec3SGrid>(grid(std::string("sh_") + coefficient_name(k)), volume.grid, path,
+                              volume.sh[size_t(k)], triple);
     const auto same = [](float v) { return v; };
     if (const openvdb::GridBase::Ptr first = content.grid("occlusion_l0")) {
         volume.occlusion.resize(4);
@@ -298,6 +306,9 @@ Volume volume_of(const VdbContent& content, const std::string& path) {
     }
     if (const openvdb::GridBase::Ptr validity = content.grid("validity"))
         copy_cells<FloatGrid>(validity, volume.grid, path, volume.validity, same);
+    for (int k = 0; k < most_walls; ++k)
+        if (const openvdb::GridBase::Ptr wall = content.grid(wall_name(k)))
+            copy_cells<Vec3SGrid>(wall, volume.grid, path, volume.walls.emplace_back(), triple);
 
     MetaMap ours;
     insert_lattice(ours, volume, encoding);

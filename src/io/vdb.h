@@ -32,9 +32,10 @@ struct WriteReport {
 };
 
 /// Writes sh_l0, sh_l1_y, ... (Vec3S, coefficients as `encoding` has them, by default canonical,
-/// cd/m^2; all names: coefficient_name in layout.h), occlusion_l0, ..., validity and density
-/// (float; luminance of the mean over all directions, cd/m^2, for viewers), all with one transform
-/// (index i at the centre of cell i, metres; see Encoding::corner_index).
+/// cd/m^2; all names: coefficient_name in layout.h), occlusion_l0, ..., validity (float),
+/// wall_0, ... (Vec3S, cells, in the axes of the file) and density (float; luminance of the mean
+/// over all directions, cd/m^2, for viewers), all with one transform (index i at the centre of cell
+/// i, metres; see Encoding::corner_index).
 ///
 /// Metadata, of the file and of each grid: lpv:convention, lpv:direction, lpv:axes,
 /// lpv:probe_position, lpv:index_position (text), lpv:grid_dims (vec3i), lpv:grid_origin (vec3d,

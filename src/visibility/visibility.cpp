@@ -10,7 +10,9 @@
 #include <tbb/parallel_reduce.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
+#include <cmath>
 #include <functional>
 
 namespace lpvbake {
@@ -34,6 +36,8 @@ struct Visibility::Impl {
     glm::vec3 lo{0.0f}, hi{0.0f};
     RTCDevice device = nullptr;
     RTCScene bvh = nullptr;
+    const glm::vec3* positions = nullptr; ///< of the acceleration structure, which owns them
+    const glm::uvec3* triangles = nullptr;
 
     explicit Impl(const Scene& s) : scene(s) {}
     ~Impl() {
@@ -270,6 +274,8 @@ Visibility::Visibility(const Scene& scene, const Frame& frame)
     if (indices.empty())
         indices.push_back(glm::uvec3(0)); // a degenerate triangle that no ray meets
     std::copy(indices.begin(), indices.end(), target);
+    impl.positions = positions;
+    impl.triangles = target;
     rtcCommitGeometry(geometry);
     rtcAttachGeometry(impl.bvh, geometry);
     rtcReleaseGeometry(geometry);
@@ -278,6 +284,110 @@ Visibility::Visibility(const Scene& scene, const Frame& frame)
         throw Error(error == RTC_ERROR_OUT_OF_MEMORY ? ExitCode::memory : ExitCode::failure,
                     "Embree cannot build its tree over " + std::to_string(triangles)
                         + " triangles (error " + std::to_string(error) + ")");
+}
+
+namespace {
+
+/// A convex polygon, of a triangle that up to so many planes have cut.
+struct Polygon {
+    static constexpr size_t most = 3 + 8;
+    std::array<glm::vec3, most> corner;
+    size_t count = 0;
+};
+
+/// The part where x.w <= limit.
+Polygon cut(const Polygon& polygon, glm::vec3 w, float limit) {
+    Polygon part;
+    for (size_t i = 0; i < polygon.count; ++i) {
+        const glm::vec3 a = polygon.corner[i], b = polygon.corner[(i + 1) % polygon.count];
+        const float at_a = glm::dot(a, w) - limit, at_b = glm::dot(b, w) - limit;
+        if (at_a <= 0.0f)
+            part.corner[part.count++] = a;
+        if ((at_a < 0.0f && at_b > 0.0f) || (at_a > 0.0f && at_b < 0.0f))
+            part.corner[part.count++] = a + at_a / (at_a - at_b) * (b - a);
+    }
+    return part;
+}
+
+glm::vec3 nearest_on_segment(glm::vec3 a, glm::vec3 b) {
+    const glm::vec3 along = b - a;
+    const float square = glm::dot(along, along);
+    return square > 0.0f ? a + std::clamp(-glm::dot(a, along) / square, 0.0f, 1.0f) * along : a;
+}
+
+/// The polygon's point nearest to the origin; `normal` is the triangle's, of any length.
+glm::vec3 nearest_on(const Polygon& polygon, glm::vec3 normal) {
+    bool above = true;
+    for (size_t i = 0; i < polygon.count && above; ++i) {
+        const glm::vec3 a = polygon.corner[i], b = polygon.corner[(i + 1) % polygon.count];
+        above = glm::dot(glm::cross(b - a, -a), normal) >= 0.0f;
+    }
+    if (above)
+        return glm::dot(polygon.corner[0], normal) / glm::dot(normal, normal) * normal;
+    glm::vec3 best(HUGE_VALF);
+    for (size_t i = 0; i < polygon.count; ++i) {
+        const glm::vec3 p =
+            nearest_on_segment(polygon.corner[i], polygon.corner[(i + 1) % polygon.count]);
+        if (i == 0 || glm::dot(p, p) < glm::dot(best, best))
+            best = p;
+    }
+    return best;
+}
+
+struct NearestQuery {
+    const Visibility::Impl& impl;
+    glm::vec3 point;
+    std::span<const glm::vec3> planes;
+    float share;
+    float square; ///< of the distance to the best, or to look within
+    uint32_t primitive = ~0u;
+    glm::vec3 way{0.0f};
+
+    void look_at(uint32_t candidate) {
+        const glm::uvec3 v = impl.triangles[candidate];
+        Polygon part{
+            {impl.positions[v.x] - point, impl.positions[v.y] - point, impl.positions[v.z] - point},
+            3};
+        const glm::vec3 normal =
+            glm::cross(part.corner[1] - part.corner[0], part.corner[2] - part.corner[0]);
+        if (!(glm::dot(normal, normal) > 0.0f))
+            return;
+        for (const glm::vec3 w : planes)
+            if (part = cut(part, w, share * glm::dot(w, w)); part.count == 0)
+                return;
+        const glm::vec3 p = nearest_on(part, normal);
+        const float away = glm::dot(p, p);
+        // Of equally near ones the first, however the tree leads to them.
+        if (!(away < square || (away == square && candidate < primitive))
+            || impl.alpha(candidate, glm::vec2(1.0f / 3.0f), false) < 0.5f)
+            return;
+        square = away;
+        primitive = candidate;
+        way = p;
+    }
+};
+
+} // namespace
+
+std::optional<glm::vec3> Visibility::nearest_point(glm::vec3 point, float radius,
+                                                   std::span<const glm::vec3> planes,
+                                                   float share) const {
+    constexpr float slack = 1.0f + 1e-5f; // so that equally near ones are met
+    NearestQuery nearest{*impl_, point, planes, share, radius * radius};
+    RTCPointQuery query{point.x, point.y, point.z, 0.0f, radius * slack};
+    RTCPointQueryContext context;
+    rtcInitPointQueryContext(&context);
+    const auto meet = [](RTCPointQueryFunctionArguments* args) {
+        auto& own = *static_cast<NearestQuery*>(args->userPtr);
+        const float before = own.square;
+        own.look_at(args->primID);
+        if (own.square == before)
+            return false;
+        args->query->radius = std::sqrt(own.square) * slack;
+        return true;
+    };
+    rtcPointQuery(impl_->bvh, &query, &context, meet, &nearest);
+    return nearest.primitive == ~0u ? std::nullopt : std::optional(nearest.way);
 }
 
 Visibility::~Visibility() = default;

@@ -9,6 +9,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -69,6 +70,13 @@ public:
     /// All surfaces on the segment by rising t. A ray through an edge that two triangles of an
     /// instance share meets them as one.
     void crossings(const Ray& ray, std::vector<Crossing>& out) const;
+
+    /// From `point` to the nearest surface around it, less than `radius` away (frame units), of
+    /// what lies before all of `planes`: through point + w, perpendicular to w, before it where x.w
+    /// < `share` w.w, x seen from the point. What at its triangle's centroid covers less than half
+    /// is not there. None: there is nothing.
+    std::optional<glm::vec3> nearest_point(glm::vec3 point, float radius,
+                                           std::span<const glm::vec3> planes, float share) const;
 
     /// The box of all triangles, frame units.
     glm::vec3 lo() const;

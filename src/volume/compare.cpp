@@ -198,13 +198,16 @@ void compare_grids(const Volume& a, const Volume& b, Comparison& result) {
     });
     if (!a.validity.empty() && !b.validity.empty())
         result.validity = grid_difference(a, b, a.validity.data(), b.validity.data(), 1);
+    for (size_t k = 0; k < std::min(a.walls.size(), b.walls.size()); ++k)
+        result.walls.push_back(
+            grid_difference(a, b, &a.walls[k].data()->x, &b.walls[k].data()->x, 3));
 
     const auto same = [](const GridDifference& grid) { return grid.cells == 0; };
-    result.identical = a.sh.size() == b.sh.size() && a.occlusion.size() == b.occlusion.size()
-                       && a.validity.empty() == b.validity.empty()
-                       && std::ranges::all_of(result.sh, same)
-                       && std::ranges::all_of(result.occlusion, same)
-                       && (!result.validity || same(*result.validity));
+    result.identical =
+        a.sh.size() == b.sh.size() && a.occlusion.size() == b.occlusion.size()
+        && a.validity.empty() == b.validity.empty() && a.walls.size() == b.walls.size()
+        && std::ranges::all_of(result.sh, same) && std::ranges::all_of(result.occlusion, same)
+        && std::ranges::all_of(result.walls, same) && (!result.validity || same(*result.validity));
 }
 
 void count_validity(const Volume& a, const Volume& b, Comparison& result) {

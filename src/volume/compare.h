@@ -83,6 +83,7 @@ struct Comparison {
     std::vector<GridDifference> sh;        ///< of the coefficients that both have
     std::vector<GridDifference> occlusion; ///< empty, or 4: both have it
     std::optional<GridDifference> validity;
+    std::vector<GridDifference> walls; ///< of the planes that both have, channels x, y, z
 };
 
 /// Why the two are not one lattice, as "dims: 8 x 8 x 8 and 9 x 8 x 8 cells" (dims, cell or

@@ -195,6 +195,7 @@ Volume turned(const Volume& volume, const glm::dmat3& turn) {
     };
     sized(volume.sh, result.sh);
     sized(volume.occlusion, result.occlusion);
+    sized(volume.walls, result.walls);
     result.validity.resize(volume.validity.empty() ? 0 : to.size());
     const glm::mat3 rotation(turn);
     tbb::parallel_for(0, to.dims.z, [&](int z) {
@@ -217,6 +218,8 @@ Volume turned(const Volume& volume, const glm::dmat3& turn) {
                     result.occlusion[k][cell] = blocked[k];
                 if (!volume.validity.empty())
                     result.validity[cell] = volume.validity[i];
+                for (size_t k = 0; k < volume.walls.size(); ++k)
+                    result.walls[k][cell] = rotation * volume.walls[k][i];
             }
     });
     return result;

@@ -3,11 +3,18 @@
 #include "volume/sh.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <vector>
 
 namespace lpvbake {
 namespace {
+
+/// Cells: how far off its surface a point is held against walls, so that it lies before its own,
+/// and how far before a wall a cell begins to fade.
+constexpr double wall_lift = 0.2;
+
+constexpr double wall_reach = 2; ///< cells: walls farther from a cell are not known
 
 bool is_valid(const Volume& volume, std::size_t cell) {
     return volume.validity.empty() || volume.validity[cell] != 0;
@@ -29,6 +36,43 @@ bool normalise(CellWeights& weights) {
 double facing(glm::dvec3 way, glm::dvec3 n) {
     const double square = glm::dot(way, way), along = std::max(0.0, glm::dot(way, n));
     return square > 0 ? along * along / square : 1.0;
+}
+
+/// A product over the walls of a cell: 0 at and beyond the plane, rising to 1 at wall_lift before
+/// it. x is seen from the cell's centre, in cells.
+double before_walls(const Volume& volume, std::size_t cell, glm::dvec3 x) {
+    double before = 1;
+    for (const auto& wall : volume.walls) {
+        const glm::dvec3 w(wall[cell]);
+        if (const double square = glm::dot(w, w); square > 0)
+            before *=
+                std::clamp((square - glm::dot(w, x)) / (wall_lift * std::sqrt(square)), 0.0, 1.0);
+    }
+    return before;
+}
+
+/// The nearest cell, less than wall_reach away and of the 64 around `point` (grid units), that is
+/// valid, faced, and has the point before its walls.
+CellWeights nearest_before_walls(const Volume& volume, glm::dvec3 point, glm::dvec3 n,
+                                 glm::ivec3 low) {
+    CellWeights nearest;
+    double least = wall_reach * wall_reach;
+    glm::ivec3 cell;
+    for (cell.z = low.z - 1; cell.z <= low.z + 2; ++cell.z)
+        for (cell.y = low.y - 1; cell.y <= low.y + 2; ++cell.y)
+            for (cell.x = low.x - 1; cell.x <= low.x + 2; ++cell.x) {
+                if (!volume.grid.contains(cell) || !is_valid(volume, volume.grid.index(cell)))
+                    continue;
+                const glm::dvec3 way = glm::dvec3(cell) + 0.5 - point;
+                const double square = glm::dot(way, way);
+                if (square < least && facing(way, n) > 0
+                    && before_walls(volume, volume.grid.index(cell), wall_lift * n - way) > 0) {
+                    least = square;
+                    nearest.cell[0] = volume.grid.index(cell);
+                    nearest.weight[0] = 1;
+                }
+            }
+    return nearest;
 }
 
 /// The nearest valid cell of the 64 around `point` (grid units).
@@ -62,7 +106,7 @@ CellWeights weights_at(const Volume& volume, glm::dvec3 point, glm::dvec3 n, Rea
     const glm::ivec3 low =
         glm::clamp(glm::ivec3(clamped), glm::ivec3(0), glm::max(grid.dims - 2, 0));
     const glm::dvec3 share = clamped - glm::dvec3(low);
-    CellWeights plain, valid, faced;
+    CellWeights plain, valid, faced, clear;
     for (std::size_t i = 0; i < 8; ++i) {
         const glm::ivec3 corner(i & 1, i >> 1 & 1, i >> 2 & 1);
         const glm::ivec3 cell = low + corner;
@@ -71,15 +115,23 @@ CellWeights weights_at(const Volume& volume, glm::dvec3 point, glm::dvec3 n, Rea
             weight *= corner[axis] ? share[axis] : 1 - share[axis];
         if (!grid.contains(cell)) // the far side of a lattice of one layer: weight 0
             continue;
-        plain.cell[i] = valid.cell[i] = faced.cell[i] = grid.index(cell);
+        plain.cell[i] = valid.cell[i] = faced.cell[i] = clear.cell[i] = grid.index(cell);
         plain.weight[i] = weight;
         if (is_valid(volume, plain.cell[i])) {
             valid.weight[i] = weight;
-            faced.weight[i] = weight * facing(glm::dvec3(cell) + 0.5 - at, n);
+            const glm::dvec3 way = glm::dvec3(cell) + 0.5 - at;
+            faced.weight[i] = weight * facing(way, n);
+            clear.weight[i] =
+                faced.weight[i] * before_walls(volume, plain.cell[i], wall_lift * n - way);
         }
     }
     if (reading == Reading::trilinear)
         return plain;
+    if (normalise(clear))
+        return clear;
+    if (!volume.walls.empty())
+        if (const CellWeights near = nearest_before_walls(volume, at, n, low); near.weight[0] > 0)
+            return near;
     if (normalise(faced))
         return faced;
     if (normalise(valid))

@@ -12,11 +12,15 @@ namespace lpvbake {
 enum class Reading {
     /// Trilinear weights, whatever the cells are: light of cells inside and behind walls leaks in.
     trilinear,
-    /// Trilinear weights times max(0, n.d)^2, d the direction from the point to a cell's centre, of
-    /// valid cells only, scaled to a sum of 1. What no such cell surrounds is read from the valid
-    /// ones by their trilinear weights; where there are none of these either, from the nearest
-    /// valid cell among the 4 x 4 x 4 around (the first by index of equally near ones); else it is
-    /// dark.
+    /// Trilinear weights times max(0, n.d)^2, d the direction from the point to a cell's centre,
+    /// times what the cell's walls let pass, of valid cells only, scaled to a sum of 1. Each wall w
+    /// (Volume::walls) lets pass clamp((w.w - w.x) / (0.2 |w|), 0, 1), where x, in cells, is the
+    /// point, lifted by 0.2 cells along n, as seen from the cell's centre: 0 behind the wall.
+    ///
+    /// What no such cell surrounds is read from the nearest one (valid, n.d > 0, before its walls,
+    /// less than 2 cells away) of the 4 x 4 x 4 around; then as if there were no walls; then from
+    /// the valid ones of the eight by their trilinear weights; then from the nearest valid one of
+    /// the 4 x 4 x 4 (the first by index of equally near ones); else it is dark.
     facing,
 };
 

@@ -23,6 +23,10 @@ struct Volume {
     std::vector<std::vector<float>> occlusion;
     /// 1 where the cell's centre lies outside geometry, else 0.
     std::vector<float> validity;
+    /// walls[k][cell]: what stands in the light's way between a cell and the points around it, as
+    /// planes: from the cell's centre to the plane's nearest point, in cells; 0: no plane. A point x
+    /// (from the centre, in cells) is before it, and may be read from the cell, where x.w < w.w.
+    std::vector<std::vector<glm::vec3>> walls;
     /// Written to every file, keys without the `lpv:` prefix: solver, settings, scene hash, ...
     std::map<std::string, std::string> metadata;
 };

@@ -96,7 +96,7 @@ TEST_F(Convert, WritesWhatEachTargetReads) {
         {"godot",
          {"t_r.exr.import", "t_g.exr.import", "t_b.exr.import", "t_r2.exr.import",
           "t_g2.exr.import", "t_b2.exr.import", "t_sh_l2_x2y2.exr.import",
-          "t_validity.exr.import"}}};
+          "t_validity.exr.import", "t_wall_0.exr.import", "t_wall_1.exr.import"}}};
     for (const auto& [target, expected] : notes) {
         const CliResult result =
             run("a.vdb t.exr u.vdb --format json --precision float --target " + target);
@@ -147,7 +147,7 @@ TEST_F(Convert, SaysWhatItWrote) {
     const auto document = nlohmann::json::parse(result.out);
     EXPECT_EQ(document["sh_order"], 1);
     EXPECT_EQ(document["outputs"][0]["path"], "b.vdb");
-    EXPECT_EQ(document["outputs"][1]["files"].size(), 6u);
+    EXPECT_EQ(document["outputs"][1]["files"].size(), 8u);
     const CliResult text = run("a.vdb b.vdb");
     EXPECT_NE(text.out.find("wrote         b.vdb ("), std::string::npos) << text.out;
     ASSERT_EQ(run("a.vdb d.vdb --dilate 2").status, 0);

@@ -80,7 +80,7 @@ TEST_F(Diff, AVolumeAndItselfAreIdentical) {
             EXPECT_EQ(document["irradiance"][key], 0.0) << key;
         EXPECT_EQ(document["energy"]["ratio"], 1.0);
         EXPECT_EQ(document["worst"], json::array());
-        EXPECT_EQ(document["grids"].size(), 9u);
+        EXPECT_EQ(document["grids"].size(), 11u);
         for (const json& grid : document["grids"])
             EXPECT_EQ(grid["worst"], nullptr);
         EXPECT_EQ(document["fail"], nullptr);
@@ -140,6 +140,7 @@ TEST_F(Diff, WhatNoSampleSeesStillCountsWithoutThresholds) {
     expect_found("occlusion_l1_x", [](Volume& a) { a.occlusion[3][7] += 1e-3f; });
     expect_found("occlusion_l0 (only in B)", [](Volume& a) { a.occlusion.clear(); });
     expect_found("validity", [](Volume& a) { a.validity[5] = 1; });
+    expect_found("wall_1", [](Volume& a) { a.walls[1][7].z += 1e-3f; });
     Volume inside = b;
     inside.sh[1][5].x += 1;
     write("a.vdb", inside);

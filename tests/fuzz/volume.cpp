@@ -96,6 +96,8 @@ VdbContent content_from(FuzzedDataProvider& data) {
             add(std::string("occlusion_") + coefficient_name(k), false);
     if (data.ConsumeBool())
         add("validity", false);
+    for (int k = data.ConsumeIntegralInRange(0, 3); k-- > 0;)
+        add(wall_name(k), true);
     if (odd())
         grids["validity"] = openvdb::BoolGrid::create();
     content.grid = [grids](const std::string& name) {

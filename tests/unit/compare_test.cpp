@@ -242,6 +242,8 @@ TEST(Compare, TheSmallestChangeOfAnyGridCounts) {
     expect_found([](Volume& a) { a.validity[2] = 1 - a.validity[2]; });
     expect_found([](Volume& a) { a.occlusion.clear(); });
     expect_found([](Volume& a) { a.validity.clear(); });
+    expect_found([](Volume& a) { a.walls[1][2].y += 1e-6f; });
+    expect_found([](Volume& a) { a.walls.pop_back(); });
     expect_found([](Volume& a) {
         a.sh_order = 1;
         a.sh.resize(4);

@@ -153,6 +153,9 @@ TEST(Turned, LatticeAndDirectionsTurnTogether) {
                     EXPECT_EQ(glm::dvec3(other.occlusion[3][i], other.occlusion[1][i],
                                          other.occlusion[2][i]),
                               turn * lobe);
+                    for (size_t k = 0; k < volume.walls.size(); ++k)
+                        EXPECT_EQ(glm::dvec3(other.walls[k][i]),
+                                  turn * glm::dvec3(volume.walls[k][here]));
                 }
         const Volume back = turned(other, glm::transpose(turn));
         EXPECT_EQ(back.grid.dims, volume.grid.dims);
@@ -162,6 +165,7 @@ TEST(Turned, LatticeAndDirectionsTurnTogether) {
             EXPECT_EQ(back.sh[k], volume.sh[k]) << k;
         EXPECT_EQ(back.occlusion, volume.occlusion);
         EXPECT_EQ(back.validity, volume.validity);
+        EXPECT_EQ(back.walls, volume.walls);
     }
 }
 

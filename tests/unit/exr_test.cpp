@@ -26,6 +26,7 @@ void expect_equal(const Volume& a, const Volume& b) {
     EXPECT_EQ(a.sh, b.sh);
     EXPECT_EQ(a.occlusion, b.occlusion);
     EXPECT_EQ(a.validity, b.validity);
+    EXPECT_EQ(a.walls, b.walls);
     EXPECT_EQ(a.metadata, b.metadata);
 }
 
@@ -91,7 +92,8 @@ TEST(Exr, FilesAndLayout) {
         files.insert(file["file"]);
     EXPECT_EQ(files, (std::set<std::string>{"scene.v2_sh_l0.exr", "scene.v2_sh_l1_y.exr",
                                             "scene.v2_sh_l1_z.exr", "scene.v2_sh_l1_x.exr",
-                                            "scene.v2_occlusion.exr", "scene.v2_validity.exr"}));
+                                            "scene.v2_occlusion.exr", "scene.v2_validity.exr",
+                                            "scene.v2_wall_0.exr", "scene.v2_wall_1.exr"}));
     // Slice 6 is the third tile of the second row.
     const Pixels l1z = read_pixels(folder / "scene.v2_sh_l1_z.exr");
     EXPECT_EQ(l1z.width, 16);
@@ -146,6 +148,7 @@ TEST(Exr, AtlasIsThatOfThreeJs) {
         const glm::ivec3 dims(3, 2, 4);
         Volume volume = random_volume(dims, order, false, 9);
         volume.validity.clear(); // which has no place in it
+        volume.walls.clear();
         write_exr(folder / "a.exr", volume, Precision::full, {Packing::atlas, 5});
         const Pixels atlas = read_pixels(folder / "a_atlas.exr");
         ASSERT_EQ(atlas.width, 5 * 3); // 7 (4 + 2) slices, five in a row

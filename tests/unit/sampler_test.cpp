@@ -122,6 +122,41 @@ TEST(Sampler, AWallDoesNotBleed) {
     EXPECT_NEAR(read_irradiance(volume, wall, {-1, 0, 0}, Reading::facing).x, pi, 1e-5);
 }
 
+TEST(Sampler, WhatLiesBehindACellsWallsIsNotReadFromIt) {
+    const auto linear = [](glm::dvec3 p) { return 20 + p.x - 2 * p.y + 3 * p.z; };
+    Volume volume = isotropic({6, 6, 6}, linear);
+    volume.walls.assign(2, std::vector<glm::vec3>(volume.grid.size(), glm::vec3(0.0f)));
+    const auto cell = [&](int x, int y, int z) { return volume.grid.index({x, y, z}); };
+    const auto value = [&](int x, int y, int z) {
+        return pi * linear(volume.grid.center({x, y, z}));
+    };
+    // Amid eight centres, 0.5 below the four that it faces, and 0.3 once it is lifted: the first
+    // and the second stand before a wall that the point is behind, the third is half faded.
+    const glm::dvec3 p = volume.grid.center({2, 2, 2}) + 0.5 * volume.grid.cell;
+    volume.walls[0][cell(2, 3, 2)] = {0.4f, 0.0f, 0.0f};
+    volume.walls[1][cell(2, 3, 3)] = {0.3f, 0.0f, -0.1f};
+    volume.walls[1][cell(3, 3, 2)] = {0.0f, 0.0f, 0.6f};
+    const double third = value(3, 3, 2), fourth = value(3, 3, 3);
+    EXPECT_NEAR(read_irradiance(volume, p, {0, 1, 0}, Reading::facing).x,
+                (0.5 * third + fourth) / 1.5, 1e-4);
+    // Behind the walls of all four: the nearest one further off that is not hidden either.
+    const glm::dvec3 q =
+        volume.grid.center({2, 2, 2}) + volume.grid.cell * glm::dvec3(0.6, 0.8, 0.55);
+    volume.walls[0][cell(3, 3, 2)] = volume.walls[0][cell(3, 3, 3)] = {-0.3f, 0.0f, 0.0f};
+    volume.walls[0][cell(3, 4, 3)] = {0.0f, -0.5f, 0.0f};
+    volume.walls[0][cell(3, 4, 2)] = {0.0f, -1.4f, 0.0f};
+    EXPECT_NEAR(read_irradiance(volume, q, {0, 1, 0}, Reading::facing).x, value(3, 4, 2), 1e-4);
+    // Behind whatever there is: as if there were no walls.
+    for (glm::vec3& wall : volume.walls[0])
+        wall = glm::vec3(1e-3f);
+    for (glm::vec3& wall : volume.walls[1])
+        wall = glm::vec3(-1e-3f);
+    const double all = read_irradiance(volume, p, {0, 1, 0}, Reading::facing).x;
+    volume.walls.clear();
+    EXPECT_EQ(all, read_irradiance(volume, p, {0, 1, 0}, Reading::facing).x);
+    EXPECT_NEAR(all, (value(2, 3, 2) + value(2, 3, 3) + third + fourth) / 4, 1e-4);
+}
+
 TEST(Sampler, FallsBackToValidThenToNearThenToDark) {
     Volume volume = isotropic({6, 6, 6}, [](glm::dvec3 p) { return p.x + 10; });
     const glm::dvec3 p = volume.grid.center({2, 2, 2}) + 0.25 * volume.grid.cell;

@@ -22,6 +22,7 @@ void expect_equal(const Volume& a, const Volume& b) {
     EXPECT_EQ(a.sh, b.sh);
     EXPECT_EQ(a.occlusion, b.occlusion);
     EXPECT_EQ(a.validity, b.validity);
+    EXPECT_EQ(a.walls, b.walls);
     EXPECT_EQ(a.metadata, b.metadata);
 }
 
@@ -129,6 +130,8 @@ TEST(Vdb, OpensInVdbPrint) {
                                  "occlusion_l1_z",
                                  "occlusion_l1_x",
                                  "validity",
+                                 "wall_0",
+                                 "lpv:units: cells",
                                  "density",
                                  "lpv:convention",
                                  "radiance",
@@ -155,6 +158,8 @@ TEST(Vdb, OpensInPython) {
     for (size_t i : {valid, lit, black}) {
         for (auto& cells : volume.sh)
             cells[i] = glm::vec3(0);
+        for (auto& cells : volume.walls)
+            cells[i] = glm::vec3(0);
         volume.validity[i] = 0;
     }
     volume.validity[valid] = 1;
@@ -177,7 +182,8 @@ print([round(v, 9) for v in l0.transform.indexToWorld((0, 0, 0))], [round(v, 9) 
 print('%.5f' % vdb.read(file, 'density').getConstAccessor().getValue((2, 3, 4)))
 print(l0.gradientSize if hasattr(l0, 'gradientSize') else l0.vectorType)
 " )" + path),
-              "['density', 'sh_l0', 'sh_l1_x', 'sh_l1_y', 'sh_l1_z', 'validity']\n"
+              "['density', 'sh_l0', 'sh_l1_x', 'sh_l1_y', 'sh_l1_z', 'validity', 'wall_0', "
+              "'wall_1']\n"
               "sh_l0 [True, True, False]\n"
               "sh_l1_x [True, True, False]\n"
               "density [True, True, False]\n"
@@ -228,6 +234,9 @@ TEST(Vdb, RefusesWhatIsNotAVolume) {
         volume.validity[0] = bad;
         refused(volume);
         volume = good;
+        volume.walls[1][0].z = bad;
+        EXPECT_NE(refused(volume).find("wall_1"), std::string::npos);
+        volume = good;
         volume.grid.origin.y = bad;
         refused(volume);
     }
@@ -239,6 +248,9 @@ TEST(Vdb, RefusesWhatIsNotAVolume) {
     refused(volume);
     volume = good;
     volume.occlusion.pop_back();
+    refused(volume);
+    volume = good;
+    volume.walls.resize(4, volume.walls[0]);
     refused(volume);
     volume = good;
     volume.grid.dims = {0, 4, 5};

@@ -56,6 +56,11 @@ inline Volume random_volume(glm::ivec3 dims, int order, bool occlusion, unsigned
         for (auto& cells : volume.occlusion)
             cells[i] = normal(random);
     }
+    volume.walls.assign(2, std::vector<glm::vec3>(n));
+    for (auto& cells : volume.walls)
+        for (size_t i = 0; i < n; ++i)
+            if (volume.validity[i] > 0)
+                cells[i] = glm::vec3(normal(random), normal(random), normal(random));
     volume.metadata = {{"solver", "none"}, {"settings", "{\"a\": 1}"}, {"tool", "test"}};
     return volume;
 }

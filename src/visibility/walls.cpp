@@ -1,0 +1,47 @@
+#include "visibility/walls.h"
+
+#include <tbb/parallel_for.h>
+
+#include <cmath>
+
+namespace lpvbake {
+namespace {
+
+/// A surface counts beside an earlier plane if it comes this much nearer to the centre; so the next
+/// triangle of a curved wall is none of its own.
+constexpr float own_share = 0.75f;
+
+/// Cells. A centre as near to a surface is on neither side of it: two planes close it in.
+constexpr float on_surface = 1e-3f;
+
+} // namespace
+
+std::vector<std::vector<glm::vec3>> find_walls(const Visibility& visibility, glm::ivec3 dims,
+                                               std::span<const float> validity) {
+    std::vector<std::vector<glm::vec3>> walls(
+        static_cast<size_t>(wall_count),
+        std::vector<glm::vec3>(size_t(dims.x) * size_t(dims.y) * size_t(dims.z), glm::vec3(0.0f)));
+    tbb::parallel_for(0, dims.z, [&](int z) {
+        std::vector<glm::vec3> own;
+        size_t cell = size_t(z) * size_t(dims.y) * size_t(dims.x);
+        for (int y = 0; y < dims.y; ++y)
+            for (int x = 0; x < dims.x; ++x, ++cell) {
+                if (!validity.empty() && validity[cell] == 0.0f)
+                    continue;
+                own.clear();
+                while (own.size() < walls.size()) {
+                    auto way = visibility.nearest_point(glm::vec3(x, y, z) + 0.5f, walls_reach, own,
+                                                        own_share);
+                    if (!way)
+                        break;
+                    if (glm::dot(*way, *way) < on_surface * on_surface)
+                        way = glm::vec3((own.empty() ? on_surface : -on_surface) / std::sqrt(3.0f));
+                    walls[own.size()][cell] = *way;
+                    own.push_back(*way);
+                }
+            }
+    });
+    return walls;
+}
+
+} // namespace lpvbake
