@@ -1,0 +1,44 @@
+#!/usr/bin/env bash
+# Makes examples/gallery.jpg: the Cornell box, a room and a street, lit directly, with the classic
+# propagation, with the default solver, and path-traced. Takes some minutes on two cores.
+#
+#   examples/gallery.sh [PATHS]     paths a pixel of the path-traced pictures, 256 by default
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+paths=${1:-256}
+
+.ci/install.sh
+cmake --preset default >&2
+cmake --build --preset default --target lpvbake >&2
+lpvbake=$PWD/build/default/lpvbake
+folder=$PWD/build/gallery
+mkdir -p "$folder"
+examples/make_scenes.py "$folder"
+cp examples/cornell_box.gltf "$folder"
+cd "$folder"
+
+pictures=()
+
+# row NAME EV CAMERA SKY [OPTIONS OF BAKE…]
+row() {
+    local name=$1 ev=$2 camera=$3 sky=$4
+    shift 4
+    local light=()
+    [[ -n $sky ]] && light=(--sky "$sky")
+    view=(--size 400x300 --exposure "$ev" --camera "$camera" "${light[@]}" --progress none)
+    "$lpvbake" bake "$name.gltf" -o "$name.lpv.vdb" --solver lpv "${light[@]}" "$@" >/dev/null
+    "$lpvbake" bake "$name.gltf" -o "$name.vdb" "${light[@]}" "$@"
+    "$lpvbake" render "$name.gltf" "$name.vdb" -o "$name.direct.png" --show direct "${view[@]}" >/dev/null
+    "$lpvbake" render "$name.gltf" "$name.lpv.vdb" -o "$name.lpv.png" "${view[@]}" >/dev/null
+    "$lpvbake" render "$name.gltf" "$name.vdb" -o "$name.png" "${view[@]}" \
+        --reference "$paths" --reference-output "$name.reference.png"
+    pictures+=("$name".{direct,lpv}.png "$name.png" "$name.reference.png")
+}
+
+row cornell_box 4 0,1,3.9:0,1,0:39 "" --resolution 48
+row room 8.5 0.4,1.5,1.9:-0.2,1.0,-2:70 0.6:0.8:1,4000 --resolution 48
+row street 12.5 -2,1.7,27:0.5,2.5,0:55 0.5:0.7:1,6000 --resolution 64 --bounds -16,-1,-30,16,10,30
+
+cd - >/dev/null
+oiiotool "${pictures[@]/#/$folder/}" --mosaic:pad=4 4x3 --compression jpeg:88 -o examples/gallery.jpg
+echo "wrote examples/gallery.jpg"
