@@ -52,8 +52,8 @@ Targets:
             be converted back
 All but the first three keep orders up to 2, and two rings of cells inside geometry are filled, as
 their samplers take all cells around a point; unity, unreal, godot and vrc leave no tile of a picture
-empty. An option that is given goes before what the target says. In which order Unity and Unreal take
-tiles, and Unity rows, is not proven: their notes say what to look at.
+empty. An option that is given goes before what the target says. In which order Unity takes tiles and
+rows is not proven: its notes say what to look at.
 
 Examples:
   lpvbake convert room.vdb room.exr

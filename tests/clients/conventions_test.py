@@ -90,21 +90,25 @@ def irradiance(sh, normals):
 # ---- readers: points in the program's axes -> [k, cell, rgb], as stored ----
 
 
-def read_vdb(path, points):
+def read_grids(path, points, names):
     """Through each grid's own transform; an index is a cell's centre, or its corner where the file
     says so."""
-    facts = pyopenvdb.readMetadata(str(path))
-    shift = {"center": 0.0, "corner": 0.5}[facts["lpv:index_position"]]
-    coefficients = []
-    for name in NAMES[:(facts["lpv:sh_order"] + 1) ** 2]:
-        grid = pyopenvdb.read(str(path), "sh_" + name)
+    shift = {"center": 0.0, "corner": 0.5}[pyopenvdb.readMetadata(str(path))["lpv:index_position"]]
+    values = []
+    for name in names:
+        grid = pyopenvdb.read(str(path), name)
         accessor = grid.getConstAccessor()
         at = np.array([grid.transform.worldToIndex(tuple(p)) for p in points]) - shift
         cells = np.rint(at).astype(int)
         if np.abs(at - cells).max() > 1e-4:
             raise AssertionError(f"{path}: {name}: cells are elsewhere")
-        coefficients.append([accessor.getValue(tuple(cell)) for cell in cells.tolist()])
-    return np.array(coefficients, float)
+        values.append([accessor.getValue(tuple(cell)) for cell in cells.tolist()])
+    return np.array(values, float)
+
+
+def read_vdb(path, points):
+    order = pyopenvdb.readMetadata(str(path))["lpv:sh_order"]
+    return read_grids(path, points, ["sh_" + name for name in NAMES[:(order + 1) ** 2]])
 
 
 def picture(path, channels):
@@ -148,12 +152,16 @@ def sidecar(path):
     return (layout["columns"], layout["rows"]), np.array(grid["origin"]), size
 
 
-def read_bands(path, points, down_first=False):
+def read_pictures(path, points, names, down_first=False):
     layout, origin, size = sidecar(path)
-    stem = path.with_suffix("")
-    found = [name for name in NAMES if pathlib.Path(f"{stem}_sh_{name}.exr").exists()]
-    return np.stack([sample(slices(picture(f"{stem}_sh_{name}.exr", RGB), *layout, down_first),
-                            (points - origin) / size) for name in found])
+    return np.stack([sample(slices(picture(f"{path.with_suffix('')}_{name}.exr", RGB), *layout,
+                                   down_first), (points - origin) / size) for name in names])
+
+
+def read_bands(path, points, down_first=False):
+    found = ["sh_" + name for name in NAMES
+             if path.with_name(f"{path.stem}_sh_{name}.exr").exists()]
+    return read_pictures(path, points, found, down_first)
 
 
 def read_channels(load, order):
@@ -184,6 +192,8 @@ def read_unity(path, points, down_first=False):
 
 
 def read_unreal(path, points, down_first=False):
+    """UVolumeTexture::UpdateSourceFromSourceTexture of VolumeTexture.cpp, Unreal Engine 5.8: tile
+    t is the one in column t % columns and row t / columns."""
     notes = json.loads(path.with_suffix(".unreal.json").read_text())
     tile = [notes["volume_texture"]["Source 2D Tile Size " + side] for side in "XY"]
     low, high = (np.array(notes["volume"][side]) for side in ("min", "max"))  # centimetres
@@ -198,6 +208,7 @@ def read_unreal(path, points, down_first=False):
 
 
 def read_godot(path, points, down_first=False):
+    """Tiles as resource_importer_layered_texture.cpp takes them: rows, and columns in each."""
     _, origin, size = sidecar(path)
 
     def load(suffix, channels):
@@ -300,8 +311,8 @@ def shade_godot(c, n):
 
 
 def shade_unity(c, n):
-    """ShadeSH9 of UnityCG.cginc, built-in shaders of 2019 (TwoTailsGames/Unity-Built-in-Shaders
-    5e149d0): SHEvalLinearL0L1 and SHEvalLinearL2."""
+    """ShadeSH9 of UnityCG.cginc (TwoTailsGames/Unity-Built-in-Shaders 5e149d0): SHEvalLinearL0L1 and
+    SHEvalLinearL2."""
     x, y, z = n.T
     return summed([ones(n), y, z, x, x * y, y * z, z * z, z * x, x * x - y * y], c)
 
@@ -436,8 +447,8 @@ class Conventions(unittest.TestCase):
         return path.with_suffix(client.suffix)
 
     def error_of(self, client, *, mirror=None, plain_normals=False, scramble=None, **reading):
-        """Largest error over valid cells and all normals. What is wrong in a reading: the axis
-        along which the lattice is mirrored; normals that stay glTF's; what is done to coefficients."""
+        """Largest error over valid cells and all normals. What may be wrong in a reading: the axis
+        along which the lattice is mirrored; normals that stay glTF's; what coefficients become."""
         points = self.centres.copy()
         if mirror is not None:
             along = points[:, mirror]
@@ -536,6 +547,20 @@ class Conventions(unittest.TestCase):
                                 read_vdb, shade_radiance, axes, suffix=".vdb", precision="float")
                 with self.assertRaisesRegex(AssertionError, "cells are elsewhere"):
                     self.error_of(client)
+
+    def test_walls_turn_with_the_axes(self):
+        names = [f"wall_{k}" for k in range(3)]
+        walls = read_grids(self.source, self.centres, names)
+        self.assertGreater((np.abs(walls[0]).min(axis=1) > 0).sum(), 0)  # some are slanted
+        for axes in AXES:
+            path = self.written(("--sh-convention", "radiance", "--axes", axes, "--sh-order", 2),
+                                "float")
+            points = turned(axes, self.centres)
+            for found in (read_grids(path.with_suffix(".vdb"), points, names),
+                          read_pictures(path, points, names)):
+                self.assertLess(np.abs(found - turned(axes, walls)).max(), 1e-5, axes)
+                if axes != "gltf":
+                    self.assertGreater(np.abs(found - walls).max(), 0.1, axes)
 
     def test_between_cells_textures_interpolate(self):
         """Also beside the outermost slices of an atlas's blocks, without light of the next."""
