@@ -17,6 +17,7 @@ CORNERS = np.array([(i & 1, i >> 1 & 1, i >> 2 & 1) for i in range(8)])
 class LightVolume:
     sh: np.ndarray        # [coefficient, x, y, z, rgb]: luminance arriving, nits; order as NAMES
     validity: np.ndarray  # [x, y, z]: 1 outside geometry, else 0
+    walls: np.ndarray     # [wall, x, y, z, axis]: way from the centre to a plane, in cells; or 0
     origin: np.ndarray    # corner of the first cell, metres
     cell: float           # edge of a cell, metres
 
@@ -27,7 +28,9 @@ class LightVolume:
     def weights(self, point, normal):
         """The eight cells around a point (clamped to the lattice) and their weights: trilinear, of
         valid cells, times max(0, n.d)^2 for the direction d to the cell's centre, so that cells
-        behind the surface do not count; without that where no cell is left."""
+        behind the surface do not count, times 0 behind the cell's walls to 1 from 0.2 cells before
+        them. Where no cell is left, without walls, then without the direction. (The library looks
+        at cells farther off, too.)"""
         dims = np.array(self.validity.shape)
         at = self.to_lattice(point)
         clamped = np.clip(at, 0, dims - 1)
@@ -39,10 +42,19 @@ class LightVolume:
         way = cells - at
         square, along = np.sum(way * way, axis=1), np.maximum(0, way @ normal)
         facing = valid * np.divide(along * along, square, out=np.ones(8), where=square > 0)
-        for weights in (facing, valid):
+        clear = facing * np.prod(self.before_walls(cells, 0.2 * normal - way), axis=0)
+        for weights in (clear, facing, valid):
             if weights.sum() > 0:
                 return cells, weights / weights.sum()
         return cells, np.zeros(8)
+
+    def before_walls(self, cells, x):
+        """[wall, cell] of these cells, for a point that lies at x from their centres, in cells."""
+        i, j, k = cells.T
+        w = self.walls[:, i, j, k]
+        square = np.sum(w * w, axis=2)
+        before = (square - np.sum(w * x, axis=2)) / (0.2 * np.sqrt(np.maximum(square, 1e-30)))
+        return np.where(square > 0, np.clip(before, 0, 1), 1)
 
     def irradiance(self, point, normal):
         """Lux (RGB) on a surface with this normal; times albedo / pi it is luminance in nits."""

@@ -30,11 +30,14 @@ def load(path):
         for c, name in enumerate(entry["channels"]):
             grids[name] = slices[: layout["slices"], :, :, c].transpose(2, 1, 0)
 
-    everywhere = np.ones(facts["grid"]["dims"], np.float32)
+    dims = facts["grid"]["dims"]
+    walls = [np.stack([grids[f"wall_{k}.{axis}"] for axis in "xyz"], -1)
+             for k in range(3) if f"wall_{k}.x" in grids]
     names = light_volume.NAMES[: (facts["sh_order"] + 1) ** 2]
     return light_volume.LightVolume(
         sh=np.stack([np.stack([grids[f"sh_{name}.{c}"] for c in "rgb"], -1) for name in names]),
-        validity=grids.get("validity", everywhere),
+        validity=grids.get("validity", np.ones(dims, np.float32)),
+        walls=np.reshape(walls, (-1, *dims, 3)),
         origin=np.array(facts["grid"]["origin"]),
         cell=facts["grid"]["cell"],
     )

@@ -23,10 +23,12 @@ def load(path):
         return values
 
     stored = [grid.name for grid in pyopenvdb.readAllGridMetadata(path)]
+    walls = [array(f"wall_{k}", 3) for k in range(3) if f"wall_{k}" in stored]
     names = light_volume.NAMES[: (facts["lpv:sh_order"] + 1) ** 2]
     return light_volume.LightVolume(
         sh=np.stack([array("sh_" + name, 3) for name in names]),
         validity=array("validity") if "validity" in stored else np.ones(dims, np.float32),
+        walls=np.reshape(walls, (-1, *dims, 3)),
         origin=np.array(facts["lpv:grid_origin"]),
         cell=facts["lpv:cell_size"],
     )

@@ -8,6 +8,8 @@
 //     Texture3D lpv_sh[4];          // or 9
 //     Texture3D lpv_validity;
 //     SamplerState lpv_sampler;
+//     #define LPV_WALLS             // where there are grids wall_0 to wall_2
+//     Texture3D lpv_walls[3];
 //
 // Coefficients are canonical, as `lpvbake bake` writes them unless --sh-convention says otherwise,
 // in whatever --axes. A Lambert surface's luminance is albedo / pi times its irradiance.
@@ -51,52 +53,97 @@ bool lpv_is_valid(int3 cell) {
     return lpv_validity.Load(int4(cell, 0)).r > 0.0;
 }
 
+// max(0, n.d)^2, d the direction of `way`.
+float lpv_faced(float3 way, float3 n) {
+    float along = max(0.0, dot(way, n)), square = dot(way, way);
+    return square > 0.0 ? along * along / square : 1.0;
+}
+
+// 0 behind a wall, 1 from 0.2 cells before it. w is the way from a cell's centre to the wall, x the
+// way to the point, in cells.
+float lpv_before_wall(float3 w, float3 x) {
+    float square = dot(w, w);
+    return square > 0.0 ? clamp((square - dot(w, x)) / (0.2 * sqrt(square)), 0.0, 1.0) : 1.0;
+}
+
+float lpv_before_walls(int3 cell, float3 x) {
+#ifdef LPV_WALLS
+    return lpv_before_wall(lpv_walls[0].Load(int4(cell, 0)).xyz, x)
+           * lpv_before_wall(lpv_walls[1].Load(int4(cell, 0)).xyz, x)
+           * lpv_before_wall(lpv_walls[2].Load(int4(cell, 0)).xyz, x);
+#else
+    return 1.0;
+#endif
+}
+
+// The nearest valid cell of the 4 x 4 x 4 around; if `clear`, of those that the surface faces, less
+// than 2 cells away, with the point before their walls. False if there is none.
+bool lpv_nearest(float3 at, float3 n, int3 low, bool clear, out int3 cell) {
+    int3 last = lpv_dims() - 1;
+    float least = clear ? 4.0 : 1e30;
+    bool found = false;
+    cell = low;
+    for (int i = 0; i < 64; ++i) {
+        int3 other = low - 1 + int3(i & 3, (i >> 2) & 3, i >> 4);
+        float3 way = float3(other) - at;
+        if (any(other != clamp(other, int3(0, 0, 0), last)) || dot(way, way) >= least
+            || !lpv_is_valid(other))
+            continue;
+        if (clear && lpv_faced(way, n) * lpv_before_walls(other, 0.2 * n - way) <= 0.0)
+            continue;
+        cell = other;
+        least = dot(way, way);
+        found = true;
+    }
+    return found;
+}
+
+#define LPV_CLEAR(k) sh.c[k] = float3(0.0, 0.0, 0.0);
 #define LPV_FETCH(k) sh.c[k] += weight * lpv_sh[k].Load(int4(cell, 0)).rgb;
 
 // At a surface of unit normal n: trilinear weights of valid cells times max(0, n.d)^2, d the
-// direction to a cell's centre, so that cells behind the surface do not count. Where none is left,
-// without that factor; then by the nearest valid cell of the 4 x 4 x 4 around; else dark.
+// direction to a cell's centre, so that cells behind the surface do not count, times what the
+// cells' walls let pass. Where no cell is left, by the nearest that these would leave; else without
+// walls; else without the direction; else by the nearest valid cell; else dark.
 LpvSh lpv_facing(LpvVolume volume, float3 position, float3 n) {
     int3 dims = lpv_dims();
     float3 at = lpv_to_lattice(volume, position);
     float3 clamped = clamp(at, float3(0.0, 0.0, 0.0), float3(dims - 1));
     int3 low = min(int3(clamped), max(dims - 2, int3(0, 0, 0)));
     float3 share = clamped - float3(low);
-    float valid[8], faced[8], valid_sum = 0.0, faced_sum = 0.0;
+    float3 weights[8]; // clear, faced, valid
+    float3 sum = float3(0.0, 0.0, 0.0);
     for (int i = 0; i < 8; ++i) {
         int3 corner = int3(i & 1, (i >> 1) & 1, i >> 2);
         int3 cell = min(low + corner, dims - 1);
         float3 plain = lerp(1.0 - share, share, float3(corner)), way = float3(cell) - at;
-        float along = max(0.0, dot(way, n)), square = dot(way, way);
-        valid[i] = lpv_is_valid(cell) ? plain.x * plain.y * plain.z : 0.0;
-        faced[i] = valid[i] * (square > 0.0 ? along * along / square : 1.0);
-        valid_sum += valid[i];
-        faced_sum += faced[i];
+        float valid = lpv_is_valid(cell) ? plain.x * plain.y * plain.z : 0.0;
+        float faced = valid * lpv_faced(way, n);
+        weights[i] = float3(faced * lpv_before_walls(cell, 0.2 * n - way), faced, valid);
+        sum += weights[i];
     }
     LpvSh sh;
-#define LPV_CLEAR(k) sh.c[k] = float3(0.0, 0.0, 0.0);
     LPV_EACH(LPV_CLEAR)
-    if (valid_sum > 0.0) {
-        for (int i = 0; i < 8; ++i) {
-            int3 cell = min(low + int3(i & 1, (i >> 1) & 1, i >> 2), dims - 1);
-            float weight = faced_sum > 0.0 ? faced[i] / faced_sum : valid[i] / valid_sum;
-            LPV_EACH(LPV_FETCH)
-        }
+    int3 cell;
+    float weight = 1.0;
+#ifdef LPV_WALLS
+    if (sum.x <= 0.0 && lpv_nearest(at, n, low, true, cell)) {
+        LPV_EACH(LPV_FETCH)
         return sh;
     }
-    int3 cell = int3(0, 0, 0);
-    float least = 1e30, weight = 0.0;
-    for (int i = 0; i < 64; ++i) {
-        int3 other = low - 1 + int3(i & 3, (i >> 2) & 3, i >> 4);
-        float3 way = float3(other) - at;
-        if (all(other == clamp(other, int3(0, 0, 0), dims - 1)) && dot(way, way) < least
-            && lpv_is_valid(other)) {
-            cell = other;
-            least = dot(way, way);
-            weight = 1.0;
+#endif
+    if (sum.z > 0.0) {
+        float3 use = sum.x > 0.0   ? float3(1.0 / sum.x, 0.0, 0.0)
+                     : sum.y > 0.0 ? float3(0.0, 1.0 / sum.y, 0.0)
+                                   : float3(0.0, 0.0, 1.0 / sum.z);
+        for (int i = 0; i < 8; ++i) {
+            cell = min(low + int3(i & 1, (i >> 1) & 1, i >> 2), dims - 1);
+            weight = dot(use, weights[i]);
+            LPV_EACH(LPV_FETCH)
         }
+    } else if (lpv_nearest(at, n, low, false, cell)) {
+        LPV_EACH(LPV_FETCH)
     }
-    LPV_EACH(LPV_FETCH)
     return sh;
 }
 
@@ -119,7 +166,7 @@ float lpv_nonlinear(float e0, float3 e1, float3 n) {
 }
 
 // From bands 0 and 1, by a power of a cosine: never negative, the same mean over all normals, and
-// light from one side falls off as it should. The model of Enlighten by Chris Doran and Graham Hazel
+// light from one side falls off as it should. Enlighten's model, by Chris Doran and Graham Hazel
 // (Geomerics): grahamhazel.com/blog/2017/12/22/converting-sh-radiance-to-irradiance
 float3 lpv_irradiance_l1_nonlinear(LpvSh sh, float3 n) {
     float3 e0 = 0.88622693 * sh.c[0];

@@ -311,8 +311,8 @@ def shade_godot(c, n):
 
 
 def shade_unity(c, n):
-    """ShadeSH9 of UnityCG.cginc (TwoTailsGames/Unity-Built-in-Shaders 5e149d0): SHEvalLinearL0L1 and
-    SHEvalLinearL2."""
+    """ShadeSH9 of UnityCG.cginc (TwoTailsGames/Unity-Built-in-Shaders 5e149d0): SHEvalLinearL0L1
+    and SHEvalLinearL2."""
     x, y, z = n.T
     return summed([ones(n), y, z, x, x * y, y * z, z * z, z * x, x * x - y * y], c)
 

@@ -1,6 +1,10 @@
-// Reads a volume at points by everything that examples/shaders/lpvbake.glsl has; LPV_ORDER is given.
+// Reads a volume at points by everything that examples/shaders/lpvbake.glsl has; LPV_ORDER is given,
+// LPV_WALLS may be.
 layout(set = 0, binding = 0) uniform sampler3D lpv_sh[(LPV_ORDER + 1) * (LPV_ORDER + 1)];
 layout(set = 0, binding = 1) uniform sampler3D lpv_validity;
+#ifdef LPV_WALLS
+layout(set = 0, binding = 5) uniform sampler3D lpv_walls[3];
+#endif
 #include "../../examples/shaders/lpvbake.glsl"
 
 layout(local_size_x = 64) in;

@@ -1,7 +1,11 @@
-// Reads a volume at points by everything that examples/shaders/lpvbake.hlsl has; LPV_ORDER is given.
+// Reads a volume at points by everything that examples/shaders/lpvbake.hlsl has; LPV_ORDER is given,
+// LPV_WALLS may be.
 [[vk::binding(0)]] Texture3D lpv_sh[(LPV_ORDER + 1) * (LPV_ORDER + 1)];
 [[vk::binding(1)]] Texture3D lpv_validity;
 [[vk::binding(2)]] SamplerState lpv_sampler;
+#ifdef LPV_WALLS
+[[vk::binding(5)]] Texture3D lpv_walls[3];
+#endif
 #include "../../examples/shaders/lpvbake.hlsl"
 
 [[vk::binding(3)]] StructuredBuffer<float4> surfaces;      // point, normal

@@ -1,3 +1,4 @@
 #version 450
 #define LPV_ORDER 2
+#define LPV_WALLS
 #include "read_volume_body.glsl"

@@ -1,2 +1,3 @@
 #define LPV_ORDER 2
+#define LPV_WALLS
 #include "read_volume_body.hlsl"

@@ -36,7 +36,7 @@ struct Texture {
 
 struct Shader {
     const char* name;
-    int order;
+    int order; ///< 2: with walls, too
     bool hlsl;
     std::span<const uint32_t> words;
 };
@@ -107,13 +107,17 @@ protected:
     static std::vector<Irradiances> run(const Shader& shader, const Volume& volume,
                                         const std::vector<Surface>& surfaces) {
         Device::Impl& d = device().impl();
-        std::vector<Texture> textures; // the coefficients, then the validity
+        std::vector<Texture> textures; // the coefficients, the validity, the walls
         for (int k = 0; k < sh_count(shader.order); ++k)
             textures.push_back(texture(volume.grid, [&](std::size_t i) {
                 return glm::vec4(volume.sh[std::size_t(k)][i], 1.0f);
             }));
         textures.push_back(
             texture(volume.grid, [&](std::size_t i) { return glm::vec4(volume.validity[i]); }));
+        for (std::size_t k = 0; k < 3; ++k)
+            textures.push_back(texture(volume.grid, [&](std::size_t i) {
+                return volume.walls.empty() ? glm::vec4(0.0f) : glm::vec4(volume.walls[k][i], 0.0f);
+            }));
         const auto coefficients = uint32_t(sh_count(shader.order));
         const vk::raii::Sampler sampler(d.handle, {{},
                                                    vk::Filter::eLinear,
@@ -133,7 +137,8 @@ protected:
             vk::DescriptorSetLayoutBinding(1, image, 1, stage),
             vk::DescriptorSetLayoutBinding(2, vk::DescriptorType::eSampler, 1, stage),
             vk::DescriptorSetLayoutBinding(3, vk::DescriptorType::eStorageBuffer, 1, stage),
-            vk::DescriptorSetLayoutBinding(4, vk::DescriptorType::eStorageBuffer, 1, stage)};
+            vk::DescriptorSetLayoutBinding(4, vk::DescriptorType::eStorageBuffer, 1, stage),
+            vk::DescriptorSetLayoutBinding(5, image, 3, stage)};
         const vk::raii::DescriptorSetLayout set_layout(d.handle, {{}, bindings});
         struct Push {
             glm::vec3 origin;
@@ -147,7 +152,7 @@ protected:
                                             {{}, shader.words.size_bytes(), shader.words.data()});
         const vk::raii::Pipeline pipeline(d.handle, nullptr,
                                           {{}, {{}, stage, *module, "main"}, *layout});
-        const std::array sizes{vk::DescriptorPoolSize(image, coefficients + 1),
+        const std::array sizes{vk::DescriptorPoolSize(image, coefficients + 4),
                                vk::DescriptorPoolSize(vk::DescriptorType::eSampler, 1),
                                vk::DescriptorPoolSize(vk::DescriptorType::eStorageBuffer, 2)};
         const vk::raii::DescriptorPool pool(
@@ -164,10 +169,11 @@ protected:
         d.handle.updateDescriptorSets(
             std::array{
                 vk::WriteDescriptorSet(set, 0, 0, coefficients, image, images.data()),
-                vk::WriteDescriptorSet(set, 1, 0, 1, image, &images.back()),
+                vk::WriteDescriptorSet(set, 1, 0, 1, image, &images[coefficients]),
                 vk::WriteDescriptorSet(set, 2, 0, 1, vk::DescriptorType::eSampler, &sampling),
                 vk::WriteDescriptorSet(set, 3, 0, 1, storage, nullptr, &in),
-                vk::WriteDescriptorSet(set, 4, 0, 1, storage, nullptr, &out)},
+                vk::WriteDescriptorSet(set, 4, 0, 1, storage, nullptr, &out),
+                vk::WriteDescriptorSet(set, 5, 0, 3, image, &images[coefficients + 1])},
             {});
         d.submit_now([&](const vk::raii::CommandBuffer& commands) {
             commands.bindPipeline(vk::PipelineBindPoint::eCompute, *pipeline);
@@ -222,27 +228,38 @@ TEST_F(ShadersTest, ReadWhatTheSamplerReads) {
         for (c.y = 0; c.y < 4; ++c.y)
             for (c.x = 3; c.x < 7; ++c.x)
                 volume.validity[volume.grid.index(c)] = 0;
-    const Volume first = of_order(volume, 1);
+    Volume first = of_order(volume, 1);
+    // Walls in some cells, near enough to leave none of the eight now and then.
+    std::mt19937 random(7);
+    std::normal_distribution<float> way(0, 0.6f);
+    volume.walls.assign(3, std::vector<glm::vec3>(volume.grid.size(), glm::vec3(0)));
+    for (auto& wall : volume.walls)
+        for (glm::vec3& w : wall)
+            if (random() % 2 == 0)
+                w = glm::vec3(way(random), way(random), way(random));
     const std::vector<Surface> surfaces = random_surfaces(volume.grid, 5000, 6);
     const double filtering = device().is_cpu() ? 0.05 : 50; // GPUs weight by 1/256
     for (const Shader& shader : all_shaders) {
         SCOPED_TRACE(shader.name);
         const std::vector<Irradiances> found = run(shader, volume, surfaces);
-        int dark = 0;
+        const Volume& held = shader.order == 1 ? first : volume; // with walls, or without
+        int dark = 0, walled = 0;
         for (std::size_t i = 0; i < surfaces.size(); ++i) {
             const glm::dvec3 p(surfaces[i].point), n(surfaces[i].normal);
             const auto expect = [&](glm::dvec3 expected, glm::vec4 got, double tolerance) {
                 for (int axis = 0; axis < 3; ++axis)
                     ASSERT_NEAR(expected[axis], got[axis], tolerance) << i << ' ' << axis;
             };
+            const CellWeights weights = weights_at(held, p, n, Reading::facing);
+            walled += weights.weight != weights_at(first, p, n, Reading::facing).weight;
             const glm::dvec3 facing = read_irradiance(first, p, n, Reading::facing);
             dark += facing == glm::dvec3(0);
-            expect(facing, found[i].l1, 0.05);
+            if (shader.order == 1)
+                expect(facing, found[i].l1, 0.05);
             expect(read_irradiance(first, p, n, Reading::trilinear), found[i].trilinear_l1,
                    filtering);
             if (shader.order == 2)
                 expect(read_irradiance(volume, p, n, Reading::facing), found[i].l2, 0.05);
-            const CellWeights weights = weights_at(volume, p, n, Reading::facing);
             glm::dvec3 sum[4]{};
             for (std::size_t k = 0; k < 4; ++k)
                 for (std::size_t w = 0; w < 8; ++w)
@@ -257,6 +274,7 @@ TEST_F(ShadersTest, ReadWhatTheSamplerReads) {
                 return;
         }
         EXPECT_LT(dark, int(surfaces.size()) / 2); // else this would compare nothing with nothing
+        EXPECT_EQ(walled > int(surfaces.size()) / 10, shader.order == 2);
     }
 }
 
