@@ -309,6 +309,10 @@ gpu::Program compile(const gpu::Device& device, uint32_t local_size, int order, 
     return gpu::Program(device, shaders::gather_comp, bindings, sizeof(Push), constants);
 }
 
+int sky_groups(const GatherSettings& settings) {
+    return settings.sky_bins > 0 ? settings.sky_bins / int(sky_group) : settings.vpls;
+}
+
 } // namespace
 
 uint64_t gather_device_bytes(const GatherSettings& settings) {
@@ -318,7 +322,8 @@ uint64_t gather_device_bytes(const GatherSettings& settings) {
 }
 
 uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSettings& settings) {
-    const uint64_t cell = 1 + 2 + (1 + sky_group) * uint64_t(settings.vpls) / 8 + 32;
+    const uint64_t tests = uint64_t(settings.vpls) + sky_group * uint64_t(sky_groups(settings));
+    const uint64_t cell = 1 + 2 + tests / 8 + 32;
     return grid.size() * cell + 2 * patches * (sizeof(Emitter) + 2 * sizeof(Cluster))
            + chunk * 2 * job_words * sizeof(glm::vec4) + 2 * gather_device_bytes(settings);
 }
@@ -355,7 +360,7 @@ GatherReport GatherProgram::gather(const LitSurfaces& surfaces, const Sky& sky,
         last = time;
     };
     const Clusters clusters = make_clusters(surfaces, visibility, above);
-    const std::vector<SkyBin> bins = make_sky_bins(sky, settings_.vpls, settings_.order);
+    const std::vector<SkyBin> bins = make_sky_bins(sky, sky_groups(settings_), settings_.order);
     const Occupied occupied(surfaces.patches, grid);
     const Surroundings world{grid,     visibility,      clusters,       bins,
                              occupied, volume.validity, settings_.vpls, settings_.kappa};

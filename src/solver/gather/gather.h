@@ -11,9 +11,11 @@ namespace lpvbake {
 
 struct GatherSettings {
     int order = 2; ///< of the harmonics: 1, 2 or 4
-    /// Clusters of patches that a cell tests for visibility, each with one ray, at most; and a
-    /// quarter of the bins of sky that it tests. More let shadows be sharper.
+    /// Clusters of patches that a cell tests for visibility, each with one ray, at most. More let
+    /// shadows be sharper.
     int vpls = 192;
+    /// Directions along which it tests whether it sees the sky, about; 0: four times vpls.
+    int sky_bins = 0;
     /// A cluster is opened where it is nearer than this many times its size.
     float kappa = 1.0f;
     /// Cells are interpolated where irradiance at the eight corners around them differs by no more

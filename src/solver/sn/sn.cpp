@@ -54,6 +54,8 @@ Sky sky_along(const Sky& sky, int count) {
 
 GatherSettings peak_settings(const SnSettings& settings) {
     GatherSettings gather;
+    // A window shows little of the sky: its edges are what is seen of the number of bins.
+    gather.sky_bins = 8 * settings.directions;
     gather.order = settings.order == 3 ? 4 : settings.order; // 3 it does not know
     return gather;
 }
