@@ -28,6 +28,11 @@ constexpr std::array colours = {"#0072B2", "#D55E00", "#009E73", "#CC79A7",
 /// gnuplot's point types: circle, square, triangle, diamond, each filled, then open.
 constexpr std::array shapes = {7, 5, 9, 13, 11, 6, 4, 8, 12, 10};
 
+/// Lines of probes in the order of floor_orders: their dashes and point types.
+constexpr std::array<std::pair<const char*, int>, 3> order_styles = {
+    {{"'-'", 2}, {"solid", 1}, {"'.'", 3}}};
+static_assert(order_styles.size() == floor_orders.size());
+
 const char* colour_of(std::size_t grid) {
     return colours[grid % colours.size()];
 }
@@ -127,9 +132,11 @@ private:
             const bool cube = dims.x == dims.y && dims.y == dims.z;
             const std::string grid =
                 cube ? format("%d^3", dims.x) : format("%dx%dx%d", dims.x, dims.y, dims.z);
+            const auto& [dashes, shape] = order_styles[order];
             plot(block(lines)
-                 + " with linespoints linewidth 1.5 pointtype 1 pointsize 0.6 "
-                   "linecolor rgb '"
+                 + format(" with linespoints linewidth 1.5 dashtype %s pointtype %d pointsize 0.6 "
+                          "linecolor rgb '",
+                          dashes, shape)
                  + colour_of(g) + "' title "
                  + plot_string(format("path-traced probes, SH L%d, ", floor_orders[order]) + grid));
         }
@@ -265,7 +272,7 @@ std::string plot_script(const Report& report) {
                        "set format x '%g'\n"
                        "set format y '%g %%'\n"
                        "set grid xtics ytics linecolor rgb '#dddddd' linetype 1\n"
-                       "set key below left Left reverse maxrows 8 samplen 2\n"
+                       "set key below left Left reverse maxrows 8 samplen 3 title ' '\n"
                        "set border linecolor rgb '#444444'\n";
     text += format("set multiplot layout %zu, 2\n", std::max<std::size_t>(1, report.scenes.size()));
     for (const SceneReport& scene : report.scenes)
