@@ -10,6 +10,7 @@
 #include "scene_options.h"
 #include "slice_option.h"
 #include "terminal.h"
+#include "text.h"
 
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
@@ -186,8 +187,9 @@ void print_scene(const InfoOptions& o, const Scene& scene) {
     for (std::size_t i = 0; i < scene.file.animations.size(); ++i)
         std::printf("animation  %zu \"%s\", %.4g s\n", i, scene.file.animations[i].name.c_str(),
                     scene.file.animations[i].duration);
-    std::printf("triangles  %llu in %zu placed meshes (%zu different)\n",
-                static_cast<unsigned long long>(triangles), scene.instances.size(),
+    std::printf("triangles  %llu in %s (%zu different)\n",
+                static_cast<unsigned long long>(triangles),
+                counted(scene.instances.size(), "placed mesh", "placed meshes").c_str(),
                 scene.meshes.size());
     if (bounds.empty()) {
         std::printf("bounds     none\n");
@@ -200,7 +202,8 @@ void print_scene(const InfoOptions& o, const Scene& scene) {
     std::printf("materials  %zu: %td emissive, %td mask, %td blend, %td double-sided\n",
                 scene.materials.size(), emissive, mask, blend, two_sided);
     std::printf("emitters   %s\n", emitters ? "yes" : "none");
-    std::printf("textures   %zu of %zu images\n", scene.textures.size(), scene.images.size());
+    std::printf("textures   %zu of %s\n", scene.textures.size(),
+                counted(scene.images.size(), "image").c_str());
     for (const Image& image : scene.images)
         std::printf("  %d x %d  %s\n", image.width, image.height, image.name.c_str());
     std::printf("lights     %zu\n", scene.lights.size());
@@ -353,7 +356,9 @@ void run(const InfoOptions& o) {
         scene_options.scene = o.file;
         if (mentions_images(scene_options))
             preload = preload_image_module();
-        const Scene scene = load_gltf(o.file, load_settings(o.load));
+        LoadSettings settings = load_settings(o.load);
+        settings.skip_colors = !o.load.strict; // which looks for every fault
+        const Scene scene = load_gltf(o.file, settings);
         for (const std::string& warning : scene.warnings)
             std::fprintf(stderr, "lpvbake: warning: %s\n", warning.c_str());
         print_scene(o, scene);
@@ -375,24 +380,15 @@ void add_info(CLI::App& root, Action& action) {
     auto options = std::make_shared<InfoOptions>();
     CLI::App* app = root.add_subcommand("info", summary);
     app->footer(manual);
-    app->add_option("file", options->file, "Scene or volume")->type_name("FILE")->required();
-    app->add_option("--slice", options->slice,
-                    "Layer of cells to draw, AXIS=INDEX such as z=16; needs -o");
-    app->add_option("--white", options->white,
-                    "Mean luminance drawn white, nits; default: the slice's 99th percentile,\n"
-                    "at most ten times its median")
-        ->type_name("X")
-        ->check(CLI::PositiveNumber);
-    app->add_option("-o,--output", options->output, "PNG to write")->type_name("FILE");
-    app->add_option("--format", options->format, "Form of the result")
-        ->type_name("text|json")
-        ->check(CLI::Validator(
-            [](std::string& text) {
-                return text == "text" || text == "json" ? ""
-                                                        : "'" + text + "' is none of text|json";
-            },
-            ""));
     OptionList list(*app);
+    list.text("file", options->file, "FILE", "Scene or volume")->required();
+    list.text("--slice", options->slice, "AXIS=INDEX",
+              "Layer of cells to draw, such as z=16; needs -o");
+    list.number("--white", options->white, 1e-12, 1e12,
+                "Mean luminance drawn white, nits; default: the slice's 99th percentile,\n"
+                "at most ten times its median");
+    list.text("-o,--output", options->output, "FILE", "PNG to write");
+    list.choice("--format", options->format, "text|json", "Form of the result");
     add_load_options(list, options->load);
     app->callback([&action, options] { action = [options] { run(*options); }; });
 }

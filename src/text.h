@@ -1,6 +1,7 @@
-// printf into a std::string.
+// Numbers as text.
 #pragma once
 
+#include <cstdint>
 #include <cstdio>
 #include <string>
 
@@ -14,6 +15,11 @@ __attribute__((format(printf, 1, 2))) inline std::string format(const char* patt
     std::vsnprintf(text, sizeof text, pattern, arguments);
     __builtin_va_end(arguments);
     return text;
+}
+
+/// "1 light", "2 lights", "3 patches"; `many` is `one` and an s unless given.
+inline std::string counted(uint64_t count, const std::string& one, const std::string& many = "") {
+    return std::to_string(count) + " " + (count == 1 ? one : many.empty() ? one + "s" : many);
 }
 
 } // namespace lpvbake

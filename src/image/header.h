@@ -10,7 +10,9 @@ namespace lpvbake {
 
 struct ImageHeader {
     const char* format = nullptr; ///< OpenImageIO's name for PNG, JPEG or WebP; null: none of them
-    uint64_t texels = 0;          ///< width times height; 0 if they cannot be told
+    uint64_t width = 0, height = 0; ///< 0 if they cannot be told
+
+    uint64_t texels() const { return width * height; }
 };
 
 /// Reads the header of an image of which `data` are the first bytes. A JPEG's size comes after its

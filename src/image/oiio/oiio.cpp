@@ -88,7 +88,7 @@ Rgba8 decode(std::span<const std::byte> data, const std::string& name, uint64_t 
     if (!header.format)
         reject(name, "the image is neither PNG nor JPEG nor WebP; convert it to one of them");
     // Codecs may take memory for the whole image as soon as they are opened.
-    check_size(header.texels, max_texels, name);
+    check_size(header.texels(), max_texels, name);
     std::vector<std::byte> chunks;
     if (header.format == std::string_view("png"))
         data = chunks = picture_chunks(data, name);

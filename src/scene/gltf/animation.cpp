@@ -1,6 +1,7 @@
 #include "scene/gltf/animation.h"
 
 #include "scene/gltf/attributes.h"
+#include "text.h"
 
 #include <algorithm>
 #include <cmath>
@@ -149,9 +150,9 @@ Pose read_pose(Document& document, const LoadSettings& settings) {
     }
     if (left_out > 0)
         document.warnings.add("channels", place + ".channels",
-                              std::to_string(left_out)
-                                  + " of other things than a node's transform and weights are "
-                                    "ignored: they stand as the file has them");
+                              "ignored: " + counted(left_out, "channel")
+                                  + " of other things than a node's transform and weights; they "
+                                    "stand as the file has them");
     return pose;
 }
 

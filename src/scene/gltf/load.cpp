@@ -9,7 +9,8 @@
 namespace lpvbake {
 namespace {
 
-void warn_of_bright_materials(const Scene& scene, const std::vector<glm::vec3>& brightest_texel,
+/// Of textures the mean counts: a few white texels are clamped without a word.
+void warn_of_bright_materials(const Scene& scene, const std::vector<glm::dvec3>& mean_texel,
                               Warnings& warnings) {
     std::vector<glm::vec3> brightest_vertex(scene.materials.size(), glm::vec3(0.0f));
     for (const Mesh& mesh : scene.meshes) {
@@ -21,17 +22,16 @@ void warn_of_bright_materials(const Scene& scene, const std::vector<glm::vec3>& 
     }
     size_t count = 0;
     for (size_t i = 0; i < scene.materials.size(); ++i) {
-        const glm::vec3 albedo =
-            glm::vec3(scene.materials[i].base_color) * brightest_texel[i] * brightest_vertex[i];
+        const glm::vec3 albedo = glm::vec3(scene.materials[i].base_color) * glm::vec3(mean_texel[i])
+                                 * brightest_vertex[i];
         count += glm::any(glm::greaterThan(albedo, glm::vec3(scene.rules.max_albedo + 1e-6f)));
     }
     if (count > 0) {
         std::string limit = std::to_string(scene.rules.max_albedo);
         limit.erase(std::min(limit.size(), limit.find_last_not_of('0') + 1));
         warnings.add("bright materials", "materials",
-                     std::to_string(count) + " can reflect more than " + limit
-                         + " of the light and are clamped to it; darken them or raise "
-                           "--max-albedo");
+                     std::to_string(count) + " clamped to a reflectance of " + limit
+                         + "; darken them or raise --max-albedo");
     }
 }
 
@@ -78,10 +78,11 @@ Scene load(const std::string& path, const LoadSettings& settings) {
     }
     if (unlit > 0)
         document.warnings.add("unlit", "materials",
-                              std::to_string(unlit)
-                                  + " are unlit (KHR_materials_unlit): they reflect light all the "
-                                    "same; give what should glow an emissiveFactor");
-    const std::vector<glm::vec3> brightest = load_textures(document, materials, scene);
+                              "lit all the same: " + std::to_string(unlit)
+                                  + " with KHR_materials_unlit; give what should glow an "
+                                    "emissiveFactor");
+    const std::vector<glm::dvec3> mean_texels =
+        load_textures(document, materials, settings.skip_colors, scene);
 
     scene.meshes = read_meshes(document, graph, jobs, materials);
     for (SourceMaterial& material : materials)
@@ -93,7 +94,7 @@ Scene load(const std::string& path, const LoadSettings& settings) {
     }
     scene.lights = std::move(graph.lights);
     scene.cameras = std::move(graph.cameras);
-    warn_of_bright_materials(scene, brightest, document.warnings);
+    warn_of_bright_materials(scene, mean_texels, document.warnings);
     scene.warnings = document.warnings.lines();
     if (settings.strict)
         refuse_warnings(scene.warnings);

@@ -19,6 +19,7 @@ struct LoadSettings {
     std::string variant = {};        ///< of KHR_materials_variants; empty: the default materials
     bool strict = false;             ///< a warning is an error
     bool allow_external = false;     ///< URIs may leave the scene's folder
+    bool skip_colors = false; ///< images that do nothing but colour surfaces have a size alone
     uint64_t max_memory = uint64_t{4} << 30; ///< bytes that loading may take
 };
 

@@ -42,10 +42,11 @@ SourceMaterial read_material(const Document& document, int index, const Material
 
 /// Decodes what the materials need, each image once, puts images and textures that are sampled into
 /// the scene, points the materials at them, and settles what depends on texels: how much of a
-/// material is metal, and how much light it lets through. Returns each material's brightest base
-/// colour texel (linear, a channel at a time). Images that would take more than half of the
-/// document's memory together are halved, the largest first, with a warning.
-std::vector<glm::vec3> load_textures(Document& document, std::vector<SourceMaterial>& materials,
-                                     Scene& scene);
+/// material is metal, and how much light it lets through. Returns each material's mean base colour
+/// texel (linear). Images that would take more than half of the document's memory together are
+/// halved, the largest first, with a warning. With `skip_colors` an image that is a base colour
+/// alone is not decoded: it has a size but no texels, and counts as black.
+std::vector<glm::dvec3> load_textures(Document& document, std::vector<SourceMaterial>& materials,
+                                      bool skip_colors, Scene& scene);
 
 } // namespace lpvbake

@@ -2,6 +2,7 @@
 
 #include "scene/gltf/attributes.h"
 #include "scene/gltf/compression.h"
+#include "text.h"
 
 #include <algorithm>
 #include <cmath>
@@ -174,9 +175,8 @@ private:
         if (indices.size() < 3
             || (source_.mode == TINYGLTF_MODE_TRIANGLES && indices.size() % 3 != 0))
             warn("incomplete triangles", place_ + (source_.indices >= 0 ? ".indices" : ""),
-                 std::to_string(indices.size())
-                     + " indices do not make whole triangles: the rest is ignored; export the "
-                       "mesh again");
+                 "not whole triangles: " + counted(indices.size(), "index", "indices")
+                     + ", the rest of which is ignored; export the mesh again");
         mesh_.triangles = triangles_of(indices, source_.mode);
     }
 
@@ -218,9 +218,9 @@ private:
             make_normals(lost);
         if (bad > 0)
             warn("normals", attribute_place("NORMAL"),
-                 std::to_string(bad) + " of " + std::to_string(mesh_.normals.size())
-                     + " normals are not of length 1 and are replaced (light goes by the "
-                       "triangles' own); export the mesh again, or without normals");
+                 "not of length 1 and replaced: " + std::to_string(bad) + " of "
+                     + counted(mesh_.normals.size(), "normal")
+                     + " (light goes by the triangles' own); export again, or without normals");
     }
 
     void make_normals(const std::vector<bool>& lost) {
@@ -261,8 +261,8 @@ private:
         }
         if (broken > 0)
             warn("colours", attribute_place("COLOR_0"),
-                 std::to_string(broken)
-                     + " colours are not finite: white is used; export the mesh again");
+                 "not finite, replaced by white: " + counted(broken, "colour")
+                     + "; export the mesh again");
         return colors;
     }
 
@@ -286,8 +286,8 @@ private:
         }
         if (broken > 0)
             warn("texture coordinates", attribute_place(name),
-                 std::to_string(broken)
-                     + " coordinates are not finite: 0 is used; export the mesh again");
+                 "not finite, replaced by 0: " + counted(broken, "coordinate")
+                     + "; export the mesh again");
         return uv;
     }
 
@@ -340,9 +340,8 @@ private:
         }
         if (loose > 0)
             warn("weights", attribute_place("WEIGHTS_0"),
-                 std::to_string(loose)
-                     + " vertices have no weight: they follow their first joint; export the mesh "
-                       "again");
+                 "without weight, left to their first joint: "
+                     + counted(loose, "vertex", "vertices") + "; export the mesh again");
         check_positions("WEIGHTS_0");
         const auto mirrors = [](const glm::dmat4& joint) {
             return glm::determinant(glm::dmat3(joint)) < 0.0;
@@ -455,13 +454,13 @@ Jobs collect_jobs(Document& document, const LoadSettings& settings, const Graph&
     }
     if (not_triangles > 0)
         document.warnings.add("points and lines", "meshes",
-                              std::to_string(not_triangles)
-                                  + " primitives of points or lines are ignored: they have no "
-                                    "surface; give them one if they should block light");
+                              "ignored: " + counted(not_triangles, "primitive")
+                                  + " of points or lines, without a surface; give them one if "
+                                    "they should block light");
     if (without_positions > 0)
         document.warnings.add("no positions", "meshes",
-                              std::to_string(without_positions)
-                                  + " primitives without POSITION are ignored; export them again");
+                              "ignored: " + counted(without_positions, "primitive")
+                                  + " without POSITION; export the file again");
     return result;
 }
 

@@ -76,20 +76,25 @@ Texture texture_of(const Document& document, int index) {
 
 // ---------------------------------------------------------------- images
 
+/// Names an image in messages.
+std::string place_of(const Document& document, int index) {
+    const std::string& uri = document.images.at(index).uri;
+    return document.file + ": " + at("images", index)
+           + (uri.empty() || uri.starts_with("data:") ? "" : " (" + percent_decoded(uri) + ")");
+}
+
 /// The encoded bytes of an image, its first `most` if it has more and lies in a file.
 class EncodedImage {
 public:
     EncodedImage(const Document& document, int index, uint64_t most) {
         const ImageSource& source = document.images.at(index);
         const std::string place = document.file + ": " + at("images", index);
-        name = place;
         if (source.view >= 0) {
             bytes = document.views.at(source.view).bytes;
         } else if (source.uri.starts_with("data:")) {
             storage_ = decode_data_uri(source.uri, place + ".uri");
             bytes = storage_;
         } else if (!source.uri.empty()) {
-            name += " (" + percent_decoded(source.uri) + ")";
             storage_ = read_file(
                 resolve_uri(document.folder, source.uri, place + ".uri", document.allow_external),
                 place + ".uri", most);
@@ -100,27 +105,31 @@ public:
     }
     EncodedImage(const EncodedImage&) = delete;
 
-    std::string name; ///< for messages
     Bytes bytes;
 
 private:
     std::vector<unsigned char> storage_;
 };
 
-uint64_t texels_of(const Document& document, int index) {
+ImageHeader header_of(const Document& document, int index) {
     constexpr uint64_t head = 1 << 20; // metadata before a JPEG's size is smaller, but for few
     for (const uint64_t most : {head, std::numeric_limits<uint64_t>::max()}) {
         const EncodedImage image(document, index, most);
-        if (const uint64_t texels = read_image_header(std::as_bytes(image.bytes)).texels)
-            return texels;
+        if (const auto header = read_image_header(std::as_bytes(image.bytes)); header.texels() > 0)
+            return header;
     }
-    return 1; // no size: the decoder says what is wrong
+    return {}; // the decoder says what is wrong
 }
+
+/// What is wanted of an image.
+struct Need {
+    bool sampled = false; ///< by a texture of the scene
+    bool decoded = false;
+};
 
 /// An image and what materials want to know of it.
 struct DecodedImage {
     Image image;
-    glm::vec3 brightest{0.0f};   ///< linear, a channel at a time
     glm::dvec3 mean{0.0};        ///< linear
     glm::dvec3 mean_stored{0.0}; ///< of the stored values, 0 to 1
 };
@@ -137,7 +146,6 @@ DecodedImage with_statistics(Image image) {
             if (const uint64_t count = counts[channel][value]; count > 0) {
                 const double linear = srgb_to_linear(value / 255.0);
                 const double share = static_cast<double>(count) / texels;
-                result.brightest[channel] = static_cast<float>(linear);
                 result.mean[channel] += share * linear;
                 result.mean_stored[channel] += share * (value / 255.0);
             }
@@ -197,15 +205,29 @@ Image halved(const Image& image) {
     return half;
 }
 
+std::string name_of(const Document& document, int index) {
+    const std::string& name = document.images[index].name;
+    return name.empty() ? place_of(document, index) : name;
+}
+
 DecodedImage load_image(const Document& document, int index, int halvings) {
     const EncodedImage encoded(document, index, std::numeric_limits<uint64_t>::max());
-    Rgba8 decoded = decode_image(std::as_bytes(encoded.bytes), encoded.name, max_image_texels);
-    const std::string& name = document.images[index].name;
-    DecodedImage result = with_statistics({name.empty() ? encoded.name : name, decoded.width,
-                                           decoded.height, std::move(decoded.texels)});
+    Rgba8 decoded =
+        decode_image(std::as_bytes(encoded.bytes), place_of(document, index), max_image_texels);
+    DecodedImage result = with_statistics(
+        {name_of(document, index), decoded.width, decoded.height, std::move(decoded.texels)});
     for (int i = 0; i < halvings; ++i)
         result.image = halved(result.image);
     return result;
+}
+
+/// The image without texels; one that cannot be decoded is refused all the same, if its header
+/// shows it.
+Image size_of(const Document& document, int index) {
+    const ImageHeader header = header_of(document, index);
+    if (header.texels() == 0 || header.texels() > max_image_texels)
+        return load_image(document, index, 0).image;
+    return {name_of(document, index), int(header.width), int(header.height), {}};
 }
 
 struct ImagePlan {
@@ -218,7 +240,7 @@ ImagePlan plan_images(Document& document, const std::vector<int>& images) {
     std::vector<uint64_t> texels;
     uint64_t sum = 0, largest = 0;
     for (const int image : images) {
-        texels.push_back(texels_of(document, image));
+        texels.push_back(std::max<uint64_t>(1, header_of(document, image).texels()));
         sum += texels.back();
         largest = std::max(largest, texels.back());
     }
@@ -242,9 +264,9 @@ ImagePlan plan_images(Document& document, const std::vector<int>& images) {
     document.memory.take(sum, 4, "images");
     if (reduced > 0)
         document.warnings.add("images", "images",
-                              std::to_string(reduced) + " of " + std::to_string(images.size())
-                                  + " are halved, or halved again, to fit into memory; allow more "
-                                    "with --max-memory or use smaller ones");
+                              "halved, once or more, to fit into memory: " + std::to_string(reduced)
+                                  + " of " + std::to_string(images.size())
+                                  + "; allow more with --max-memory or use smaller ones");
     return {halvings, full_texels};
 }
 
@@ -255,7 +277,7 @@ constexpr uint64_t decoding_bytes = 14;
 /// Decodes images, so many at a time that what passes through memory meanwhile stays below the
 /// limit on what stays. Throws Error (memory) where one alone is past it.
 std::vector<DecodedImage> load_images(const Document& document, const std::vector<int>& images,
-                                      const ImagePlan& plan, const std::map<int, bool>& sampled) {
+                                      const ImagePlan& plan, const std::map<int, Need>& needs) {
     std::vector<DecodedImage> decoded(images.size());
     for (size_t begin = 0, end = 0; begin < images.size(); begin = end) {
         MemoryLimit passing(document.file, document.memory.limit());
@@ -265,7 +287,7 @@ std::vector<DecodedImage> load_images(const Document& document, const std::vecto
         for_all(end - begin, [&](size_t i) {
             DecodedImage& image = decoded[begin + i];
             image = load_image(document, images[begin + i], plan.halvings[begin + i]);
-            if (!sampled.at(images[begin + i]))
+            if (!needs.at(images[begin + i]).sampled)
                 image.image = {};
         });
     }
@@ -297,11 +319,11 @@ void transmit(Document& document, SourceMaterial& source, double share, glm::dve
 
 } // namespace
 
-std::vector<glm::vec3> load_textures(Document& document, std::vector<SourceMaterial>& materials,
-                                     Scene& scene) {
+std::vector<glm::dvec3> load_textures(Document& document, std::vector<SourceMaterial>& materials,
+                                      bool skip_colors, Scene& scene) {
     std::map<int, int> image_of_texture; // by glTF texture
-    std::map<int, bool> sampled;         // by glTF image: false if only its mean is wanted
-    const auto need = [&](int& texture, bool is_sampled) {
+    std::map<int, Need> needs;           // by glTF image
+    const auto need = [&](int& texture, const Need& wanted) {
         if (texture < 0)
             return;
         if (!image_of_texture.contains(texture))
@@ -310,28 +332,32 @@ std::vector<glm::vec3> load_textures(Document& document, std::vector<SourceMater
         if (image < 0)
             texture = -1;
         else
-            sampled[image] |= is_sampled;
+            needs[image] = {needs[image].sampled || wanted.sampled,
+                            needs[image].decoded || wanted.decoded};
     };
     for (SourceMaterial& material : materials) {
-        need(material.base_texture, true);
-        need(material.emission_texture, true);
-        need(material.metallic_texture, false);
-        need(material.transmission_texture, false);
+        need(material.base_texture, {true, !skip_colors || material.transmission > 0.0});
+        need(material.emission_texture, {true, true});
+        need(material.metallic_texture, {false, true});
+        need(material.transmission_texture, {false, true});
     }
 
-    std::vector<int> wanted;
-    for (const auto& [image, unused] : sampled)
-        wanted.push_back(image);
+    std::vector<int> images; // that are decoded
+    for (const auto& [image, wanted] : needs)
+        if (wanted.decoded)
+            images.push_back(image);
     std::vector<DecodedImage> decoded =
-        load_images(document, wanted, plan_images(document, wanted), sampled);
+        load_images(document, images, plan_images(document, images), needs);
 
-    std::map<int, size_t> place_of_image; // in `decoded`
+    std::map<int, DecodedImage*> decoded_image; // null: it is not
     std::map<int, int> scene_image;
-    for (size_t i = 0; i < wanted.size(); ++i) {
-        place_of_image[wanted[i]] = i;
-        if (sampled[wanted[i]]) {
-            scene_image[wanted[i]] = static_cast<int>(scene.images.size());
-            scene.images.push_back(std::move(decoded[i].image));
+    auto next = decoded.begin();
+    for (const auto& [image, wanted] : needs) {
+        DecodedImage* const own = wanted.decoded ? &*next++ : nullptr;
+        decoded_image[image] = own;
+        if (wanted.sampled) {
+            scene_image[image] = static_cast<int>(scene.images.size());
+            scene.images.push_back(own ? std::move(own->image) : size_of(document, image));
         }
     }
     std::map<int, int> scene_texture; // by glTF texture
@@ -347,9 +373,9 @@ std::vector<glm::vec3> load_textures(Document& document, std::vector<SourceMater
         return entry->second;
     };
     const auto statistics = [&](int texture) {
-        return texture < 0 ? nullptr : &decoded[place_of_image.at(image_of_texture.at(texture))];
+        return texture < 0 ? nullptr : decoded_image.at(image_of_texture.at(texture));
     };
-    std::vector<glm::vec3> brightest;
+    std::vector<glm::dvec3> mean_texels;
     for (SourceMaterial& source : materials) {
         source.material.base_color_texture = resolve(source.base_texture);
         source.material.emission_texture = resolve(source.emission_texture);
@@ -362,10 +388,10 @@ std::vector<glm::vec3> load_textures(Document& document, std::vector<SourceMater
         if (const DecodedImage* image = statistics(source.transmission_texture))
             transmission *= image->mean_stored.r;
         const DecodedImage* base = statistics(source.base_texture);
-        transmit(document, source, transmission, base ? base->mean : glm::dvec3(1.0));
-        brightest.push_back(base ? base->brightest : glm::vec3(1.0f));
+        mean_texels.push_back(base ? base->mean : glm::dvec3(source.base_texture < 0 ? 1.0 : 0.0));
+        transmit(document, source, transmission, mean_texels.back());
     }
-    return brightest;
+    return mean_texels;
 }
 
 } // namespace lpvbake
