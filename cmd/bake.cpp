@@ -7,6 +7,7 @@
 #include "image/image.h"
 #include "result.h"
 #include "scene_options.h"
+#include "text.h"
 #include "volume/dilate.h"
 
 #include <algorithm>
@@ -113,7 +114,7 @@ std::vector<SolverOption> solver_options(const BakeOptions& o) {
         {"tolerance",
          {gather, lpv},
          o.tolerance.has_value(),
-         toml_number(o.tolerance.value_or(double(GatherSettings().tolerance)))},
+         o.tolerance ? toml_number(*o.tolerance) : toml_number(GatherSettings().tolerance)},
         {"occlusion",
          {lpv},
          !o.occlusion.empty(),
@@ -326,7 +327,7 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const Choic
     }
     std::printf("device        %s\n", device.name.c_str());
     print_grid(plan.grid);
-    std::printf("scene         %llu triangles\n", static_cast<unsigned long long>(plan.triangles));
+    std::printf("scene         %s\n", counted(plan.triangles, "triangle").c_str());
     print_choice(choice);
     std::printf("memory        %s on the device, about %s beside it\n",
                 bytes_text(plan.device_bytes).c_str(), bytes_text(plan.host_bytes).c_str());
@@ -389,8 +390,8 @@ void run(const BakeOptions& o) {
     for (const std::string& warning : scene.warnings)
         progress.warn(warning);
     stages.push_back({"load", seconds_since(begin),
-                      std::to_string(triangle_count(scene)) + " triangles, "
-                          + std::to_string(scene.lights.size()) + " lights"});
+                      counted(triangle_count(scene), "triangle") + ", "
+                          + counted(scene.lights.size(), "light")});
     stop_if_signalled();
 
     const Clock::time_point waiting = Clock::now();
@@ -420,7 +421,7 @@ void run(const BakeOptions& o) {
         const std::size_t filled = dilate(baked.volume, o.dilate);
         baked.volume.metadata["dilate"] = std::to_string(o.dilate);
         stages.push_back({"dilate", seconds_since(dilating),
-                          std::to_string(filled) + " cells inside geometry filled"});
+                          counted(filled, "cell") + " inside geometry filled"});
     }
     baked.volume.metadata["choice"] = choice.text;
     fill_metadata(o, scene, settings_of(o), baked.volume);
@@ -432,9 +433,7 @@ void run(const BakeOptions& o) {
         progress.advance(written.size());
         written.push_back(write_output(o.outputs, output, baked.volume, progress));
     }
-    stages.push_back(
-        {"write", seconds_since(writing),
-         std::to_string(written.size()) + (written.size() == 1 ? " output" : " outputs")});
+    stages.push_back({"write", seconds_since(writing), counted(written.size(), "output")});
     device->check_validation();
     progress.clear();
     print_result(o, device->info(), choice, triangle_count(scene), baked.volume.grid, stages,

@@ -2,13 +2,118 @@
 
 #include "error.h"
 
+#include <algorithm>
 #include <cctype>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
+#include <numeric>
+#include <utility>
 
 namespace lpvbake {
+namespace {
+
+/// Letters to insert, to leave out or to replace between two words.
+std::size_t distance(const std::string& a, const std::string& b) {
+    std::vector<std::size_t> row(b.size() + 1);
+    std::iota(row.begin(), row.end(), std::size_t{0});
+    for (std::size_t i = 0; i < a.size(); ++i) {
+        std::size_t diagonal = std::exchange(row[0], i + 1);
+        for (std::size_t j = 0; j < b.size(); ++j)
+            diagonal = std::exchange(
+                row[j + 1], std::min({row[j] + 1, row[j + 1] + 1, diagonal + (a[i] != b[j])}));
+    }
+    return row.back();
+}
+
+/// "; did you mean --resolution?", or nothing where no word is near. A beginning is near too.
+std::string did_you_mean(const std::string& word, const std::vector<std::string>& known,
+                         const std::string& prefix = "") {
+    std::size_t least = 1 + std::max<std::size_t>(1, word.size() / 3);
+    std::string nearest;
+    for (const std::string& each : known)
+        if (const std::size_t far =
+                word.size() > 2 && each.starts_with(word) ? 1 : distance(word, each);
+            far < least) {
+            least = far;
+            nearest = each;
+        }
+    return nearest.empty() ? "" : "; did you mean " + prefix + nearest + "?";
+}
+
+std::vector<std::string> long_names(const CLI::App& app) {
+    std::vector<std::string> names;
+    for (const CLI::Option* option : app.get_options())
+        names.insert(names.end(), option->get_lnames().begin(), option->get_lnames().end());
+    return names;
+}
+
+std::string unknown_option(const CLI::App& app, const std::string& argument) {
+    const std::string name = argument.substr(0, argument.find('='));
+    const std::size_t begin = std::min(name.find_first_not_of('-'), name.size());
+    return "unknown option " + name + did_you_mean(name.substr(begin), long_names(app), "--");
+}
+
+/// "lpvbake diff A B".
+std::string usage_of(const CLI::App& app) {
+    std::string text = "lpvbake " + app.get_name();
+    for (const CLI::Option* option : app.get_options())
+        if (option->get_positional())
+            text += " " + option->get_name(true);
+    return text;
+}
+
+std::string explain_in_command(const CLI::App& app, const CLI::ParseError& error) {
+    if (error.get_exit_code() == int(CLI::ExitCodes::ExtrasError)) {
+        const std::vector<std::string> extras = app.remaining();
+        for (const std::string& extra : extras)
+            if (extra.starts_with('-')) // values of it may follow
+                return unknown_option(app, extra);
+        if (!extras.empty())
+            return "'" + extras.front() + "' is one argument too many: " + usage_of(app);
+    }
+    if (error.get_exit_code() == int(CLI::ExitCodes::RequiredError))
+        for (const CLI::Option* option : app.get_options())
+            if (option->get_required() && option->count() == 0)
+                return option->get_name() + " is missing: " + usage_of(app);
+    const std::string text = error.what();
+    if (error.get_exit_code() == int(CLI::ExitCodes::ArgumentMismatch)) {
+        const std::string name = text.substr(0, text.find(':'));
+        if (const CLI::Option* option = app.get_option_no_throw(name))
+            return option->count() > 1 ? name + " is given more than once; it takes one value"
+                                       : name + " needs a value: " + option->get_type_name();
+    }
+    if (error.get_exit_code() == int(CLI::ExitCodes::ConversionError)) {
+        const std::size_t begin = text.find("--"), end = text.find(" = ");
+        if (begin < end && end != std::string::npos)
+            return text.substr(begin, end - begin) + ": '" + text.substr(end + 3)
+                   + "' is neither true nor false; leave it out";
+    }
+    return text;
+}
+
+} // namespace
+
+std::string explain(const CLI::App& root, const CLI::ParseError& error,
+                    const std::vector<std::string>& arguments) {
+    const std::vector<CLI::App*> chosen = root.get_subcommands();
+    if (!chosen.empty()) {
+        const std::string& command = chosen.front()->get_name();
+        return command + ": " + explain_in_command(*chosen.front(), error) + " (see lpvbake "
+               + command + " --help)";
+    }
+    std::string text = "no command: lpvbake COMMAND ...";
+    if (!arguments.empty() && arguments[0].starts_with('-')) {
+        text = unknown_option(root, arguments[0]);
+    } else if (!arguments.empty()) {
+        std::vector<std::string> commands;
+        for (const CLI::App* command : root.get_subcommands([](const CLI::App*) { return true; }))
+            commands.push_back(command->get_name());
+        text = "there is no command '" + arguments[0] + "'" + did_you_mean(arguments[0], commands);
+    }
+    return text + " (see lpvbake --help)";
+}
 
 CLI::Validator one_of(const char* choices) {
     return {[choices](std::string& text) -> std::string {
@@ -70,7 +175,8 @@ void apply_config(CLI::App& app, const std::string& path) {
             option = app.get_option_no_throw("--" + entry.key);
         if (!option || !option->get_configurable())
             throw Error(ExitCode::usage, place + "'" + entry.key + "' is not an option of "
-                                             + app.get_name() + " that a file can set");
+                                             + app.get_name() + " that a file can set"
+                                             + did_you_mean(entry.key, long_names(app)));
         if (option->count() > 0)
             continue;
         const bool many = option->get_items_expected_max() > 1;

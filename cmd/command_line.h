@@ -61,6 +61,10 @@ private:
     const char* group_ = "Options";
 };
 
+/// What is wrong with a command line that does not parse, and what to do. `root` has parsed it.
+std::string explain(const CLI::App& root, const CLI::ParseError& error,
+                    const std::vector<std::string>& arguments);
+
 /// Applies what the command line did not set. Throws Error (file, usage: names file and line).
 void apply_config(CLI::App& app, const std::string& path);
 

@@ -178,10 +178,23 @@ std::string toml_string(const std::string& text) {
     return result + '"';
 }
 
-std::string toml_number(double value) {
+namespace {
+
+template <class Float>
+std::string shortest(Float value) {
     char digits[32];
     const auto end = std::to_chars(digits, digits + sizeof digits, value).ptr;
     return {digits, end};
+}
+
+} // namespace
+
+std::string toml_number(double value) {
+    return shortest(value);
+}
+
+std::string toml_number(float value) {
+    return shortest(value);
 }
 
 } // namespace lpvbake

@@ -28,5 +28,6 @@ std::string toml_string(const std::string& text);
 
 /// The shortest decimal that reads back as the same double.
 std::string toml_number(double value);
+std::string toml_number(float value); ///< as the same float
 
 } // namespace lpvbake

@@ -121,13 +121,10 @@ void add_convert(CLI::App& root, Action& action) {
     auto options = std::make_shared<ConvertOptions>();
     CLI::App* app = root.add_subcommand("convert", summary);
     app->footer(manual);
-    app->add_option("file", options->file, "Volume: .vdb, .exr or .json")
-        ->type_name("IN")
-        ->required();
-    app->add_option("output", options->outputs.paths, "Volumes to write: .vdb or .exr")
-        ->type_name("OUT")
-        ->required();
     OptionList list(*app);
+    list.text("file", options->file, "IN", "Volume: .vdb, .exr or .json")->required();
+    list.text("output", options->outputs.paths, "OUT", "Volumes to write: .vdb or .exr")
+        ->required();
     list.number("--sh-order", options->sh_order, 0, 4,
                 "Highest band to keep; default: the volume's");
     list.number("--dilate", options->dilate, 0, 1024,

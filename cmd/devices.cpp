@@ -1,10 +1,10 @@
 // lpvbake devices: lists what --device can name.
 
+#include "command_line.h"
 #include "commands.h"
 #include "error.h"
 #include "gpu/gpu.h"
 
-#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
 #include <cstdio>
@@ -63,13 +63,7 @@ void add_devices(CLI::App& root, Action& action) {
     auto format = std::make_shared<std::string>("text");
     CLI::App* app = root.add_subcommand("devices", summary);
     app->footer(manual);
-    app->add_option("--format", *format, "Form of the result")
-        ->type_name("text|json")
-        ->check(CLI::Validator(
-            [](std::string& text) {
-                return text == "text" || text == "json" ? "" : text + " is none of text|json";
-            },
-            ""));
+    OptionList(*app).choice("--format", *format, "text|json", "Form of the result");
     app->callback([&action, format] { action = [format] { list(*format); }; });
 }
 

@@ -1,6 +1,7 @@
 // lpvbake COMMAND ...: finds the command, runs it, and turns what it throws into one line and an
 // exit code.
 
+#include "command_line.h"
 #include "commands.h"
 #include "error.h"
 #include "terminal.h"
@@ -57,13 +58,7 @@ int run(int argc, char** argv) {
         finish_stdout();
         return 0;
     } catch (const CLI::ParseError& error) {
-        const auto chosen = root.get_subcommands();
-        if (chosen.empty() && argc > 1 && argv[1][0] != '-')
-            throw Error(ExitCode::usage,
-                        "there is no command '" + std::string(argv[1]) + "' (see lpvbake --help)");
-        const std::string command = chosen.empty() ? "" : " " + chosen.front()->get_name();
-        throw Error(ExitCode::usage,
-                    std::string(error.what()) + " (see lpvbake" + command + " --help)");
+        throw Error(ExitCode::usage, explain(root, error, {argv + 1, argv + argc}));
     }
     action();
     finish_stdout();

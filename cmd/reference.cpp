@@ -7,6 +7,7 @@
 #include "image/image.h"
 #include "result.h"
 #include "scene_options.h"
+#include "text.h"
 
 #include <chrono>
 #include <cstdio>
@@ -157,9 +158,9 @@ void print_result(const ReferenceOptions& o, const Scene& scene, const Reference
     }
     print_grid(volume.grid);
     std::printf("light         %s\n", volume.metadata.at("content").c_str());
-    std::printf("rays          %llu from each of %llu cells, %.4g M in all\n",
+    std::printf("rays          %llu from each of %s, %.4g M in all\n",
                 static_cast<unsigned long long>(reference.rays),
-                static_cast<unsigned long long>(reference.probes), 1e-6 * double(reference.traced));
+                counted(reference.probes, "cell").c_str(), 1e-6 * double(reference.traced));
     std::printf("noise         %.3g %% of the mean irradiance\n", 100 * reference.noise);
     for (const Stage& stage : stages)
         std::printf("%-12s  %7.3f s\n", stage.name, stage.seconds);

@@ -226,8 +226,8 @@ const Camera* camera_of(const Scene& scene, const std::string& text) {
         return &scene.cameras[i];
     if (index)
         throw Error(ExitCode::usage, "--camera: " + text + ": the file has "
-                                         + std::to_string(scene.cameras.size())
-                                         + " cameras, counted from 0");
+                                         + counted(scene.cameras.size(), "camera")
+                                         + ", counted from 0");
     return nullptr;
 }
 
@@ -283,7 +283,7 @@ void check_options(const RenderOptions& o) {
     if (o.scene.empty() || o.volume.empty())
         throw Error(ExitCode::usage, "no scene or no volume: lpvbake render SCENE VOLUME -o "
                                      "OUTPUT (see lpvbake render --help)");
-    if (o.outputs.empty())
+    if (o.outputs.empty() && !o.dry_run)
         throw Error(ExitCode::usage, "no output: add -o FILE.png or -o FILE.exr");
     if (!o.reference_outputs.empty() && o.reference == 0)
         throw Error(ExitCode::usage, "--reference-output needs --reference N");
@@ -343,17 +343,17 @@ bool holds(const Volume& volume, const char* light) {
     return content == volume.metadata.end() || content->second.find(light) != std::string::npos;
 }
 
-/// What makes the volume one of another scene or other lights.
+/// What makes the volume one of another scene or other lights, if it is looked at.
 void warn_of_mismatch(const RenderOptions& o, const Scene& scene, const Volume& volume,
                       TerminalProgress& progress) {
+    if (o.show == "direct" || o.show == "albedo" || o.show == "normal")
+        return;
     const auto& metadata = volume.metadata;
     if (const auto hash = metadata.find("scene_hash");
         hash != metadata.end() && hash->second != scene_hash(scene)) {
-        const auto settings = metadata.find("settings");
         progress.warn(o.volume
-                      + ": was baked of another scene or other lights than those given; its "
-                        "options: "
-                      + (settings != metadata.end() ? settings->second : "unknown"));
+                      + ": is of another scene or other lights; give those of its bake, which "
+                        "lpvbake info lists");
     }
     const Bounds bounds = bounds_of(scene);
     const Grid& grid = volume.grid;
@@ -361,16 +361,13 @@ void warn_of_mismatch(const RenderOptions& o, const Scene& scene, const Volume& 
     const glm::dvec3 end = grid.origin + grid.cell * glm::dvec3(grid.dims);
     if (glm::any(glm::lessThan(bounds.lo, grid.origin - slack))
         || glm::any(glm::greaterThan(bounds.hi, end + slack)))
-        progress.warn(format(
-            "%s: covers (%.4g, %.4g, %.4g) to (%.4g, %.4g, %.4g), the scene (%.4g, "
-            "%.4g, %.4g) to (%.4g, %.4g, %.4g): beyond it the outermost cells are "
-            "read",
-            o.volume.c_str(), grid.origin.x, grid.origin.y, grid.origin.z, end.x, end.y, end.z,
-            bounds.lo.x, bounds.lo.y, bounds.lo.z, bounds.hi.x, bounds.hi.y, bounds.hi.z));
+        progress.warn(o.volume
+                      + ": ends inside the scene, beyond it its outermost cells are read; bake "
+                        "with larger --bounds");
     const auto miss = [&](bool present, const char* key, const char* name) {
         if (present && !holds(volume, key))
             progress.warn(o.volume + ": holds no light of " + name
-                          + ": its share of the picture is missing; bake with these lights");
+                          + ", which the picture lacks; bake with it");
     };
     miss(!o.no_emitters && has_emitters(scene), "emitters", "emitters");
     miss(has_sky(scene), "sky", "the sky");
@@ -507,8 +504,8 @@ void print_text_result(const RenderResult& r) {
     std::printf("camera        %s: (%.5g, %.5g, %.5g) towards (%.5g, %.5g, %.5g), %.4g degrees\n",
                 camera.name.c_str(), eye.x, eye.y, eye.z, target.x, target.y, target.z,
                 glm::degrees(camera.yfov));
-    std::printf("picture       %d x %d pixels, %d samples each, %s\n", r.view.size.x, r.view.size.y,
-                o.samples, o.show.c_str());
+    std::printf("picture       %d x %d pixels, %s each, %s\n", r.view.size.x, r.view.size.y,
+                counted(uint64_t(o.samples), "sample").c_str(), o.show.c_str());
     if (o.dry_run) {
         for (const auto* outputs : {&o.outputs, &o.reference_outputs})
             for (const std::string& output : *outputs)

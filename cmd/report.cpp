@@ -19,6 +19,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
+#include <map>
 #include <memory>
 
 namespace lpvbake {
@@ -108,6 +109,26 @@ struct ReportOptions : SceneOptions, RunOptions {
     std::string device;
     bool dry_run = false;
 };
+
+/// What a list of values is of.
+const char* help_of(const std::string& option) {
+    static const std::map<std::string, const char*> helps = {
+        {"solver", "sn, gather, lpv"},
+        {"bounces", "Reflections of light at most, or inf"},
+        {"quality", "gather, sn: fast, balanced, accurate"},
+        {"directions", "sn: directions over the sphere"},
+        {"sh-order", "Highest band of the spherical harmonics"},
+        {"vpls", "gather: clusters whose visibility a cell tests"},
+        {"rsm-samples", "gather: texels a cell takes of each map"},
+        {"resolution", "Cells along the longest axis"},
+        {"occlusion", "lpv: none, sh, face"},
+        {"iterations", "lpv: propagation steps; 0: until --tolerance"},
+        {"tolerance", "gather, lpv: when a field is smooth, or done"},
+        {"rsm-size", "lpv, --rsm-samples: texels along a map's side"},
+        {"rsm-kernel", "lpv: texels along the side of a virtual light"},
+    };
+    return helps.at(option);
+}
 
 /// In the order of --help.
 std::vector<Setting> settings_of(const ReportOptions& o) {
@@ -465,7 +486,7 @@ void add_report(CLI::App& root, Action& action) {
     for (const std::string& option : sweep_options())
         o.axes.push_back({option, ""});
     for (auto& [option, values] : o.axes)
-        list.text("--" + option, values, "V,V,...", "Values of bake's option");
+        list.text("--" + option, values, "V,V,...", help_of(option));
     list.group("Suite");
     list.text("--suite", o.suite, "FILE", "JSON file of hard cases to run instead: see below");
     list.list("--case", o.cases, "NAME", "Case to run; may be repeated; default: all");

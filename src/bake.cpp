@@ -100,8 +100,8 @@ void solve_lpv(const Work& work, std::future<LpvProgram> program) {
     if (plan.rsm_maps > 0) {
         stages.begin("rsm", scene.lights.size());
         vpls = render_vpls(device, scene, frame, {plan.rsm_size, settings.rsm_kernel}, progress);
-        stages.end(format("%d maps of %d x %d, %zu VPLs", plan.rsm_maps, plan.rsm_size,
-                          plan.rsm_size, vpls.size()));
+        stages.end(format("%s of %d x %d, %s", counted(plan.rsm_maps, "map").c_str(), plan.rsm_size,
+                          plan.rsm_size, counted(vpls.size(), "VPL").c_str()));
     }
 
     if (lit)
@@ -114,7 +114,7 @@ void solve_lpv(const Work& work, std::future<LpvProgram> program) {
         stages.begin("geometry");
         const std::vector<Patch> patches = make_patches(scene, frame, 1.0f);
         geometry = make_geometry_volume(patches, grid);
-        stages.end(format("%zu patches", patches.size()));
+        stages.end(counted(patches.size(), "patch", "patches"));
     }
 
     stages.begin("links");
@@ -139,13 +139,13 @@ void solve_lpv(const Work& work, std::future<LpvProgram> program) {
     stages.begin("propagate", 100);
     const LpvField field =
         program.get().propagate(injection, transmittance, settings.lpv, progress);
-    stages.end(format("%d iterations, %.3g %% of the power left", field.iterations,
-                      100.0 * field.residual));
+    stages.end(format("%s, %.3g %% of the power left",
+                      counted(field.iterations, "iteration").c_str(), 100.0 * field.residual));
     if (field.residual > 0.1)
         baked.warnings.push_back(
-            format("propagation stopped after %d iterations with %.3g %% of the power under way: "
-                   "the field is too dark; raise --iterations, or leave it out",
-                   field.iterations, 100.0 * field.residual));
+            format("propagation stopped after %s with %.3g %% of the power under way: the field "
+                   "is too dark; raise --iterations, or leave it out",
+                   counted(field.iterations, "iteration").c_str(), 100.0 * field.residual));
 
     to_luminance(field, baked.volume);
     if (mode != Occlusion::none)
@@ -184,18 +184,18 @@ void solve_gather(const Work& work, std::future<GatherProgram> program) {
     const GatherReport report =
         program.get().gather(work.lit ? *work.lit : none, work.scene.sky, work.visibility,
                              work.baked.volume, work.progress);
-    work.stages.end(format("%llu cells solved, %llu interpolated, %llu visibility rays",
-                           (unsigned long long)report.solved,
-                           (unsigned long long)report.interpolated,
-                           (unsigned long long)report.rays));
+    work.stages.end(format(
+        "%s solved, %llu interpolated, %s", counted(report.solved, "cell").c_str(),
+        (unsigned long long)report.interpolated, counted(report.rays, "visibility ray").c_str()));
     if (work.plan.rsm_maps == 0)
         return;
     work.stages.begin("discs", work.scene.lights.size());
     const DiscReport discs = gather_discs(work.device, work.scene, work.plan.frame, work.visibility,
                                           {work.settings.rsm_samples, work.plan.rsm_size},
                                           work.baked.volume, work.progress);
-    work.stages.end(format("%d maps of %d x %d, %llu visibility rays", discs.maps,
-                           work.plan.rsm_size, work.plan.rsm_size, (unsigned long long)discs.rays));
+    work.stages.end(format("%s of %d x %d, %s", counted(discs.maps, "map").c_str(),
+                           work.plan.rsm_size, work.plan.rsm_size,
+                           counted(discs.rays, "visibility ray").c_str()));
 }
 
 } // namespace
@@ -230,7 +230,7 @@ Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& 
                 "light '%s': %.0f %% of its first hits are backs of single-sided surfaces, which "
                 "are black; --backfaces cull lets light pass them",
                 light.name.c_str(), 100.0 * backs));
-    stages.end(format("%llu triangles", (unsigned long long)plan.triangles));
+    stages.end(counted(plan.triangles, "triangle"));
 
     LitSurfaces lit;
     if (plan.lit) {
@@ -243,7 +243,8 @@ Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& 
         if (settings.solver == Solver::lpv)
             lighting.rays = 1 << 19; // it blurs what more would bring
         lit = light_surfaces(scene, visibility, plan.frame, lighting, progress);
-        stages.end(format("%zu patches, %d reflections", lit.patches.size(), lit.bounces));
+        stages.end(counted(lit.patches.size(), "patch", "patches") + ", "
+                   + counted(lit.bounces, "reflection"));
     }
 
     const Work work{scene,  settings, device, plan, visibility, plan.lit ? &lit : nullptr,

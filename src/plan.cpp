@@ -28,8 +28,8 @@ void warn_of_empty_bounds(const Scene& scene, const Bounds& bounds,
     for (int axis = 0; axis < 3; ++axis)
         if (size[axis] > 0.5 * longest && kept[axis] < 0.5 * size[axis]) {
             warnings.push_back(
-                format("%s: 1 %% of the triangles set over half of the bounds; the rest lies "
-                       "within --bounds %.6g,%.6g,%.6g,%.6g,%.6g,%.6g",
+                format("%s: 1 %% of the triangles set over half of the bounds; the others' are "
+                       "--bounds %.6g,%.6g,%.6g,%.6g,%.6g,%.6g",
                        scene.path.c_str(), crowd.lo.x, crowd.lo.y, crowd.lo.z, crowd.hi.x,
                        crowd.hi.y, crowd.hi.z));
             return;
@@ -166,8 +166,7 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
     // Patches are halves of a cell's square and less.
     const double patches =
         double(plan.triangles) + 6.0 * surface_area(scene) / (plan.grid.cell * plan.grid.cell);
-    stage("visibility", 4e-7 * double(plan.triangles),
-          format("%llu triangles", (unsigned long long)plan.triangles));
+    stage("visibility", 4e-7 * double(plan.triangles), counted(plan.triangles, "triangle"));
     if (plan.lit) {
         const bool between = reflected && settings.bounces != 1;
         const uint64_t wanted = lpv ? uint64_t(1) << 19 : settings.lighting_rays;
@@ -200,8 +199,8 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
             plan.rsm_maps += int(views_of(light, plan.frame, lo, hi).size());
         const double texels = double(plan.rsm_maps) * plan.rsm_size * plan.rsm_size;
         stage("rsm", 0.05 + 1.5e-7 * texels + 2e-7 * double(plan.triangles) * plan.rsm_maps,
-              format("%zu lights, %d maps of %d x %d", scene.lights.size(), plan.rsm_maps,
-                     plan.rsm_size, plan.rsm_size));
+              format("%s, %s of %d x %d", counted(scene.lights.size(), "light").c_str(),
+                     counted(plan.rsm_maps, "map").c_str(), plan.rsm_size, plan.rsm_size));
     } else if (by_maps) {
         skip("rsm", "no punctual light to reflect");
     } else {
@@ -226,7 +225,7 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
         stage("inject", 0.01 + (plan.lit ? 3e-6 * patches : 0.0),
               "virtual point lights into cells");
         stage("propagate", 0.02 + steps * (2e-4 + 7e-8 * double(cells)),
-              settings.lpv.iterations ? format("%d iterations", settings.lpv.iterations)
+              settings.lpv.iterations ? counted(settings.lpv.iterations, "iteration")
                                       : format("until %.3g %% of the power is left",
                                                100.0 * double(settings.lpv.tolerance)));
         break;
@@ -247,7 +246,7 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
         plan.host_bytes += gather_host_bytes(plan.grid, uint64_t(patches), settings.gather);
         if (plan.rsm_maps > 0)
             stage("discs", 4e-7 * double(cells) * settings.rsm_samples * plan.rsm_maps,
-                  format("%d texels of each map for each cell", settings.rsm_samples));
+                  counted(settings.rsm_samples, "texel") + " of each map for each cell");
         break;
     }
     stage("walls", 1e-6 * double(cells), "what stands between cells and the points around them");

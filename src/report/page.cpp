@@ -134,18 +134,16 @@ std::string section(const SceneReport& scene) {
     for (const std::string& verdict : verdicts(scene))
         html += html_text(verdict) + " ";
     html += "</p>\n" + bakes_table(scene);
-    html +=
-        "<p class=\"note\">&#9675; marks the Pareto front: no other bake is as fast and as "
-        "accurate. Error: relative L1 of irradiance at "
-        + format("%llu",
-                 static_cast<unsigned long long>(scene.grids.empty() ? 0 : scene.grids[0].probes))
-        + " cells outside geometry &times; 26 normals &times; RGB, against the true "
-          "irradiance; in the same SH: against the reference's bands that the bake has. "
-          "Energy: luminance of the constant band over the reference's. On surfaces: at "
-        + format("%llu", static_cast<unsigned long long>(scene.surface_points))
-        + " points of the scene's surfaces, the same for all grids, read from the cells that "
-          "are valid and faced; trilinear: read without that care. Seconds: the median of the "
-          "repeats, without loading and writing.</p>\n";
+    html += "<p class=\"note\">&#9675; marks the Pareto front: no other bake is as fast and as "
+            "accurate. Error: relative L1 of irradiance at "
+            + counted(scene.grids.empty() ? 0 : scene.grids[0].probes, "cell")
+            + " outside geometry &times; 26 normals &times; RGB, against the true "
+              "irradiance; in the same SH: against the reference's bands that the bake has. "
+              "Energy: luminance of the constant band over the reference's. On surfaces: at "
+            + counted(scene.surface_points, "point")
+            + " of the scene's surfaces, the same for all grids, read from the cells that "
+              "are valid and faced; trilinear: read without that care. Seconds: the median of the "
+              "repeats, without loading and writing.</p>\n";
     html += "<h3>Path-traced probes, and what SH alone costs</h3>\n" + peers_table(scene);
     html += "<p class=\"note\">The peer's time is measured at the probes and scaled to all valid "
             "cells of the grid. Sharing bounces: its rays end where they hit first, on surfaces "
@@ -212,9 +210,9 @@ std::string report_page(const Report& report, std::string_view svg) {
                        "<title>lpvbake report</title>\n<style>"
                        + std::string(style)
                        + "</style>\n</head>\n<body>\n<h1>Speed against error</h1>\n";
-    html += "<p>lpvbake " LPVBAKE_VERSION " on " + html_text(report.device)
-            + format(", %u threads, %d repeats of each bake.</p>\n", report.threads,
-                     report.settings.repeats);
+    html += "<p>lpvbake " LPVBAKE_VERSION " on " + html_text(report.device) + ", "
+            + counted(report.threads, "thread") + ", " + counted(report.settings.repeats, "repeat")
+            + " of each bake.</p>\n";
     html += "<img class=\"plot\" alt=\"Error against seconds\" src=\"data:image/svg+xml;base64,"
             + base64(svg) + "\">\n";
     for (const SceneReport& scene : report.scenes)

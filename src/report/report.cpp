@@ -503,11 +503,11 @@ std::vector<std::string> verdicts(const SceneReport& scene) {
         else if (tally.won == tally.rows)
             text += "wins everywhere: path-traced probes need longer for the same error";
         else
-            text += format("at the same error path-traced probes need longer in %d rows and less "
+            text += format("at the same error path-traced probes need longer in %s and less "
                            "time in %d; in %d they are more accurate at their fewest rays already, "
                            "but need longer for these",
-                           tally.won, tally.lost, worse);
-        all.push_back(text + format(" (%d rows).", tally.rows));
+                           counted(tally.won, "row").c_str(), tally.lost, worse);
+        all.push_back(text + " (" + counted(tally.rows, "row") + ").");
     }
     return all;
 }

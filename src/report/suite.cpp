@@ -235,8 +235,7 @@ SuiteRow judge(const SuiteCase& c, const SuiteLimits& limits, const Volume& bake
     row.noise = truth.noise;
     row.not_finite = count_not_finite(baked);
     if (row.not_finite > 0) {
-        row.failures.push_back(
-            format("%llu numbers are NaN or infinite", (unsigned long long)row.not_finite));
+        row.failures.push_back("NaN or infinite: " + counted(uint64_t(row.not_finite), "number"));
         return row;
     }
     const auto missing = double(

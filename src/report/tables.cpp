@@ -231,8 +231,8 @@ std::string report_text(const Report& report) {
                            static_cast<unsigned long long>(grid.probes),
                            static_cast<unsigned long long>(grid.valid), percent(grid.noise).c_str(),
                            static_cast<unsigned long long>(grid.rays));
-        text += format("surfaces      %llu points, noise of the reference %s after %llu rays\n\n",
-                       static_cast<unsigned long long>(scene.surface_points),
+        text += format("surfaces      %s, noise of the reference %s after %llu rays\n\n",
+                       counted(scene.surface_points, "point").c_str(),
                        percent(scene.surface_noise).c_str(),
                        static_cast<unsigned long long>(scene.surface_rays));
 

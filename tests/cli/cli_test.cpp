@@ -226,16 +226,23 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
     const auto refused = [&](const std::vector<std::string>& arguments, const std::string& text) {
         expect_error(arguments, ExitCode::usage, text);
     };
-    refused({}, "subcommand");
-    refused({"cook"}, "cook");
+    refused({}, "no command");
+    refused({"--flavour"}, "unknown option --flavour");
+    refused({"cook"}, "there is no command 'cook' (see");
+    refused({"bakes"}, "there is no command 'bakes'; did you mean bake?");
     refused({"bake"}, "no scene");
     refused({"bake", "room.gltf"}, "-o FILE.vdb");
-    refused({"bake", "room.gltf", "-o"}, "--output");
+    refused({"bake", "room.gltf", "-o"}, "bake: --output needs a value: FILE (see");
+    refused({"bake", "room.gltf", "--resolution", "8", "--resolution", "9"}, "more than once");
+    refused({"bake", "room.gltf", "--strict=so"}, "bake: --strict: 'so' is neither true nor false");
+    for (const char* near : {"--resoluton", "--resolution9=8", "-resolution", "--resol"})
+        refused({"bake", near, "8", "room.gltf"}, "; did you mean --resolution? (see lpvbake bake");
     refused({"bake", "room.gltf", "-o", "a.txt"}, "a.txt: the name of an output ends in .vdb");
     refused({"bake", "room.gltf", "-o", "a.vdb", "-o", "./a.vdb"}, "./a.vdb: given twice");
     refused({"bake", "room.gltf", "-o", "l.exr", "--lights", "l.json"}, "");
-    refused(bake + std::vector<std::string>{"more"}, "more");
-    refused(bake + std::vector<std::string>{"--flavour", "sweet"}, "--flavour");
+    refused(bake + std::vector<std::string>{"more"},
+            "bake: 'more' is one argument too many: lpvbake bake scene");
+    refused(bake + std::vector<std::string>{"--flavour", "sweet"}, "unknown option --flavour (see");
     const std::map<std::string, std::vector<std::string>> values{
         {"--resolution", {"2", "0", "-4", "8.5", "x", "", "nan", "1e2", "99999999999999"}},
         {"--cell-size", {"0", "-1", "nan", "inf", "1e-300", "1m"}},
@@ -280,11 +287,27 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
               "--vpls is an option of gather, not of sn (--directions)"},
              {{"--quality", "fast", "--error", "4%"}, "exclude"}})
         refused(bake + words, text);
-    refused({"info"}, "file");
+    refused({"info"}, "info: file is missing: lpvbake info file");
+    refused({"info", "room.gltf", "--white", "-1"}, "--white: '-1' is not a number from");
+    refused({"diff", "a.vdb"}, "diff: B is missing: lpvbake diff A B");
+    refused({"devices", "--format", "xml"}, "'xml' is none of text|json");
     refused({"info", "room.txt"}, "room.txt");
     refused({"info", "room.gltf", "--slice", "z=1"}, "belong together");
     refused({"info", "room.gltf", "--slice", "z=1", "-o", "a.png"}, "is a scene");
     EXPECT_FALSE(fs::exists(folder_ / "a.vdb"));
+}
+
+TEST_F(Cli, PrintsNumbersAsShortAsTheyReadBack) {
+    const Result result = run({"bake", "room.gltf", "--print-config"});
+    EXPECT_NE(result.out.find("# tolerance = 0.3\n"), std::string::npos) << result.out;
+    EXPECT_NE(result.out.find("\nmax-albedo = 0.95\n"), std::string::npos) << result.out;
+}
+
+TEST_F(Cli, CountsOneOfAThingAsOne) {
+    need_device();
+    const Result result = run(quick + std::vector<std::string>{"-o", "a.vdb"});
+    for (const char* text : {"triangles, 1 light\n", "  1 output\n"})
+        EXPECT_NE(result.out.find(text), std::string::npos) << text << result.out;
 }
 
 TEST_F(Cli, ConfigFileRoundTrips) {

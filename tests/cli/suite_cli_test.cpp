@@ -76,7 +76,7 @@ TEST_F(SuiteCli, AnImpossibleLimitFailsAndIsNamed) {
         GTEST_SKIP() << text.err;
     EXPECT_EQ(text.status, int(ExitCode::difference));
     EXPECT_NE(text.out.find("FAIL: error is 0."), std::string::npos) << text.out;
-    EXPECT_EQ(text.err.find("lpvbake: error: suite.json: 1 of 2 rows fail, the first is "
+    EXPECT_EQ(text.err.find("lpvbake: error: suite.json: 1 of 2 rows failed, the first is "
                             "glowing-room by lpv: error is 0."),
               0u)
         << text.err;

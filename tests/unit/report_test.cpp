@@ -362,7 +362,7 @@ TEST(Written, TextSaysWhoWins) {
     EXPECT_NE(report_text(report).find("peer needs 12 x as long"), std::string::npos);
     report.scenes[0].rows[0].peer = EqualError{EqualError::Kind::already, 3};
     const std::string mixed = verdicts(report.scenes[0]).at(0);
-    EXPECT_NE(mixed.find("need longer in 1 rows and less time in 0; in 1 they are more accurate"),
+    EXPECT_NE(mixed.find("need longer in 1 row and less time in 0; in 1 they are more accurate"),
               std::string::npos)
         << mixed;
 }

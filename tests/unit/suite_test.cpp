@@ -147,7 +147,7 @@ TEST(SuiteJudge, NanAndInfinityFailWithoutAnyLimit) {
         volume.sh[2][1].y = bad; // no probe
         const SuiteRow row = judged(volume);
         EXPECT_EQ(row.not_finite, 1u);
-        expect_failure(row, "1 numbers are NaN or infinite");
+        expect_failure(row, "NaN or infinite: 1 number");
         volume = uniform(1.0);
         volume.occlusion.assign(4, std::vector<float>(64, bad));
         EXPECT_EQ(judged(volume).not_finite, 256u);
