@@ -206,8 +206,8 @@ TEST_F(Diff, WrongCommandLinesAreRefused) {
     const auto refused = [&](const std::string& arguments, const std::string& text) {
         expect_error(arguments, ExitCode::usage, text);
     };
-    refused("", "A is required");
-    refused("a.vdb", "B is required");
+    refused("", "diff: A is missing");
+    refused("a.vdb", "diff: B is missing");
     refused("a.vdb a.vdb a.vdb", "a.vdb");
     refused("a.vdb note.txt", "note.txt");
     for (const char* option : {"--fail", "--warn", "--hard-fail", "--hard-warn", "--slice-max"})
