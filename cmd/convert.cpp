@@ -45,14 +45,16 @@ Targets:
             voxel i from i to i + 1
   unity     convention and axes unity, half, packed by channel; STEM.unity.json: what to set on import
   unreal    convention and axes unreal, half, packed by channel; STEM.unreal.json
-  godot     convention godot, half, packed by channel; FILE.exr.import of each picture (Godot 4)
+  godot     convention godot, half, packed by channel; FILE.exr.import of each picture (Godot 4) and
+            STEM.godot.json
   threejs   half, one picture: the atlas of LightProbeGridWebGL (r187)
   vrc       order 1 as unity has it, half, in the three textures of VRC Light Volumes; STEM.unity.json
-  bevy      half, one picture of ambient cubes (irradiance / pi): Bevy's irradiance volume. It cannot
-            be converted back
+  bevy      half, one picture of ambient cubes (irradiance / pi): Bevy's irradiance volume; STEM.bevy.json:
+            its transform. It cannot be converted back
 All but the first three keep orders up to 2, and two rings of cells inside geometry are filled, as
 their samplers take all cells around a point; unity, unreal, godot and vrc leave no tile of a picture
-empty. An option that is given goes before what the target says. In which order Unity takes tiles and
+empty. An option that is given goes before what the target says, but for bands that it has no form
+for. In which order Unity takes tiles and
 rows is not proven: its notes say what to look at.
 
 Examples:

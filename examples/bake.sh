@@ -7,7 +7,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 .ci/install.sh
 cmake --preset default >&2
-cmake --build --preset default --target lpvbake >&2
+cmake --build --preset default --target lpvbake lpvbake_library >&2 # all that is installed
 lpvbake=build/default/lpvbake
 
 "$lpvbake" bake examples/cornell_box.gltf -o build/cornell_box.vdb -o build/cornell_box.exr "$@"

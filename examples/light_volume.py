@@ -83,6 +83,9 @@ def cosine_basis(n):
 
 def check_canonical(path, convention, axes, packing="band"):
     """These loaders read the default encoding alone."""
+    if packing == "cube":
+        sys.exit(f"{path}: holds ambient cubes, which no coefficients can be made of; load the volume "
+                 "that they were made of")
     if (convention, axes) != ("radiance", "gltf") or packing not in ("band", "channel"):
         sys.exit(f"{path}: is stored as {convention}, axes {axes}, packing {packing}; first "
                  "`lpvbake convert` it")
@@ -92,7 +95,10 @@ def main(load):
     """The command line of the loaders: FILE X Y Z NX NY NZ."""
     if len(sys.argv) != 8:
         sys.exit(f"usage: {sys.argv[0]} FILE X Y Z NX NY NZ")
-    volume = load(sys.argv[1])
+    try:
+        volume = load(sys.argv[1])
+    except OSError as error:
+        sys.exit(f"{sys.argv[1]}: cannot be read: {error}")
     numbers = [float(text) for text in sys.argv[2:]]
     dims = " x ".join(str(n) for n in volume.validity.shape)
     origin = " ".join(f"{x:g}" for x in volume.origin)

@@ -1,7 +1,7 @@
 // Irradiance of a light volume, for shaders in GLSL 1.30, ES 3.00 and later.
 //
 // Every grid is a 3D texture of the volume's cells, filtered linearly and clamped at its edges:
-// sh_l0, sh_l1_y, sh_l1_z, sh_l1_x (RGB; with order 2 also sh_l2_xy, ...) and validity. Declare
+// sh_l0, sh_l1_y, sh_l1_z, sh_l1_x (RGB; with order 2 also sh_l2_xy, yz, z2, xz, x2y2) and validity. Declare
 // them, then include this:
 //
 //     #define LPV_ORDER 1           // or 2
@@ -17,6 +17,10 @@ struct LpvVolume {
     vec3 origin; // corner of the first cell, metres
     float cell;  // edge of a cell, metres
 };
+
+#ifndef LPV_ORDER
+#error "define LPV_ORDER as 1 or 2, the order of the volume"
+#endif
 
 #if LPV_ORDER == 1
 #define LPV_EACH(DO) DO(0) DO(1) DO(2) DO(3)

@@ -466,6 +466,7 @@ WriteReport write_exr(const std::string& path, const Volume& canonical, Precisio
             precision = Precision::full;
             report.warnings.push_back(path + ": " + *why);
         }
+    report.precision = precision;
     const glm::ivec3 dims = volume.grid.dims;
     const Stack stack = stack_of(packing);
     const glm::ivec3 texture_dims = stack.dims(dims);
@@ -567,7 +568,14 @@ Volume read_exr(const std::string& path) {
     const std::string text = read_file(sidecar, uint64_t(16) << 20);
     Volume volume;
     try {
-        volume = read_sidecar(sidecar, Json::parse(text));
+        const Json json = Json::parse(text);
+        volume = read_sidecar(sidecar, json);
+        // A picture stands for its volume only while the sidecar is still that of its volume.
+        const std::string name = std::filesystem::path(path).filename().string();
+        if (stem_of(path) != stem_of(sidecar)
+            && std::ranges::none_of(json["files"],
+                                    [&](const Json& file) { return file["file"] == name; }))
+            reject(path, "is not of the volume that " + sidecar + " describes");
     } catch (const Json::exception& error) {
         std::string what = error.what();
         std::replace(what.begin(), what.end(), '\n', ' ');

@@ -10,9 +10,10 @@ namespace lpvbake {
 /// Files that a program wants beside a volume.
 enum class Notes {
     none,
-    godot,  ///< PICTURE.exr.import of each picture: import it as a 3D texture (Godot 4)
-    unity,  ///< STEM.unity.json: what to set in the texture importer
-    unreal, ///< STEM.unreal.json: what to set when a volume texture is made
+    godot,  ///< PICTURE.exr.import of each, for a 3D texture (Godot 4), and STEM.godot.json
+    unity,  ///< STEM.unity.json: what to set in the texture importer, and how to read
+    unreal, ///< STEM.unreal.json: what to set when a volume texture is made, and how to read
+    bevy,   ///< STEM.bevy.json: the texture's form and the volume's transform
 };
 
 /// How a volume is stored for a program.
@@ -26,6 +27,7 @@ struct Target {
     /// cells around a point, valid or not.
     int dilate = 0;
     Notes notes = Notes::none;
+    std::optional<VolumeFormat> reads = {}; ///< none: either
 };
 
 /// generic, blender, houdini, unity, unreal, godot, threejs, vrc, bevy.

@@ -337,6 +337,7 @@ WriteReport write_vdb(const std::string& path, const Volume& canonical, Precisio
             precision = Precision::full;
             report.warnings.push_back(path + ": " + *why);
         }
+    report.precision = precision;
 
     const std::vector<uint8_t> active = active_cells(volume);
     const std::vector<Recipe> wanted = recipes(volume, in_axes, active);

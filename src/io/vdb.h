@@ -20,6 +20,7 @@ struct WriteReport {
     /// Such as: half asked for, but values exceed 65504, wrote float.
     std::vector<std::string> warnings;
     std::vector<File> files;
+    Precision precision = Precision::full; ///< that of the files
     /// Of an EXR: tiles a row and rows; else 0.
     int columns = 0, rows = 0;
 

@@ -294,6 +294,15 @@ TEST(Exr, RefusesToWrite) {
     EXPECT_EQ(folder.count(), 0);
 }
 
+TEST(Exr, LeftoversOfAnotherVolumeAreNotRead) {
+    const TemporaryFolder folder;
+    const Volume volume = random_volume({4, 5, 6}, 1, true, 7);
+    write_exr(folder / "a.exr", volume, Precision::full, {Packing::band});
+    write_exr(folder / "a.exr", volume, Precision::full, {Packing::channel});
+    expect_equal(read_exr(folder / "a_r.exr"), volume);
+    EXPECT_EQ(error_of("a", [&] { read_exr(folder / "a_sh_l0.exr"); }).code, ExitCode::invalid);
+}
+
 TEST(Exr, RejectsDamagedFiles) {
     const TemporaryFolder folder;
     const std::string path = folder / "a.json";
