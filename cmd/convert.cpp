@@ -52,10 +52,9 @@ Targets:
   bevy      half, one picture of ambient cubes (irradiance / pi): Bevy's irradiance volume; STEM.bevy.json:
             its transform. It cannot be converted back
 All but the first three keep orders up to 2, and two rings of cells inside geometry are filled, as
-their samplers take all cells around a point; unity, unreal, godot and vrc leave no tile of a picture
-empty. An option that is given goes before what the target says, but for bands that it has no form
-for. In which order Unity takes tiles and
-rows is not proven: its notes say what to look at.
+their samplers take all cells around a point; unity, unreal, godot and vrc leave no tile of a
+picture empty. An option that is given goes before what the target says, but for bands that it has
+no form for. In which order Unity takes tiles and rows is not proven: its notes say what to look at.
 
 Examples:
   lpvbake convert room.vdb room.exr
