@@ -193,7 +193,7 @@ class ThreeJs(unittest.TestCase):
         image = pixels(self.folder / facts["files"][0]["file"])
         atlas = image.reshape(rows, height, columns, width, 4).swapaxes(1, 2)
         atlas = atlas.reshape(rows * columns, height, width, 4)
-        probes = atlas[:layout["slices"]].reshape(7, -1, height, width, 4)
+        probes = atlas[:layout["slices"]].reshape(7, -1, height, width, 4).copy()
 
         def coefficients(change):  # [block, slice, y, x, channel] as [slice, y, x, 28 floats]
             floats = np.moveaxis(probes, 0, 3).reshape(*probes.shape[1:4], 28).copy()
