@@ -261,7 +261,8 @@ Baked bake(const Scene& scene, const BakeSettings& settings, const gpu::Device& 
         break;
     }
     stages.begin("walls");
-    baked.volume.walls = find_walls(visibility, plan.grid.dims, baked.volume.validity);
+    baked.volume.walls =
+        find_walls(visibility, plan.grid.dims, baked.volume.validity, most_walls, walls_reach);
     stages.end(share_with_walls(baked.volume.walls));
     baked.volume.metadata["solver"] = name_of(settings.solver);
     baked.volume.metadata["content"] = content_of(scene, plan, settings.bounces);

@@ -2,7 +2,6 @@
 #include "error.h"
 #include "rsm/view.h"
 #include "text.h"
-#include "visibility/walls.h"
 #include "volume/sh.h"
 
 #include <algorithm>
@@ -141,7 +140,7 @@ BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
                            largest_resolution(box, settings, device.memory)));
     // The volume itself takes 12 bytes a coefficient and a wall, and a copy while it is written.
     plan.host_bytes = 260 * plan.triangles + (uint64_t(64) << 20)
-                      + cells * (150 + 24 * uint64_t(sh_count(sh_order_of(settings)) + wall_count));
+                      + cells * (150 + 24 * uint64_t(sh_count(sh_order_of(settings)) + most_walls));
 
     // Seconds a unit, fitted to bakes of the Cornell box and of two rooms with a door at 16, 32 and
     // 64 cells by two threads of a CPU device (lavapipe). Within about a factor of 1.5 there; a GPU

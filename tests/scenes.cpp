@@ -62,6 +62,14 @@ int add_box(Scene& scene, int material, glm::vec3 lo, glm::vec3 hi, Facing facin
     return place(scene, std::move(mesh), to_world);
 }
 
+glm::dmat4 random_turn(std::mt19937& random) {
+    std::normal_distribution<double> normal;
+    const glm::dvec3 axis =
+        glm::normalize(glm::dvec3(normal(random), normal(random), normal(random)));
+    return glm::rotate(glm::dmat4(1.0), std::uniform_real_distribution<double>(0, 6.28)(random),
+                       axis);
+}
+
 Light sun(glm::dvec3 travel, double lux, glm::vec3 color) {
     Light light;
     light.type = LightType::directional;

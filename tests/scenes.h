@@ -3,6 +3,8 @@
 
 #include "scene/scene.h"
 
+#include <random>
+
 namespace lpvbake::scenes {
 
 /// Which side of a box's walls is the front: out (an object) or in (a room).
@@ -21,6 +23,9 @@ int add_quad(Scene& scene, int material, glm::vec3 corner, glm::vec3 u, glm::vec
 /// index. Walls come in the order -x, +x, -y, +y, -z, +z, two triangles each.
 int add_box(Scene& scene, int material, glm::vec3 lo, glm::vec3 hi, Facing facing,
             const glm::dmat4& to_world = glm::dmat4(1.0));
+
+/// A turn around any axis by any angle.
+glm::dmat4 random_turn(std::mt19937& random);
 
 /// A directional light; `travel` is the direction in which it travels, of any length.
 Light sun(glm::dvec3 travel, double lux, glm::vec3 color = glm::vec3(1.0f));

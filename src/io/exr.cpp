@@ -74,6 +74,7 @@ struct Stack {
     /// Calls visit(texel, block, cell, whether it is padding) for all texels of a texture.
     template <class Visit>
     void for_each_texel(glm::ivec3 cells, const Layout& layout, const Visit& visit) const {
+        const glm::ivec3 texture = dims(cells);
         for (int block = 0; block < blocks; ++block) {
             const glm::ivec3 first(0, block % rows * cells.y,
                                    block / rows * (cells.z + 2 * padding) + padding);
@@ -82,7 +83,7 @@ struct Stack {
                 size_t cell = size_t(slice) * size_t(cells.x) * size_t(cells.y);
                 for (int y = 0; y < cells.y; ++y)
                     for (int x = 0; x < cells.x; ++x, ++cell)
-                        visit(layout.texel(dims(cells), first + glm::ivec3(x, y, z)), block, cell,
+                        visit(layout.texel(texture, first + glm::ivec3(x, y, z)), block, cell,
                               z != slice);
             }
         }
@@ -143,12 +144,21 @@ struct Texture {
     std::vector<std::vector<Component>> blocks;
 };
 
-Component colour(const std::string& name, const std::vector<glm::vec3>& grid, int c) {
-    return {name + "." + "rgb"[c], &grid[0].x + c, 3};
+/// The three scalars of a grid.
+std::vector<Component> components(const std::string& name, const std::vector<glm::vec3>& grid,
+                                  const char* letters = "rgb") {
+    std::vector<Component> all;
+    for (int c = 0; c < 3; ++c)
+        all.push_back({name + "." + letters[c], &grid[0].x + c, 3});
+    return all;
 }
 
-Component colour(const Volume& volume, size_t k, int c) {
-    return colour(std::string("sh_") + coefficient_name(int(k)), volume.sh[k], c);
+std::vector<Component> colours(const Volume& volume, size_t k) {
+    return components(std::string("sh_") + coefficient_name(int(k)), volume.sh[k]);
+}
+
+std::vector<Component> wall_axes(const Volume& volume, size_t k) {
+    return components(wall_name(int(k)), volume.walls[k], "xyz");
 }
 
 /// Irradiance over pi of each cell towards +x, -x, +y, ...; `volume` is canonical.
@@ -174,35 +184,28 @@ std::vector<Texture> cube_textures(const std::vector<std::vector<glm::vec3>>& si
                                      "cube_ny", "cube_pz", "cube_nz"};
     Texture cube{"cube", {}};
     for (size_t side = 0; side < 6; ++side)
-        cube.blocks.push_back({colour(names[side], sides[side], 0),
-                               colour(names[side], sides[side], 1),
-                               colour(names[side], sides[side], 2)});
+        cube.blocks.push_back(components(names[side], sides[side]));
     return {cube};
-}
-
-Component wall_axis(const Volume& volume, size_t k, int axis) {
-    return {wall_name(int(k)) + "." + "xyz"[axis], &volume.walls[k][0].x + axis, 3};
 }
 
 std::vector<Texture> textures_of(const Volume& volume, Packing packing, ShConvention convention) {
     std::vector<Texture> textures;
     const auto add_band = [&](size_t k) {
-        textures.push_back({std::string("sh_") + coefficient_name(int(k)),
-                            {{colour(volume, k, 0), colour(volume, k, 1), colour(volume, k, 2)}}});
+        textures.push_back({std::string("sh_") + coefficient_name(int(k)), {colours(volume, k)}});
     };
     const auto add_channels = [&](const char* suffix, std::array<size_t, 4> order) {
         for (int c = 0; c < 3; ++c) {
             textures.push_back({"rgb"[c] + std::string(suffix), {{}}});
             for (const size_t k : order)
-                textures.back().blocks[0].push_back(colour(volume, k, c));
+                textures.back().blocks[0].push_back(colours(volume, k)[size_t(c)]);
         }
     };
     if (packing == Packing::vrc) {
-        constexpr size_t z = 2, colours[] = {0, 3, 1}; // the coefficients 1, x and y
+        constexpr size_t z = 2, bands[] = {0, 3, 1}; // the coefficients 1, x and y
         for (int file = 0; file < 3; ++file) {
-            add_band(colours[file]);
+            add_band(bands[file]);
             textures.back().suffix = std::to_string(file);
-            textures.back().blocks[0].push_back(colour(volume, z, file));
+            textures.back().blocks[0].push_back(colours(volume, z)[size_t(file)]);
         }
         return textures;
     }
@@ -212,7 +215,7 @@ std::vector<Texture> textures_of(const Volume& volume, Packing packing, ShConven
             if (i % 4 == 0)
                 textures[0].blocks.emplace_back();
             const size_t k = i / 3;
-            textures[0].blocks.back().push_back(k < volume.sh.size() ? colour(volume, k, int(i % 3))
+            textures[0].blocks.back().push_back(k < volume.sh.size() ? colours(volume, k)[i % 3]
                                                                      : Component{});
         }
         return textures;
@@ -238,9 +241,7 @@ std::vector<Texture> textures_of(const Volume& volume, Packing packing, ShConven
     if (!volume.validity.empty())
         textures.push_back({"validity", {{{"validity", volume.validity.data(), 1}}}});
     for (size_t k = 0; k < volume.walls.size(); ++k)
-        textures.push_back(
-            {wall_name(int(k)),
-             {{wall_axis(volume, k, 0), wall_axis(volume, k, 1), wall_axis(volume, k, 2)}}});
+        textures.push_back({wall_name(int(k)), {wall_axes(volume, k)}});
     return textures;
 }
 
@@ -313,14 +314,14 @@ std::map<std::string, std::pair<float*, size_t>> destinations(Volume& volume) {
     std::map<std::string, std::pair<float*, size_t>> all;
     for (size_t k = 0; k < volume.sh.size(); ++k)
         for (int c = 0; c < 3; ++c)
-            all[colour(volume, k, c).name] = {&volume.sh[k][0].x + c, 3};
+            all[colours(volume, k)[size_t(c)].name] = {&volume.sh[k][0].x + c, 3};
     for (size_t k = 0; k < volume.occlusion.size(); ++k)
         all[std::string("occlusion_") + coefficient_name(int(k))] = {volume.occlusion[k].data(), 1};
     if (!volume.validity.empty())
         all["validity"] = {volume.validity.data(), 1};
     for (size_t k = 0; k < volume.walls.size(); ++k)
         for (int axis = 0; axis < 3; ++axis)
-            all[wall_axis(volume, k, axis).name] = {&volume.walls[k][0].x + axis, 3};
+            all[wall_axes(volume, k)[size_t(axis)].name] = {&volume.walls[k][0].x + axis, 3};
     return all;
 }
 
@@ -425,7 +426,7 @@ Volume read_sidecar(const std::string& path, const Json& json) {
     if (mentions("validity"))
         volume.validity.assign(cells, 0.0f);
     while (volume.walls.size() < size_t(most_walls)
-           && mentions((wall_name(int(volume.walls.size())) + ".x").c_str()))
+           && mentions(wall_name(int(volume.walls.size())) + ".x"))
         volume.walls.emplace_back(cells, glm::vec3(0.0f));
     auto wanted = destinations(volume);
     for (const Entry& entry : entries)

@@ -20,7 +20,6 @@ const char* coefficient_name(int k);
 
 /// wall_0, wall_1, wall_2: grids of Volume::walls.
 std::string wall_name(int k);
-inline constexpr int most_walls = 3; ///< that a file may hold
 
 /// What is true of the field as a file stores it, as text, keys without the `lpv:` prefix:
 /// convention, direction, axes, probe_position.

@@ -148,8 +148,7 @@ Json godot_notes() {
         {"sampling", "uvw = (position - min) / (max - min)"},
         {"irradiance over pi",
          "0.886227 c1 + 1.023327 (cy n.y + cz n.z + cx n.x) + 0.858086 (cxy n.x n.y + cyz n.y n.z "
-         "+ "
-         "cxz n.x n.z) + 0.247708 cz2 (3 n.z^2 - 1) + 0.429043 cx2y2 (n.x^2 - n.y^2)"},
+         "+ cxz n.x n.z) + 0.247708 cz2 (3 n.z^2 - 1) + 0.429043 cx2y2 (n.x^2 - n.y^2)"},
     };
 }
 
@@ -169,10 +168,6 @@ Json bevy_notes(const Grid& grid, const WriteReport& report) {
 }
 
 } // namespace
-
-std::span<const Target> targets() {
-    return all_targets;
-}
 
 const Target* target_named(std::string_view name) {
     for (const Target& target : all_targets)

@@ -3,7 +3,7 @@
 
 #include "io/io.h"
 
-#include <span>
+#include <string_view>
 
 namespace lpvbake {
 
@@ -30,9 +30,7 @@ struct Target {
     std::optional<VolumeFormat> reads = {}; ///< none: either
 };
 
-/// generic, blender, houdini, unity, unreal, godot, threejs, vrc, bevy.
-std::span<const Target> targets();
-/// Null for an unknown name.
+/// generic, blender, houdini, unity, unreal, godot, threejs, vrc, bevy; null for an unknown name.
 const Target* target_named(std::string_view name);
 
 /// Writes .vdb or .exr as the target wants it, and its notes, which come last. Notes are of .exr

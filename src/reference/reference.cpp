@@ -353,7 +353,7 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
     if (settings.probes > 0)
         volume.metadata["probes"] = std::to_string(cells.size());
     reference.error = volume;
-    volume.walls = find_walls(visibility, grid.dims, volume.validity);
+    volume.walls = find_walls(visibility, grid.dims, volume.validity, most_walls, walls_reach);
     std::string errors;
     for (size_t k = 0; k < field.sh.size(); ++k) {
         double squares = 0.0;

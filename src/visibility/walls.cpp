@@ -17,9 +17,10 @@ constexpr float on_surface = 1e-3f;
 } // namespace
 
 std::vector<std::vector<glm::vec3>> find_walls(const Visibility& visibility, glm::ivec3 dims,
-                                               std::span<const float> validity) {
+                                               std::span<const float> validity, int count,
+                                               float reach) {
     std::vector<std::vector<glm::vec3>> walls(
-        static_cast<size_t>(wall_count),
+        static_cast<size_t>(count),
         std::vector<glm::vec3>(size_t(dims.x) * size_t(dims.y) * size_t(dims.z), glm::vec3(0.0f)));
     tbb::parallel_for(0, dims.z, [&](int z) {
         std::vector<glm::vec3> own;
@@ -30,8 +31,8 @@ std::vector<std::vector<glm::vec3>> find_walls(const Visibility& visibility, glm
                     continue;
                 own.clear();
                 while (own.size() < walls.size()) {
-                    auto way = visibility.nearest_point(glm::vec3(x, y, z) + 0.5f, walls_reach, own,
-                                                        own_share);
+                    auto way =
+                        visibility.nearest_point(glm::vec3(x, y, z) + 0.5f, reach, own, own_share);
                     if (!way)
                         break;
                     if (glm::dot(*way, *way) < on_surface * on_surface)

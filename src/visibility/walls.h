@@ -10,15 +10,13 @@ namespace lpvbake {
 /// Planes that bound a region around each cell's centre in which no surface lies, as Volume::walls
 /// has them. The first goes through the surface point nearest to the centre, the next through the
 /// nearest of those that lie before it, and so on: what is before all of them sees the centre, as
-/// long as they are enough. 0 in cells that are not valid (where there is a validity), and for
-/// planes farther than walls_reach.
+/// long as they are enough. At most `count` planes; 0 in cells that are not valid (where there is a
+/// validity), and for planes farther than `reach` (frame units).
 ///
 /// After the scheme of growing convex free regions by nearest obstacles (Deits and Tedrake, 2014),
 /// with balls in place of ellipsoids.
 std::vector<std::vector<glm::vec3>> find_walls(const Visibility& visibility, glm::ivec3 dims,
-                                               std::span<const float> validity);
-
-inline constexpr int wall_count = 3;       ///< planes a cell
-inline constexpr float walls_reach = 2.0f; ///< cells; a corner of eight is nearer
+                                               std::span<const float> validity, int count,
+                                               float reach);
 
 } // namespace lpvbake

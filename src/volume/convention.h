@@ -71,8 +71,8 @@ glm::dmat3 from_gltf(Axes axes);
 Grid turned_grid(const Grid& grid, const glm::dmat3& turn);
 
 /// The volume in axes that `turn` takes its own to (a signed permutation): its lattice, what
-/// directions its coefficients, its occlusion and its walls have, and its cells' order. Metadata stay. Exact
-/// up to band 1, beyond up to rounding.
+/// directions its coefficients, its occlusion and its walls have, and its cells' order. Metadata
+/// stay. Exact up to band 1, beyond up to rounding.
 Volume turned(const Volume& volume, const glm::dmat3& turn);
 
 } // namespace lpvbake

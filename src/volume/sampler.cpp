@@ -14,8 +14,6 @@ namespace {
 /// and how far before a wall a cell begins to fade.
 constexpr double wall_lift = 0.2;
 
-constexpr double wall_reach = 2; ///< cells: walls farther from a cell are not known
-
 bool is_valid(const Volume& volume, std::size_t cell) {
     return volume.validity.empty() || volume.validity[cell] != 0;
 }
@@ -51,48 +49,29 @@ double before_walls(const Volume& volume, std::size_t cell, glm::dvec3 x) {
     return before;
 }
 
-/// The nearest cell, less than wall_reach away and of the 64 around `point` (grid units), that is
-/// valid, faced, and has the point before its walls.
-CellWeights nearest_before_walls(const Volume& volume, glm::dvec3 point, glm::dvec3 n,
-                                 glm::ivec3 low) {
-    CellWeights nearest;
-    double least = wall_reach * wall_reach;
-    glm::ivec3 cell;
-    for (cell.z = low.z - 1; cell.z <= low.z + 2; ++cell.z)
-        for (cell.y = low.y - 1; cell.y <= low.y + 2; ++cell.y)
-            for (cell.x = low.x - 1; cell.x <= low.x + 2; ++cell.x) {
-                if (!volume.grid.contains(cell) || !is_valid(volume, volume.grid.index(cell)))
+/// The nearest valid cell of the 64 around `point` (grid units), less than `reach` away, for which
+/// allowed(cell, way from the point to its centre) holds.
+template <class Allowed>
+CellWeights nearest(const Volume& volume, glm::dvec3 point, glm::ivec3 low, double reach,
+                    const Allowed& allowed) {
+    CellWeights result;
+    double least = reach * reach;
+    glm::ivec3 at;
+    for (at.z = low.z - 1; at.z <= low.z + 2; ++at.z)
+        for (at.y = low.y - 1; at.y <= low.y + 2; ++at.y)
+            for (at.x = low.x - 1; at.x <= low.x + 2; ++at.x) {
+                if (!volume.grid.contains(at) || !is_valid(volume, volume.grid.index(at)))
                     continue;
-                const glm::dvec3 way = glm::dvec3(cell) + 0.5 - point;
-                const double square = glm::dot(way, way);
-                if (square < least && facing(way, n) > 0
-                    && before_walls(volume, volume.grid.index(cell), wall_lift * n - way) > 0) {
+                const std::size_t cell = volume.grid.index(at);
+                const glm::dvec3 way = glm::dvec3(at) + 0.5 - point;
+                if (const double square = glm::dot(way, way);
+                    square < least && allowed(cell, way)) {
                     least = square;
-                    nearest.cell[0] = volume.grid.index(cell);
-                    nearest.weight[0] = 1;
+                    result.cell[0] = cell;
+                    result.weight[0] = 1;
                 }
             }
-    return nearest;
-}
-
-/// The nearest valid cell of the 64 around `point` (grid units).
-CellWeights nearest_valid(const Volume& volume, glm::dvec3 point, glm::ivec3 low) {
-    CellWeights nearest;
-    double least = std::numeric_limits<double>::infinity();
-    glm::ivec3 cell;
-    for (cell.z = low.z - 1; cell.z <= low.z + 2; ++cell.z)
-        for (cell.y = low.y - 1; cell.y <= low.y + 2; ++cell.y)
-            for (cell.x = low.x - 1; cell.x <= low.x + 2; ++cell.x) {
-                if (!volume.grid.contains(cell) || !is_valid(volume, volume.grid.index(cell)))
-                    continue;
-                const glm::dvec3 way = glm::dvec3(cell) + 0.5 - point;
-                if (const double square = glm::dot(way, way); square < least) {
-                    least = square;
-                    nearest.cell[0] = volume.grid.index(cell);
-                    nearest.weight[0] = 1;
-                }
-            }
-    return nearest;
+    return result;
 }
 
 } // namespace
@@ -129,14 +108,20 @@ CellWeights weights_at(const Volume& volume, glm::dvec3 point, glm::dvec3 n, Rea
         return plain;
     if (normalise(clear))
         return clear;
-    if (!volume.walls.empty())
-        if (const CellWeights near = nearest_before_walls(volume, at, n, low); near.weight[0] > 0)
+    if (!volume.walls.empty()) {
+        const CellWeights near =
+            nearest(volume, at, low, walls_reach, [&](std::size_t cell, glm::dvec3 way) {
+                return facing(way, n) > 0 && before_walls(volume, cell, wall_lift * n - way) > 0;
+            });
+        if (near.weight[0] > 0)
             return near;
+    }
     if (normalise(faced))
         return faced;
     if (normalise(valid))
         return valid;
-    return nearest_valid(volume, at, low);
+    return nearest(volume, at, low, std::numeric_limits<double>::infinity(),
+                   [](std::size_t, glm::dvec3) { return true; });
 }
 
 glm::dvec3 read_irradiance(const Volume& volume, glm::dvec3 point, glm::dvec3 n, Reading reading) {

@@ -12,6 +12,9 @@ namespace lpvbake {
 /// Luminance of linear Rec.709 RGB is the dot product with this.
 inline constexpr glm::dvec3 rec709_luminance{0.2126, 0.7152, 0.0722};
 
+inline constexpr int most_walls = 3;       ///< planes a cell
+inline constexpr float walls_reach = 2.0f; ///< cells; planes farther from a cell are not kept
+
 /// Everything is indexed by Grid::index. Empty vectors are absent grids.
 struct Volume {
     Grid grid;
@@ -24,9 +27,9 @@ struct Volume {
     /// 1 where the cell's centre lies outside geometry, else 0.
     std::vector<float> validity;
     /// walls[k][cell]: what stands in the light's way between a cell and the points around it, as
-    /// planes: from the cell's centre to the plane's nearest point, in cells; 0: no plane. A point x
-    /// (from the centre, in cells) is before it, and may be read from the cell, where x.w < w.w.
-    std::vector<std::vector<glm::vec3>> walls;
+    /// planes: from the cell's centre to the plane's nearest point, in cells; 0: no plane. A point
+    /// x (from the centre, in cells) is before it, and may be read from the cell, where x.w < w.w.
+    std::vector<std::vector<glm::vec3>> walls; ///< at most most_walls
     /// Written to every file, keys without the `lpv:` prefix: solver, settings, scene hash, ...
     std::map<std::string, std::string> metadata;
 };

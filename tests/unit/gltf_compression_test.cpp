@@ -2,13 +2,8 @@
 // in.
 #include "unit/meshopt_document.h"
 
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wpedantic"
-#pragma GCC diagnostic ignored "-Wshadow"
-#pragma GCC diagnostic ignored "-Wunused-parameter"
 #include <draco/compression/encode.h>
 #include <draco/mesh/triangle_soup_mesh_builder.h>
-#pragma GCC diagnostic pop
 
 #include <algorithm>
 #include <cmath>

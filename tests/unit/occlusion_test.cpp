@@ -41,20 +41,12 @@ std::vector<uint8_t> flood(const Links& links, const Grid& grid, glm::ivec3 star
     return reached;
 }
 
-glm::dmat4 random_turn(std::mt19937& random) {
-    std::normal_distribution<double> normal;
-    const glm::dvec3 axis =
-        glm::normalize(glm::dvec3(normal(random), normal(random), normal(random)));
-    return glm::rotate(glm::dmat4(1.0), std::uniform_real_distribution<double>(0, 6.28)(random),
-                       axis);
-}
-
 TEST(Links, AWallOfAnyOrientationIsTight) {
     std::mt19937 random(1);
     const Grid grid = grid_of({12, 10, 11});
     for (int i = 0; i < 40; ++i) {
         Scene scene;
-        const glm::dmat4 turn = i == 0 ? glm::dmat4(1.0) : random_turn(random);
+        const glm::dmat4 turn = i == 0 ? glm::dmat4(1.0) : scenes::random_turn(random);
         const glm::dvec3 through{6.1, 5.2, 5.3};
         scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)), {-50, -50, 0},
                          {100, 0, 0}, {0, 100, 0}, glm::translate(glm::dmat4(1.0), through) * turn);
@@ -83,7 +75,8 @@ TEST(Links, ATurnedClosedBoxIsTight) {
         Scene scene;
         scenes::add_box(scene, scenes::add_material(scene, glm::vec3(0.5f)), glm::vec3(-4.0f),
                         glm::vec3(4.0f), scenes::Facing::inward,
-                        glm::translate(glm::dmat4(1.0), glm::dvec3(8.0)) * random_turn(random));
+                        glm::translate(glm::dmat4(1.0), glm::dvec3(8.0))
+                            * scenes::random_turn(random));
         const Links links = trace_links(Visibility(scene, frame_of(grid)), grid);
         const std::vector<uint8_t> reached = flood(links, grid, {8, 8, 8});
         for (const glm::ivec3 corner : {glm::ivec3(0), glm::ivec3(15), glm::ivec3(15, 0, 0)})

@@ -17,14 +17,6 @@ namespace {
 
 using std::numbers::pi;
 
-glm::dmat4 random_turn(std::mt19937& random) {
-    std::normal_distribution<double> normal;
-    const glm::dvec3 axis =
-        glm::normalize(glm::dvec3(normal(random), normal(random), normal(random)));
-    return glm::rotate(glm::dmat4(1.0), std::uniform_real_distribution<double>(0, 6.28)(random),
-                       axis);
-}
-
 /// A field of the same luminance from all sides in each cell, and the walls that the scene has.
 template <class Luminance>
 Volume lit_around(const Scene& scene, const Grid& grid, const Luminance& luminance) {
@@ -38,7 +30,7 @@ Volume lit_around(const Scene& scene, const Grid& grid, const Luminance& luminan
                 volume.sh[0][grid.index({x, y, z})] =
                     glm::vec3(float(luminance(grid.center({x, y, z})) / double(sh_y0)));
     const Visibility visibility(scene, {grid.origin, grid.cell, glm::dvec3(grid.dims)});
-    volume.walls = find_walls(visibility, grid.dims, {});
+    volume.walls = find_walls(visibility, grid.dims, {}, most_walls, walls_reach);
     return volume;
 }
 
@@ -78,7 +70,7 @@ void expect_dark_inside(const Make& make) {
             glm::dmat4 to_world = glm::translate(
                 glm::dmat4(1.0), glm::dvec3(offset(random), offset(random), offset(random)));
             if (turn > 1)
-                to_world = to_world * random_turn(random);
+                to_world = to_world * scenes::random_turn(random);
             const Grid grid{glm::dvec3(-2), 4.0 / dims, glm::ivec3(dims)};
             const glm::dmat4 to_box = glm::inverse(to_world);
             const Volume volume = lit_around(make(half, to_world), grid, [&](glm::dvec3 p) {
@@ -129,7 +121,7 @@ TEST(Walls, ArePlanesThroughTheNearestOfWhatIsLeft) {
     const Visibility visibility(scene, {grid.origin, grid.cell, glm::dvec3(grid.dims)});
     std::vector<float> validity(grid.size(), 1.0f);
     validity[grid.index({4, 2, 0})] = 0;
-    const auto walls = find_walls(visibility, grid.dims, validity);
+    const auto walls = find_walls(visibility, grid.dims, validity, most_walls, walls_reach);
     ASSERT_EQ(walls.size(), 3u);
     const auto expect = [&](glm::ivec3 cell, glm::vec3 first, glm::vec3 second) {
         const std::size_t i = grid.index(cell);
@@ -168,8 +160,10 @@ TEST(Walls, WhatIsMostlyNotThereIsNone) {
     const Frame frame{glm::dvec3(0), 1.0, glm::dvec3(4)};
     for (const auto& [alpha, there] : {std::pair{0.4f, false}, {0.6f, true}}) {
         scene.materials[size_t(pane)].base_color.a = alpha;
-        EXPECT_EQ(find_walls(Visibility(scene, frame), glm::ivec3(4), {})[0][5] != glm::vec3(0),
-                  there);
+        EXPECT_EQ(
+            find_walls(Visibility(scene, frame), glm::ivec3(4), {}, most_walls, walls_reach)[0][5]
+                != glm::vec3(0),
+            there);
     }
 }
 
