@@ -1,6 +1,6 @@
 // lpvbake bake: from a glTF file to volume files.
 
-#include "bake.h"
+#include "bake/bake.h"
 
 #include "commands.h"
 #include "error.h"

@@ -1,7 +1,7 @@
 // Bakes a glTF scene and writes the volume:
 //
 //     bake room.glb room.vdb
-#include "bake.h"
+#include "bake/bake.h"
 #include "error.h"
 #include "io/io.h"
 #include "scene/gltf/load.h"

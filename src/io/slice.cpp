@@ -1,5 +1,6 @@
 #include "io/slice.h"
 
+#include "colour/colour.h"
 #include "error.h"
 #include "io/atomic_file.h"
 #include "volume/sh.h"
@@ -10,12 +11,6 @@
 
 namespace lpvbake {
 namespace {
-
-/// IEC 61966-2-1.
-float srgb_encode(float x) {
-    x = std::clamp(x, 0.0f, 1.0f);
-    return x <= 0.0031308f ? 12.92f * x : 1.055f * std::pow(x, 1 / 2.4f) - 0.055f;
-}
 
 /// What is drawn as white: the 99th percentile of the luminances above zero, but at most ten times
 /// their median, so that a bright spot by the lamp leaves the rest visible. 1 if there are none.
@@ -94,7 +89,7 @@ Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<fl
             const glm::vec3 colour = exposure * colours[cell];
             for (int c = 0; c < 3; ++c)
                 picture.samples.push_back(hatched ? (c == 1 ? 0.0f : 0.3f)
-                                                  : srgb_encode(colour[c]));
+                                                  : linear_to_srgb(std::clamp(colour[c], 0.0f, 1.0f)));
         }
     return picture;
 }

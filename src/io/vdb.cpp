@@ -1,6 +1,7 @@
 // Everything that sees OpenVDB.
 #include "io/vdb.h"
 
+#include "colour/colour.h"
 #include "io/atomic_file.h"
 #include "io/layout.h"
 #include "io/vdb_grids.h"

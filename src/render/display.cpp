@@ -1,6 +1,6 @@
 #include "render/display.h"
 
-#include "scene/srgb.h"
+#include "colour/colour.h"
 #include "volume/volume.h"
 
 #include <glm/gtc/constants.hpp>

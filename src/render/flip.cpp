@@ -1,6 +1,6 @@
 #include "render/flip.h"
 
-#include "scene/srgb.h"
+#include "colour/colour.h"
 
 #include <glm/glm.hpp>
 #include <glm/gtc/constants.hpp>

@@ -4,7 +4,7 @@
 #include "image/image.h"
 #include "progress.h"
 #include "render/shade.h"
-#include "rsm/raster.h"
+#include "raster/raster.h"
 #include "volume/sampler.h"
 
 namespace lpvbake {

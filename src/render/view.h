@@ -1,7 +1,7 @@
 // Where a picture is seen from.
 #pragma once
 
-#include "rsm/view.h"
+#include "raster/view.h"
 #include "visibility/visibility.h"
 
 namespace lpvbake {

@@ -1,5 +1,6 @@
 #include "report/measure.h"
 
+#include "colour/colour.h"
 #include "reference/sampler.h"
 #include "volume/compare.h"
 #include "volume/sh.h"

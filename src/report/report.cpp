@@ -1,5 +1,6 @@
 #include "report/report.h"
 
+#include "colour/colour.h"
 #include "error.h"
 #include "reference/peer.h"
 #include "reference/sampler.h"

@@ -1,5 +1,6 @@
 #include "report/suite.h"
 
+#include "colour/colour.h"
 #include "error.h"
 #include "reference/sampler.h"
 #include "scene/gltf/load.h"

@@ -21,7 +21,7 @@
 // which there has to be one at least. NaN and infinity fail whatever the limits say.
 #pragma once
 
-#include "bake.h"
+#include "bake/bake.h"
 #include "report/suite_truth.h"
 
 #include <functional>

@@ -1,7 +1,7 @@
 // Which bakes a report measures.
 #pragma once
 
-#include "bake.h"
+#include "bake/bake.h"
 
 #include <string>
 #include <utility>

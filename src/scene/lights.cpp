@@ -1,7 +1,7 @@
 #include "scene/lights.h"
 
 #include "error.h"
-#include "scene/srgb.h"
+#include "colour/colour.h"
 
 #include <charconv>
 #include <cmath>

@@ -1,6 +1,6 @@
 #include "scene/material.h"
 
-#include "scene/srgb.h"
+#include "colour/colour.h"
 
 #include <array>
 #include <cmath>

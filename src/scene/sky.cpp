@@ -1,5 +1,7 @@
 #include "scene/sky.h"
 
+#include "colour/colour.h"
+
 #include <glm/gtc/constants.hpp>
 
 #include <algorithm>
@@ -18,7 +20,7 @@ constexpr double contrast = 8.0;
 constexpr double two_pi = glm::two_pi<double>();
 
 double brightness(glm::dvec3 c) {
-    return glm::dot(c, glm::dvec3(0.2126, 0.7152, 0.0722));
+    return glm::dot(c, rec709_luminance);
 }
 
 /// Height (y) of the upper edge of a row.

@@ -2,7 +2,7 @@
 
 #include "error.h"
 #include "mix_word.h"
-#include "rsm/view.h"
+#include "scene/photometry.h"
 #include "scene/sky.h"
 #include "surface/emitter_sampling.h"
 
@@ -98,9 +98,7 @@ struct Source {
         double factor = cosine / (metres * metres);
         if (light.type == LightType::spot)
             factor *= cone(-to / distance);
-        if (light.range > 0.0)
-            factor *= std::clamp(1.0 - std::pow(metres / light.range, 4.0), 0.0, 1.0);
-        return color * float(factor);
+        return color * float(factor * range_window(light, metres));
     }
 };
 

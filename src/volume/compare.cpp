@@ -1,5 +1,6 @@
 #include "volume/compare.h"
 
+#include "colour/colour.h"
 #include "error.h"
 #include "volume/sh.h"
 

@@ -1,5 +1,7 @@
 #include "volume/volume.h"
 
+#include "colour/colour.h"
+
 #include <cmath>
 #include <numbers>
 

@@ -9,9 +9,6 @@
 
 namespace lpvbake {
 
-/// Luminance of linear Rec.709 RGB is the dot product with this.
-inline constexpr glm::dvec3 rec709_luminance{0.2126, 0.7152, 0.0722};
-
 inline constexpr int most_walls = 3;       ///< planes a cell
 inline constexpr float walls_reach = 2.0f; ///< cells; planes farther from a cell are not kept
 

@@ -1,10 +1,10 @@
 // Time of every stage by size, and of the propagation kernel beside the same arithmetic as a plain
 // loop on the CPU. `lpvbake_bench --benchmark_filter=ratio` runs the latter alone.
-#include "bake.h"
+#include "bake/bake.h"
 #include "bench/propagate_loop.h"
 #include "io/io.h"
 #include "reference/peer.h"
-#include "rsm/vpls.h"
+#include "solver/vpl/vpls.h"
 #include "scene/gltf/load.h"
 #include "scenes.h"
 #include "solver/occlusion.h"

@@ -1,5 +1,5 @@
 // The whole pipeline on small scenes: what has to hold whatever the numbers are.
-#include "bake.h"
+#include "bake/bake.h"
 
 #include "error.h"
 #include "gpu/device.h"

@@ -1,5 +1,5 @@
 // Reflective shadow maps against closed forms: what a map reflects must not depend on its size.
-#include "rsm/rsm.h"
+#include "solver/vpl/rsm.h"
 
 #include "device.h"
 #include "scenes.h"

@@ -1,6 +1,6 @@
 // One model in the encodings that glTF has for it: all have to give the same light. All keep the
 // order of the triangles: another one makes other patches, and moves what is sampled.
-#include "bake.h"
+#include "bake/bake.h"
 
 #include "gpu/device.h"
 #include "image/image.h"

@@ -1,5 +1,5 @@
 // From texels to virtual point lights: nothing is lost, and nothing joins that should not.
-#include "rsm/rsm.h"
+#include "solver/vpl/rsm.h"
 
 #include <gtest/gtest.h>
 

@@ -1,7 +1,7 @@
 #include "scene/frame.h"
 #include "scene/material.h"
 #include "scene/scene.h"
-#include "scene/srgb.h"
+#include "colour/colour.h"
 #include "scenes.h"
 
 #include <glm/gtc/matrix_transform.hpp>

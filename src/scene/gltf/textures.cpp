@@ -2,7 +2,7 @@
 #include "image/image.h"
 #include "scene/gltf/folder.h"
 #include "scene/gltf/materials.h"
-#include "scene/srgb.h"
+#include "colour/colour.h"
 
 #include <algorithm>
 #include <array>
@@ -307,7 +307,7 @@ void transmit(Document& document, SourceMaterial& source, double share, glm::dve
         return;
     }
     const glm::dvec3 color = glm::min(glm::dvec3(material.base_color) * mean_texel, 1.0);
-    const double passing = share * glm::dot(color, glm::dvec3(0.2126, 0.7152, 0.0722));
+    const double passing = share * glm::dot(color, rec709_luminance);
     if (material.alpha_mode == AlphaMode::opaque)
         material.base_color.a = 1.0f;
     material.alpha_mode = AlphaMode::blend;

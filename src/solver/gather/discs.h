@@ -3,7 +3,7 @@
 #pragma once
 
 #include "progress.h"
-#include "rsm/rsm.h"
+#include "solver/vpl/rsm.h"
 #include "visibility/visibility.h"
 #include "volume/volume.h"
 

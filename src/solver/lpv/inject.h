@@ -1,7 +1,7 @@
 // Virtual point lights into cells.
 #pragma once
 
-#include "rsm/rsm.h"
+#include "solver/vpl/rsm.h"
 #include "visibility/visibility.h"
 #include "volume/grid.h"
 

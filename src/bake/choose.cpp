@@ -1,5 +1,5 @@
 // Settings of a bake from the error or the time that is wanted.
-#include "bake.h"
+#include "bake/bake.h"
 #include "error.h"
 #include "text.h"
 

@@ -1,4 +1,5 @@
-#include "rsm/rsm.h"
+#include "colour/colour.h"
+#include "solver/vpl/rsm.h"
 
 #include <tbb/parallel_for.h>
 
@@ -10,9 +11,8 @@ namespace {
 
 constexpr float same_facing = 0.7f; ///< least cosine between normals that join: 45 degrees
 
-/// Rec. 709
 float luminance(glm::vec3 rgb) {
-    return glm::dot(rgb, glm::vec3(0.2126f, 0.7152f, 0.0722f));
+    return glm::dot(rgb, glm::vec3(rec709_luminance));
 }
 
 struct Candidate {

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "progress.h"
-#include "rsm/rsm.h"
+#include "solver/vpl/rsm.h"
 
 namespace lpvbake {
 

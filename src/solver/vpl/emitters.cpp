@@ -1,4 +1,4 @@
-#include "surface/emitters.h"
+#include "solver/vpl/emitters.h"
 
 #include "scene/sky.h"
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "scene/frame.h"
+#include "scene/photometry.h"
 
 #include <vector>
 
@@ -30,18 +31,6 @@ struct RsmView {
 /// cube. None where it cannot light anything. [lo, hi] are the scene's bounds: a directional
 /// light's map covers their part inside the frame's box across, and all of them along the light.
 std::vector<RsmView> views_of(const Light& light, const Frame& frame, glm::dvec3 lo, glm::dvec3 hi);
-
-/// A spot's share of its intensity by direction: KHR_lights_punctual's squared linear ramp in the
-/// cosine, without the extension's widening of ramps narrower than 0.001.
-struct Cone {
-    Cone() = default;
-    explicit Cone(const Light& light);
-    double operator()(glm::dvec3 to) const; ///< `to` is a unit vector; 0 to 1
-
-    glm::dvec3 axis{0.0, 0.0, -1.0};
-    double inner = 0, outer = 0; ///< radians
-    double cos_inner = 1, cos_outer = 1;
-};
 
 /// Light of colour 1 that leaves through each texel of a map of size x size, lumen, before `range`:
 /// illuminance times area, or intensity times solid angle. The solid angle of a texel is the

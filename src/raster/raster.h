@@ -2,8 +2,8 @@
 #pragma once
 
 #include "gpu/gpu.h"
-#include "rsm/geometry.h"
-#include "rsm/view.h"
+#include "raster/geometry.h"
+#include "raster/view.h"
 
 #include <memory>
 #include <span>

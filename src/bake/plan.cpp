@@ -1,6 +1,6 @@
-#include "bake.h"
+#include "bake/bake.h"
 #include "error.h"
-#include "rsm/view.h"
+#include "raster/view.h"
 #include "text.h"
 #include "volume/sh.h"
 

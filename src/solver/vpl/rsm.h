@@ -3,7 +3,7 @@
 #pragma once
 
 #include "gpu/gpu.h"
-#include "rsm/view.h"
+#include "raster/view.h"
 
 #include <functional>
 #include <memory>

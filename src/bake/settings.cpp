@@ -1,4 +1,4 @@
-#include "bake.h"
+#include "bake/bake.h"
 
 namespace lpvbake {
 

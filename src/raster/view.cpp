@@ -1,4 +1,4 @@
-#include "rsm/view.h"
+#include "raster/view.h"
 
 #include <algorithm>
 #include <array>
@@ -125,23 +125,6 @@ std::vector<RsmView> views_of(const Light& light, const Frame& frame, glm::dvec3
         faces.push_back(view);
     }
     return faces;
-}
-
-Cone::Cone(const Light& light)
-    : axis(glm::normalize(light.direction)),
-      inner(std::min(light.inner_cone, light.outer_cone)),
-      outer(light.outer_cone),
-      cos_inner(std::cos(inner)),
-      cos_outer(std::cos(outer)) {}
-
-double Cone::operator()(glm::dvec3 to) const {
-    const double cosine = glm::dot(to, axis);
-    if (cosine <= cos_outer)
-        return 0;
-    if (cosine >= cos_inner)
-        return 1;
-    const double ramp = (cosine - cos_outer) / (cos_inner - cos_outer);
-    return ramp * ramp;
 }
 
 TexelFlux::TexelFlux(const Light& light, const Frame& frame, const RsmView& view, int size)

@@ -1,7 +1,7 @@
 // Surfaces and the sky as virtual point lights.
 #pragma once
 
-#include "rsm/rsm.h"
+#include "solver/vpl/rsm.h"
 #include "surface/lit_surfaces.h"
 
 #include <vector>

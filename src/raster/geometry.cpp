@@ -1,4 +1,4 @@
-#include "rsm/geometry.h"
+#include "raster/geometry.h"
 
 #include "error.h"
 

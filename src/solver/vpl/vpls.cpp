@@ -1,4 +1,4 @@
-#include "rsm/vpls.h"
+#include "solver/vpl/vpls.h"
 
 namespace lpvbake {
 

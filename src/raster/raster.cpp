@@ -1,9 +1,9 @@
-#include "rsm/raster.h"
+#include "raster/raster.h"
 
 #include "gpu/vulkan.h"
-#include "rsm/mips.h"
-#include "rsm/rsm.frag.h"
-#include "rsm/rsm.vert.h"
+#include "raster/mips.h"
+#include "raster/rsm.frag.h"
+#include "raster/rsm.vert.h"
 
 #include <algorithm>
 #include <array>

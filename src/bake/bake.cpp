@@ -1,9 +1,9 @@
-#include "bake.h"
+#include "bake/bake.h"
 
-#include "rsm/vpls.h"
+#include "solver/vpl/vpls.h"
 #include "scene/sky.h"
 #include "solver/occlusion.h"
-#include "surface/emitters.h"
+#include "solver/vpl/emitters.h"
 #include "surface/patches.h"
 #include "text.h"
 #include "visibility/backs.h"

@@ -1,6 +1,6 @@
-#include "rsm/mips.h"
+#include "raster/mips.h"
 
-#include "scene/srgb.h"
+#include "colour/colour.h"
 
 #include <tbb/parallel_for.h>
 

@@ -1,7 +1,7 @@
-#include "rsm/rsm.h"
+#include "solver/vpl/rsm.h"
 
-#include "rsm/raster.h"
-#include "rsm/view.h"
+#include "raster/raster.h"
+#include "raster/view.h"
 
 #include <tbb/parallel_for.h>
 

@@ -3,7 +3,7 @@
 
 #include "gpu/gpu.h"
 #include "progress.h"
-#include "rsm/rsm.h"
+#include "solver/vpl/rsm.h"
 #include "scene/scene.h"
 #include "solver/gather/discs.h"
 #include "solver/gather/gather.h"

@@ -1,11 +1,16 @@
-// The transfer function of sRGB (IEC 61966-2-1).
+// Colours: the transfer function of sRGB (IEC 61966-2-1), and luminance by Rec. 709.
 #pragma once
+
+#include <glm/glm.hpp>
 
 #include <array>
 #include <cmath>
 #include <cstddef>
 
 namespace lpvbake {
+
+/// Luminance of linear Rec. 709 RGB is the dot product with this.
+inline constexpr glm::dvec3 rec709_luminance{0.2126, 0.7152, 0.0722};
 
 /// Linear value in [0, 1] of an sRGB-encoded one in [0, 1].
 inline double srgb_to_linear(double encoded) {
