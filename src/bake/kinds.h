@@ -1,0 +1,14 @@
+// The solvers that there are.
+#pragma once
+
+#include "solver/solver.h"
+
+namespace lpvbake {
+
+/// All kinds of solvers, the one that is taken unless something speaks against it first.
+SolverKinds solver_kinds();
+
+/// The kind of that name; null if there is none.
+const SolverKind* find_solver(std::string_view name, SolverKinds kinds = solver_kinds());
+
+} // namespace lpvbake

@@ -1,0 +1,25 @@
+// What a bake can be told.
+#pragma once
+
+#include "bake/kinds.h"
+#include "scene/scene.h"
+#include "volume/grid.h"
+
+#include <optional>
+
+namespace lpvbake {
+
+/// Defaults are those of the program: sn, order 2, all reflections.
+struct BakeSettings {
+    explicit BakeSettings(const SolverKind& kind = *solver_kinds().front())
+        : solver(kind),
+          bounces(kind.default_bounces) {}
+
+    SolverSettings solver;
+    GridSettings grid;
+    std::optional<Bounds> bounds; ///< what the grid is fitted to; none: the scene's bounds
+    bool emitters = true;         ///< emissive surfaces give light
+    std::optional<int> bounces;   ///< reflections at most; none: all
+};
+
+} // namespace lpvbake

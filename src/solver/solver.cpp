@@ -1,0 +1,73 @@
+#include "solver/solver.h"
+
+#include "error.h"
+
+#include <algorithm>
+
+namespace lpvbake {
+namespace {
+
+/// Where it stands among the kind's parameters. Throws Error (usage) where it does not.
+std::size_t index_of(const SolverKind& kind, std::string_view name) {
+    const auto found = std::ranges::find(kind.parameters, name, &Parameter::name);
+    if (found == kind.parameters.end())
+        throw Error(ExitCode::usage,
+                    std::string(kind.name) + " has no parameter '" + std::string(name) + "'");
+    return std::size_t(found - kind.parameters.begin());
+}
+
+} // namespace
+
+SolverSettings::SolverSettings(const SolverKind& kind) : kind_(&kind) {
+    for (const Parameter& parameter : kind.parameters)
+        values_.push_back(parameter.usual);
+    set_order(2);
+    set(kind.ladder.front());
+    set(Quality::balanced);
+}
+
+void SolverSettings::set_order(int wanted) {
+    order_ = kind_->orders.front();
+    for (const int order : kind_->orders)
+        if (order <= wanted)
+            order_ = order;
+}
+
+double SolverSettings::operator[](std::string_view parameter) const {
+    return values_[index_of(*kind_, parameter)];
+}
+
+void SolverSettings::set(std::string_view name, double value) {
+    const std::size_t index = index_of(*kind_, name);
+    const Parameter& parameter = kind_->parameters[index];
+    if (!is_value(parameter, value))
+        throw Error(ExitCode::usage, std::string(parameter.name) + " of " + kind_->name + " takes "
+                                         + values_of(parameter));
+    values_[index] = parameter.round ? parameter.round(value) : value;
+}
+
+void SolverSettings::set(const Rung& rung) {
+    lighting_rays_ = rung.lighting_rays;
+    for (const ParameterValue& each : rung.values)
+        if (each.parameter)
+            set(each.parameter, each.value);
+}
+
+void SolverSettings::set(Quality quality) {
+    for (const Rung& rung : kind_->ladder)
+        if (rung.preset == quality)
+            set(rung);
+}
+
+const Parameter* find_parameter(const SolverKind& kind, std::string_view name) {
+    const auto found = std::ranges::find(kind.parameters, name, &Parameter::name);
+    return found == kind.parameters.end() ? nullptr : &*found;
+}
+
+bool is_on_ladder(const SolverKind& kind, std::string_view parameter) {
+    return std::ranges::any_of(kind.ladder.front().values, [&](const ParameterValue& each) {
+        return each.parameter && each.parameter == parameter;
+    });
+}
+
+} // namespace lpvbake

@@ -1,0 +1,158 @@
+// What a solver is: the interface that a bake runs it by, and the row that says all else of it.
+//
+// A new solver is a folder here with a `const SolverKind`, and an entry in the list of
+// bake/kinds.cpp. A new parameter of one solver is a row of its kind's parameters. Neither needs
+// anything else: settings, choice, plan, sweeps, suites and the command line go by the kinds.
+#pragma once
+
+#include "solver/parameter.h"
+#include "solver/stages.h"
+#include "volume/grid.h"
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace lpvbake {
+
+namespace gpu {
+class Device;
+}
+struct Frame;
+struct LitSurfaces;
+struct Scene;
+struct SolverKind;
+struct Volume;
+class Visibility;
+
+/// Reflective shadow maps that bring the first reflection of punctual lights.
+struct ReflectiveMaps {
+    int count = 0; ///< 0: none is drawn
+    int size = 0;  ///< texels along a side
+};
+
+/// What every solver works on.
+struct Inputs {
+    const Scene& scene; ///< with its lights and its sky
+    const gpu::Device& device;
+    const Grid& grid;
+    const Frame& frame; ///< the grid's
+    const Visibility& visibility;
+    /// All surfaces, lit as the bake wants it, but for what `maps` bring; null where the maps alone
+    /// hold all light.
+    const LitSurfaces* lit;
+    ReflectiveMaps maps;
+};
+
+/// A solver, compiled for a device, a grid and settings.
+class Solver {
+public:
+    virtual ~Solver() = default;
+    /// Fills Volume::sh, sh_order and validity, and occlusion where the solver knows it, and adds
+    /// metadata of its own; the grid is there. Tells `stages` what it does, and warns there. The
+    /// same bits for any number of threads. Throws Error (memory, device), and whatever the
+    /// progress throws.
+    virtual void solve(const Inputs& inputs, Stages& stages, Volume& volume) = 0;
+};
+
+/// How much time is given for how little error, in the words of --quality.
+enum class Quality { fast, balanced, accurate };
+inline constexpr std::array<const char*, 3> quality_names{"fast", "balanced", "accurate"};
+
+/// A step between fast and accurate: what a solver, and the lighting before it, are told.
+struct Rung {
+    std::optional<Quality> preset; ///< which quality this is; none: only choose_settings takes it
+    uint64_t lighting_rays = 0;    ///< LightingSettings::rays
+    /// Of the same parameters on each rung of a ladder.
+    std::array<ParameterValue, 4> values{};
+};
+
+/// Settings of a solver of one kind: the harmonics' order, and a value for each parameter. There is
+/// always one that can be solved: what is set is rounded to it.
+class SolverSettings {
+public:
+    /// Order 2, or the highest below; Quality::balanced, all other parameters at their defaults.
+    explicit SolverSettings(const SolverKind& kind);
+
+    const SolverKind& kind() const { return *kind_; }
+    /// Highest band of the harmonics.
+    int order() const { return order_; }
+    /// The highest of SolverKind::orders up to `wanted`; the lowest where that is above.
+    void set_order(int wanted);
+    /// LightingSettings::rays.
+    uint64_t lighting_rays() const { return lighting_rays_; }
+    void set_lighting_rays(uint64_t rays) { lighting_rays_ = rays; }
+
+    /// The value of a parameter, which the kind must have (Error, usage, otherwise).
+    double operator[](std::string_view parameter) const;
+    /// Throws Error (usage) where the kind has no such parameter, or that no such value.
+    void set(std::string_view parameter, double value);
+    /// Sets what the rung says.
+    void set(const Rung& rung);
+    /// The rung of this quality; does nothing where the kind has none.
+    void set(Quality quality);
+
+private:
+    const SolverKind* kind_;
+    int order_ = 0;
+    uint64_t lighting_rays_ = 0;
+    std::vector<double> values_; ///< in the order of SolverKind::parameters
+};
+
+/// What a solver is going to work on, as it is known before it does.
+struct Workload {
+    Grid grid;
+    double patches = 0; ///< about
+    bool lit = false;   ///< Inputs::lit is there
+    ReflectiveMaps maps;
+};
+
+/// What a solver is going to cost.
+struct Cost {
+    std::vector<StageReport> stages; ///< in their order, seconds on two threads of a CPU device
+    std::vector<SkippedStage> skipped;
+    uint64_t host_bytes = 0; ///< beside surfaces and volume
+};
+
+/// A kind of solver: all that the rest of the program knows of it. Functions may not be null.
+struct SolverKind {
+    const char* name; ///< unique
+    const char* help; ///< how light gets from the surfaces to the cells, in a phrase
+    /// Highest bands of the harmonics that it can give, rising.
+    std::span<const int> orders;
+    /// Reflections unless they are said; none: all.
+    std::optional<int> default_bounces;
+    std::span<const Parameter> parameters;
+    /// From the fastest to the most accurate, at least one. One is Quality::balanced, or else the
+    /// first stands for it.
+    std::span<const Rung> ladder;
+    /// Texels along a side of the reflective shadow maps from which it takes the first reflection
+    /// of punctual lights, so that it needs lit surfaces for all other light alone; 0: it has no
+    /// use for maps, and needs the surfaces for all light.
+    int (*map_size)(const Grid& grid, const SolverSettings& settings);
+    /// Relative error of irradiance that it adds to that of the harmonics' order, in the Cornell
+    /// box after at most one reflection (`once`) or more: the squares of both sum.
+    double (*expected_error)(const SolverSettings& settings, bool once);
+    /// Peak of its device memory, bytes.
+    uint64_t (*device_bytes)(const Grid& grid, const SolverSettings& settings);
+    Cost (*cost)(const Workload& work, const SolverSettings& settings);
+    /// Compiles it. May run on another thread than the rest of the bake. `device` and `grid`
+    /// outlive the result. Throws Error (memory, device).
+    std::unique_ptr<Solver> (*make)(const gpu::Device& device, const Grid& grid,
+                                    const SolverSettings& settings);
+};
+
+using SolverKinds = std::span<const SolverKind* const>;
+
+/// The parameter of that name; null if the kind has none.
+const Parameter* find_parameter(const SolverKind& kind, std::string_view name);
+
+/// Whether a rung of its ladder sets the parameter: then it is part of what is chosen and told.
+bool is_on_ladder(const SolverKind& kind, std::string_view parameter);
+
+} // namespace lpvbake

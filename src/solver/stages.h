@@ -1,0 +1,49 @@
+// The stages of a bake: what they are called, what they cost, and what they have to say.
+#pragma once
+
+#include "progress.h"
+
+#include <chrono>
+#include <string>
+#include <vector>
+
+namespace lpvbake {
+
+/// What a stage did and cost, or is expected to.
+struct StageReport {
+    std::string name;
+    double seconds = 0;
+    std::string detail; ///< one phrase: counts and residuals, or why it will run
+};
+
+/// What a bake has no need of.
+struct SkippedStage {
+    std::string name;
+    std::string why;
+};
+
+/// Names and times the stages of one bake, one after the other.
+class Stages {
+public:
+    /// Both outlive this.
+    Stages(Progress& progress, std::vector<std::string>& warnings)
+        : progress_(progress),
+          warnings_(warnings) {}
+    /// A stage begins that consists of `steps` steps (0: unknown); `name` is a literal.
+    void begin(const char* name, uint64_t steps = 0);
+    /// It ends, with `detail` as StageReport has it.
+    void end(std::string detail);
+    void warn(std::string text) { warnings_.push_back(std::move(text)); }
+    /// Where the current stage tells how far it is.
+    Progress& progress() const { return progress_; }
+    const std::vector<StageReport>& reports() const { return reports_; }
+
+private:
+    Progress& progress_;
+    std::vector<std::string>& warnings_;
+    std::vector<StageReport> reports_;
+    const char* name_ = "";
+    std::chrono::steady_clock::time_point start_;
+};
+
+} // namespace lpvbake
