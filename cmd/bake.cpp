@@ -89,13 +89,14 @@ struct BakeOptions : SceneOptions, RunOptions {
 /// An option that not every solver has.
 struct SolverOption {
     const char* name;
-    std::vector<Solver> solvers;
+    std::vector<const SolverKind*> solvers;
     bool given;
     std::string toml; ///< its value; what it is unless given
 };
 
 std::vector<SolverOption> solver_options(const BakeOptions& o) {
-    using enum Solver;
+    const SolverKind *const sn = find_solver("sn"), *const gather = find_solver("gather"),
+                            *const lpv = find_solver("lpv");
     const bool maps = o.rsm_samples.value_or(0) > 0;
     const auto whole = [](const std::optional<int>& value, int usual) {
         return std::to_string(value.value_or(usual));
@@ -108,13 +109,16 @@ std::vector<SolverOption> solver_options(const BakeOptions& o) {
         {"directions",
          {sn},
          o.directions.has_value(),
-         whole(o.directions, SnSettings().directions)},
-        {"vpls", {gather}, o.vpls.has_value(), whole(o.vpls, GatherSettings().vpls)},
+         whole(o.directions, int(find_parameter(*sn, "directions")->usual))},
+        {"vpls",
+         {gather},
+         o.vpls.has_value(),
+         whole(o.vpls, int(find_parameter(*gather, "vpls")->usual))},
         {"rsm-samples", {gather}, o.rsm_samples.has_value(), whole(o.rsm_samples, 0)},
         {"tolerance",
          {gather, lpv},
          o.tolerance.has_value(),
-         o.tolerance ? toml_number(*o.tolerance) : toml_number(GatherSettings().tolerance)},
+         toml_number(o.tolerance.value_or(find_parameter(*gather, "tolerance")->usual))},
         {"occlusion",
          {lpv},
          !o.occlusion.empty(),
@@ -127,25 +131,24 @@ std::vector<SolverOption> solver_options(const BakeOptions& o) {
 }
 
 /// "gather", "sn or gather".
-std::string names_of(const std::vector<Solver>& solvers) {
+std::string names_of(const std::vector<const SolverKind*>& solvers) {
     std::string names;
-    for (const Solver solver : solvers)
-        names += (names.empty() ? "" : " or ") + std::string(name_of(solver));
+    for (const SolverKind* solver : solvers)
+        names += (names.empty() ? "" : " or ") + std::string(solver->name);
     return names;
 }
 
 /// The solvers that may be taken, best first: --solver, or those that have all options that are
 /// given. Throws Error (usage) that names the option that none of them has.
-std::vector<Solver> solvers_of(const BakeOptions& o) {
-    // Where rooms lie behind rooms, clusters see too little of each other: gather loses up to 12 %
-    // of the light there, which sn does not.
-    std::vector<Solver> solvers{Solver::sn, Solver::gather, Solver::lpv};
+std::vector<const SolverKind*> solvers_of(const BakeOptions& o) {
+    std::vector<const SolverKind*> solvers = Wish().solvers;
     if (o.solver != "auto")
-        std::erase_if(solvers, [&](Solver solver) { return name_of(solver) != o.solver; });
+        std::erase_if(solvers, [&](const SolverKind* solver) { return solver->name != o.solver; });
     std::string why = o.solver == "auto" ? "" : "--solver " + o.solver;
-    const auto keep = [&](const std::string& option, const std::vector<Solver>& with) {
-        std::vector<Solver> left = solvers;
-        std::erase_if(left, [&](Solver solver) { return !std::ranges::count(with, solver); });
+    const auto keep = [&](const std::string& option, const std::vector<const SolverKind*>& with) {
+        std::vector<const SolverKind*> left = solvers;
+        std::erase_if(left,
+                      [&](const SolverKind* solver) { return !std::ranges::count(with, solver); });
         if (left.empty())
             throw Error(ExitCode::usage, "--" + option + " is an option of " + names_of(with)
                                              + ", not of " + names_of(solvers) + " (" + why + ")");
@@ -157,9 +160,9 @@ std::vector<Solver> solvers_of(const BakeOptions& o) {
         if (option.given)
             keep(option.name, option.solvers);
     if (o.sh_order == 3)
-        keep("sh-order 3", {Solver::sn});
+        keep("sh-order 3", {find_solver("sn")});
     else if (o.sh_order > 1)
-        keep("sh-order " + std::to_string(o.sh_order), {Solver::gather, Solver::sn});
+        keep("sh-order " + std::to_string(o.sh_order), {find_solver("gather"), find_solver("sn")});
     return solvers;
 }
 
@@ -211,7 +214,7 @@ void check_options(const BakeOptions& o, bool cell_and_resolution) {
         throw Error(ExitCode::usage, "no output: add -o FILE.vdb or -o FILE.exr");
     if (cell_and_resolution)
         throw Error(ExitCode::usage, "--cell-size and --resolution exclude each other");
-    if (solvers_of(o).front() == Solver::lpv && o.tolerance && *o.tolerance < 1e-7)
+    if (solvers_of(o).front() == find_solver("lpv") && o.tolerance && *o.tolerance < 1e-7)
         throw Error(ExitCode::usage, "--tolerance: the lpv solver needs at least 1e-7");
     if (!o.quality.empty() && (o.error || !o.time_budget.empty()))
         throw Error(ExitCode::usage, std::string("--quality and ")
@@ -220,35 +223,37 @@ void check_options(const BakeOptions& o, bool cell_and_resolution) {
 }
 
 /// What is given of the options of solvers.
-void set_given(const BakeOptions& o, BakeSettings& settings) {
-    if (o.tolerance)
-        (settings.solver == Solver::lpv ? settings.lpv.tolerance : settings.gather.tolerance) =
-            float(*o.tolerance);
-    if (o.directions)
-        settings.sn.directions = *o.directions;
-    if (o.vpls)
-        settings.gather.vpls = *o.vpls;
+std::vector<ParameterValue> given(const BakeOptions& o) {
+    std::vector<ParameterValue> values;
+    const auto add = [&](const char* name, const auto& option) {
+        if (option)
+            values.push_back({name, double(*option)});
+    };
+    add("directions", o.directions);
+    add("vpls", o.vpls);
+    add("rsm-samples", o.rsm_samples);
+    add("tolerance", o.tolerance);
+    add("rsm-size", o.rsm_size);
+    add("rsm-kernel", o.rsm_kernel);
+    add("iterations", o.iterations);
+    if (!o.occlusion.empty()) {
+        const Parameter* occlusion = find_parameter(*find_solver("lpv"), "occlusion");
+        values.push_back({"occlusion", *parse_value(*occlusion, o.occlusion)});
+    }
+    return values;
 }
 
 /// All but what choose_settings chooses.
 BakeSettings to_settings(const BakeOptions& o) {
-    BakeSettings settings;
+    BakeSettings settings(*solvers_of(o).front());
     settings.grid = grid_settings(o);
     settings.bounds = grid_bounds(o);
     settings.emitters = !o.no_emitters;
-    settings.solver = solvers_of(o).front();
-    set_quality(o.quality == "fast"       ? Quality::fast
-                : o.quality == "accurate" ? Quality::accurate
-                                          : Quality::balanced,
-                settings);
-    settings.bounces = o.bounces.empty() ? default_bounces(settings.solver) : bounces_of(o.bounces);
-    settings.rsm_size = o.rsm_size.value_or(0);
-    settings.rsm_kernel = o.rsm_kernel.value_or(settings.rsm_kernel);
-    settings.rsm_samples = o.rsm_samples.value_or(0);
-    settings.lpv.iterations = o.iterations.value_or(0);
-    settings.lpv.occlusion = o.occlusion == "none" ? Occlusion::none
-                             : o.occlusion == "sh" ? Occlusion::sh
-                                                   : Occlusion::face;
+    settings.solver.set(o.quality == "fast"       ? Quality::fast
+                        : o.quality == "accurate" ? Quality::accurate
+                                                  : Quality::balanced);
+    if (!o.bounces.empty())
+        settings.bounces = bounces_of(o.bounces);
     return settings;
 }
 
@@ -260,7 +265,7 @@ Wish wish_of(const BakeOptions& o) {
     wish.error = o.error;
     if (!o.time_budget.empty())
         wish.seconds = seconds_of(o.time_budget);
-    wish.fixed = [&o](BakeSettings& settings) { set_given(o, settings); };
+    wish.given = given(o);
     return wish;
 }
 
@@ -284,19 +289,22 @@ Json describe(const BakeOptions& o, const gpu::DeviceInfo& device, const Choice&
                   {"grid", grid_json(grid)},
                   {"dry_run", o.dry_run},
                   {"choice",
-                   {{"solver", name_of(choice.settings.solver)},
-                    {"sh_order", sh_order_of(choice.settings)},
+                   {{"solver", choice.solver().kind().name},
+                    {"sh_order", choice.solver().order()},
                     {"text", choice.text},
                     {"error", choice.error},
-                    {"seconds", choice.seconds}}},
+                    {"seconds", choice.plan.seconds}}},
                   {"outputs", Json::array()},
                   {"stages", Json::array()},
                   {"warnings", warnings}};
-    if (choice.settings.solver == Solver::gather)
-        document["choice"].update({{"vpls", choice.settings.gather.vpls},
-                                   {"tolerance", choice.settings.gather.tolerance}});
-    else if (choice.settings.solver == Solver::sn)
-        document["choice"]["directions"] = choice.settings.sn.directions;
+    for (const Parameter& parameter : choice.solver().kind().parameters)
+        if (is_on_ladder(choice.solver().kind(), parameter.name)) {
+            const double value = choice.solver()[parameter.name];
+            if (parameter.kind == ValueKind::whole)
+                document["choice"][parameter.name] = int64_t(value);
+            else
+                document["choice"][parameter.name] = value;
+        }
     for (const StageReport& stage : stages)
         document["stages"].push_back(
             {{"name", stage.name}, {"seconds", stage.seconds}, {"detail", stage.detail}});
@@ -305,11 +313,12 @@ Json describe(const BakeOptions& o, const gpu::DeviceInfo& device, const Choice&
 
 void print_choice(const Choice& choice) {
     std::printf("choice        %s: about %.2g %% error in a Cornell box, %.2g s here\n",
-                choice.text.c_str(), 100 * choice.error, choice.seconds);
+                choice.text.c_str(), 100 * choice.error, choice.plan.seconds);
 }
 
 void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const Choice& choice,
-                const BakePlan& plan, const std::vector<std::string>& warnings) {
+                const std::vector<std::string>& warnings) {
+    const BakePlan& plan = choice.plan;
     if (o.format == "json") {
         Json document =
             describe(o, device, choice, plan.triangles, plan.grid, plan.stages, warnings);
@@ -317,9 +326,9 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const Choic
             document["outputs"].push_back({{"path", output}});
         document["seconds"] = plan.seconds;
         document["skipped"] = Json::array();
-        for (const BakePlan::Skipped& skipped : plan.skipped)
+        for (const SkippedStage& skipped : plan.skipped)
             document["skipped"].push_back({{"name", skipped.name}, {"why", skipped.why}});
-        document["rsm"] = {{"maps", plan.rsm_maps}, {"size", plan.rsm_size}};
+        document["rsm"] = {{"maps", plan.maps.count}, {"size", plan.maps.size}};
         document["device_bytes"] = plan.device_bytes;
         document["host_bytes"] = plan.host_bytes;
         print_json(document);
@@ -335,7 +344,7 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const Choic
     for (const StageReport& stage : plan.stages)
         std::printf("%-12s  %7.3f s  %s\n", stage.name.c_str(), stage.seconds,
                     stage.detail.c_str());
-    for (const BakePlan::Skipped& skipped : plan.skipped)
+    for (const SkippedStage& skipped : plan.skipped)
         std::printf("skipped       %s: %s\n", skipped.name.c_str(), skipped.why.c_str());
     for (const std::string& output : o.outputs.paths)
         std::printf("output        %s\n", output.c_str());
@@ -368,7 +377,7 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const Cho
 
 void run(const BakeOptions& o) {
     const Clock::time_point begin = Clock::now();
-    const BakeSettings given = to_settings(o);
+    const BakeSettings base = to_settings(o);
     const Wish wish = wish_of(o);
     const std::vector<Light> lights = command_line_lights(o);
     probe_outputs(o.outputs.paths);
@@ -399,20 +408,18 @@ void run(const BakeOptions& o) {
     stages.push_back(
         {"open", seconds_since(waiting), "the device, opened while the scene was loaded"});
 
-    const Choice choice = choose_settings(scene, given, wish, device->info());
+    const Choice choice = choose_settings(survey(scene), base, wish, device->info());
     for (const std::string& warning : choice.warnings)
         progress.warn(warning);
-    const BakeSettings& settings = choice.settings;
     if (o.dry_run) {
-        const BakePlan plan = plan_bake(scene, settings, device->info());
-        for (const std::string& warning : plan.warnings)
+        for (const std::string& warning : choice.plan.warnings)
             progress.warn(warning);
         progress.clear();
-        print_plan(o, device->info(), choice, plan, progress.warnings());
+        print_plan(o, device->info(), choice, progress.warnings());
         return;
     }
 
-    Baked baked = bake(scene, settings, *device, progress);
+    Baked baked = bake(scene, choice.plan, *device, progress);
     stages.insert(stages.end(), baked.stages.begin(), baked.stages.end());
     for (const std::string& warning : baked.warnings)
         progress.warn(warning);

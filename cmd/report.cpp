@@ -2,6 +2,7 @@
 
 #include "report/report.h"
 
+#include "bake/plan.h"
 #include "commands.h"
 #include "error.h"
 #include "image/image.h"
@@ -290,8 +291,6 @@ BakeSettings base_settings(const ReportOptions& o) {
     settings.grid.margin = o.margin;
     settings.bounds = grid_bounds(o);
     settings.emitters = !o.no_emitters;
-    settings.solver = Solver::sn; // as bake's
-    settings.bounces = default_bounces(settings.solver);
     return settings;
 }
 
@@ -370,8 +369,9 @@ void print_plan(const ReportOptions& o, const std::vector<Scene>& scenes,
         Json entries = Json::array();
         if (o.format == "text")
             std::printf("scene         %s\n", o.scenes[i].c_str());
+        const SceneFacts facts = survey(scenes[i]);
         for (const SweepRow& row : rows) {
-            const BakePlan plan = plan_bake(scenes[i], row.settings, device);
+            const BakePlan plan = plan_bake(facts, row.settings, device);
             seconds += plan.seconds * o.repeats;
             RowResult result;
             result.row = row;

@@ -17,11 +17,11 @@ int main(int argc, char** argv) {
         const lpvbake::Scene scene = lpvbake::load_gltf(argv[1]);
         const lpvbake::gpu::Device device({}); // the first that Vulkan has
         lpvbake::BakeSettings settings;
-        settings.solver = lpvbake::Solver::sn;
-        settings.bounces = lpvbake::default_bounces(settings.solver);
         settings.grid.resolution = 16;
         lpvbake::Progress silent;
-        const lpvbake::Baked baked = lpvbake::bake(scene, settings, device, silent);
+        const lpvbake::BakePlan plan =
+            lpvbake::plan_bake(lpvbake::survey(scene), settings, device.info());
+        const lpvbake::Baked baked = lpvbake::bake(scene, plan, device, silent);
         for (const lpvbake::StageReport& stage : baked.stages)
             std::printf("%-12s%7.3f s  %s\n", stage.name.c_str(), stage.seconds,
                         stage.detail.c_str());

@@ -1,8 +1,14 @@
-#include "bake/bake.h"
+// Estimates are in seconds a unit, fitted to bakes of the Cornell box and of two rooms with a door
+// at 16, 32 and 64 cells by two threads of a CPU device (lavapipe); a GPU is faster than this says
+// where the device has most of the work (propagate, sweep).
+#include "bake/plan.h"
+
 #include "error.h"
 #include "raster/view.h"
+#include "scene/lights.h"
 #include "text.h"
 #include "volume/sh.h"
+#include "volume/volume.h"
 
 #include <algorithm>
 #include <cmath>
@@ -12,64 +18,33 @@
 namespace lpvbake {
 namespace {
 
-int rsm_size_of(const Grid& grid, const BakeSettings& settings) {
-    if (settings.rsm_size > 0)
-        return settings.rsm_size;
-    return std::max(256, 8 * std::max({grid.dims.x, grid.dims.y, grid.dims.z}));
+std::string dims_text(glm::ivec3 dims) {
+    return format("a grid of %d x %d x %d", dims.x, dims.y, dims.z);
 }
 
 /// Warns where a few far triangles set most of the grid's size, as those of a plain around a town.
-void warn_of_empty_bounds(const Scene& scene, const Bounds& bounds,
-                          std::vector<std::string>& warnings) {
-    const Bounds crowd = trimmed_bounds(scene, 0.01);
-    const glm::dvec3 size = bounds.hi - bounds.lo, kept = crowd.hi - crowd.lo;
+void warn_of_empty_bounds(const SceneFacts& scene, std::vector<std::string>& warnings) {
+    const auto& [lo, hi] = scene.crowd;
+    const glm::dvec3 size = scene.bounds.hi - scene.bounds.lo, kept = hi - lo;
     const double longest = std::max({size.x, size.y, size.z});
     for (int axis = 0; axis < 3; ++axis)
         if (size[axis] > 0.5 * longest && kept[axis] < 0.5 * size[axis]) {
             warnings.push_back(
                 format("%s: 1 %% of the triangles set over half of the bounds; the others' are "
                        "--bounds %.6g,%.6g,%.6g,%.6g,%.6g,%.6g",
-                       scene.path.c_str(), crowd.lo.x, crowd.lo.y, crowd.lo.z, crowd.hi.x,
-                       crowd.hi.y, crowd.hi.z));
+                       scene.path.c_str(), lo.x, lo.y, lo.z, hi.x, hi.y, hi.z));
             return;
         }
 }
 
-/// Of all placed triangles, m^2.
-double surface_area(const Scene& scene) {
-    double area = 0.0;
-    for (const Instance& instance : scene.instances) {
-        const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
-        const glm::dmat3 turn(instance.to_world);
-        for (const glm::uvec3& t : mesh.triangles) {
-            const glm::dvec3 origin(mesh.positions[t.x]);
-            area += 0.5
-                    * glm::length(glm::cross(turn * (glm::dvec3(mesh.positions[t.y]) - origin),
-                                             turn * (glm::dvec3(mesh.positions[t.z]) - origin)));
-        }
-    }
-    return area;
-}
-
-uint64_t device_bytes(const Grid& grid, const BakeSettings& settings) {
-    switch (settings.solver) {
-    case Solver::lpv:
-        return lpv_device_bytes(grid, settings.lpv.occlusion);
-    case Solver::sn:
-        return sn_device_bytes(grid, settings.sn);
-    case Solver::gather:
-        return gather_device_bytes(settings.gather);
-    }
-    return 0;
-}
-
 /// The largest resolution at which the same box fits the device.
 int largest_resolution(const Bounds& box, const BakeSettings& settings, uint64_t memory) {
+    const SolverSettings& solver = settings.solver;
     int fits = 0;
     for (int low = 3, high = 2048; low <= high;) {
         const int middle = (low + high) / 2;
         const Grid grid = fit_grid(box.lo, box.hi, {middle, 0.0, settings.grid.margin});
-        if (device_bytes(grid, settings) <= memory) {
+        if (solver.kind().device_bytes(grid, solver) <= memory) {
             fits = middle;
             low = middle + 1;
         } else {
@@ -79,186 +54,149 @@ int largest_resolution(const Bounds& box, const BakeSettings& settings, uint64_t
     return fits;
 }
 
-} // namespace
-
-int sh_order_of(const BakeSettings& settings) {
-    switch (settings.solver) {
-    case Solver::lpv:
-        return 1;
-    case Solver::sn:
-        return settings.sn.order;
-    case Solver::gather:
-        return settings.gather.order;
-    }
-    return 0;
-}
-
-BakePlan plan_bake(const Scene& scene, const BakeSettings& settings,
-                   const gpu::DeviceInfo& device) {
-    BakePlan plan;
-    plan.warnings = scene.warnings;
-    plan.triangles = triangle_count(scene);
-    if (plan.triangles == 0)
-        throw Error(ExitCode::invalid, scene.path + ": no triangles to light");
-    plan.emitters = settings.emitters && has_emitters(scene);
-    if (scene.lights.empty() && !plan.emitters && !has_sky(scene))
-        throw Error(ExitCode::invalid,
-                    scene.path
-                        + ": no light and no emissive surface; add one with --sun "
-                          "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD, --sky COLOUR,NITS or --lights "
-                          "FILE");
-    if (settings.bounces == 0 && !plan.emitters && !has_sky(scene))
-        throw Error(ExitCode::invalid,
-                    scene.path
-                        + ": without reflections no light of its lights is in the field; set "
-                          "--bounces 1 or more");
-    const bool by_maps = settings.solver == Solver::lpv
-                         || (settings.solver == Solver::gather && settings.rsm_samples > 0);
-    plan.lit = !by_maps || settings.bounces != 1 || plan.emitters || has_sky(scene);
-
-    const Bounds scene_bounds = bounds_of(scene);
-    const Bounds box = settings.bounds.value_or(scene_bounds);
+void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan) {
+    const BakeSettings& settings = plan.settings;
+    const SolverSettings& solver = settings.solver;
+    const auto& [lo, hi] = scene.bounds;
+    const Bounds box = settings.bounds.value_or(scene.bounds);
     if (!settings.bounds)
-        warn_of_empty_bounds(scene, scene_bounds, plan.warnings);
-    if (glm::any(glm::greaterThan(box.lo, scene_bounds.hi))
-        || glm::any(glm::lessThan(box.hi, scene_bounds.lo)))
+        warn_of_empty_bounds(scene, plan.warnings);
+    if (glm::any(glm::greaterThan(box.lo, hi)) || glm::any(glm::lessThan(box.hi, lo)))
         plan.warnings.push_back(
-            format("--bounds do not meet the scene's, %.6g,%.6g,%.6g to %.6g,%.6g,%.6g",
-                   scene_bounds.lo.x, scene_bounds.lo.y, scene_bounds.lo.z, scene_bounds.hi.x,
-                   scene_bounds.hi.y, scene_bounds.hi.z));
+            format("--bounds do not meet the scene's, %.6g,%.6g,%.6g to %.6g,%.6g,%.6g", lo.x, lo.y,
+                   lo.z, hi.x, hi.y, hi.z));
     plan.grid = fit_grid(box.lo, box.hi, settings.grid);
     plan.frame = {plan.grid.origin, plan.grid.cell, glm::dvec3(plan.grid.dims)};
-    const uint64_t cells = plan.grid.size();
-    plan.device_bytes = device_bytes(plan.grid, settings);
+    plan.device_bytes = solver.kind().device_bytes(plan.grid, solver);
     if (plan.device_bytes > device.memory)
         throw Error(ExitCode::memory,
-                    format("a grid of %d x %d x %d needs %.1f GiB of %s's %.1f GiB; the largest "
-                           "that fits is --resolution %d",
-                           plan.grid.dims.x, plan.grid.dims.y, plan.grid.dims.z,
-                           double(plan.device_bytes) / 0x1p30, device.name.c_str(),
-                           double(device.memory) / 0x1p30,
-                           largest_resolution(box, settings, device.memory)));
-    // The volume itself takes 12 bytes a coefficient and a wall, and a copy while it is written.
-    plan.host_bytes = 260 * plan.triangles + (uint64_t(64) << 20)
-                      + cells * (150 + 24 * uint64_t(sh_count(sh_order_of(settings)) + most_walls));
+                    dims_text(plan.grid.dims)
+                        + format(" needs %.1f GiB of %s's %.1f GiB; the largest that fits is "
+                                 "--resolution %d",
+                                 double(plan.device_bytes) / 0x1p30, device.name.c_str(),
+                                 double(device.memory) / 0x1p30,
+                                 largest_resolution(box, settings, device.memory)));
+}
 
-    // Seconds a unit, fitted to bakes of the Cornell box and of two rooms with a door at 16, 32 and
-    // 64 cells by two threads of a CPU device (lavapipe). Within about a factor of 1.5 there; a GPU
-    // is faster than this says where the device has most of the work (propagate, sweep).
-    const int longest = std::max({plan.grid.dims.x, plan.grid.dims.y, plan.grid.dims.z});
-    const auto stage = [&](const char* name, double seconds, std::string why) {
-        plan.stages.push_back({name, seconds, std::move(why)});
-        plan.seconds += seconds;
-    };
-    const auto skip = [&](const char* name, const char* why) {
-        plan.skipped.push_back({name, why});
-    };
-    const bool lpv = settings.solver == Solver::lpv;
-    const bool sky = has_sky(scene);
-    const bool reflected = settings.bounces != 0;
+void skip(BakePlan& plan, const char* name, const char* why) {
+    plan.skipped.push_back({name, why});
+}
+
+/// Which kinds of light there are.
+void plan_light(const SceneFacts& scene, BakePlan& plan) {
     if (scene.lights.empty())
-        skip("punctual lights", "none");
+        skip(plan, "punctual lights", "none");
     if (!plan.emitters)
-        skip("emitters", settings.emitters ? "none in the scene" : "left out");
-    if (!sky)
-        skip("sky", "none");
+        skip(plan, "emitters", plan.settings.emitters ? "none in the scene" : "left out");
+    if (!scene.sky)
+        skip(plan, "sky", "none");
+}
+
+/// How all surfaces are lit.
+void plan_lighting(const SceneFacts& scene, double patches, BakePlan& plan) {
+    if (!plan.lit) {
+        skip(plan, "lighting", "maps alone hold one reflection of punctual lights");
+        return;
+    }
+    const std::optional<int> bounces = plan.settings.bounces;
+    const bool reflected = bounces != 0, between = reflected && bounces != 1;
+    const double wanted = double(plan.settings.solver.lighting_rays());
+    const double rays = reflected && (plan.emitters || scene.sky || between)
+                            ? std::clamp(wanted, 16.0 * patches, 256.0 * patches)
+                            : 0.0;
+    std::string light = scene.lights.empty() || !reflected ? "" : "punctual lights";
+    for (const auto& [there, what] : {std::pair{plan.emitters, "emitters"}, {scene.sky, "sky"}})
+        if (there)
+            light += (light.empty() ? "" : ", ") + std::string(what);
+    plan.stages.push_back(
+        {"lighting", 0.02 + 8e-6 * patches + 8.5e-7 * rays,
+         light
+             + (!bounces        ? "; all reflections from patch to patch"
+                : *bounces == 0 ? "; no reflections"
+                : *bounces == 1 ? "; one reflection"
+                                : format("; %d reflections from patch to patch", *bounces))});
+    if (reflected && !between)
+        skip(plan, "light between patches", "one reflection needs none");
+}
+
+/// Reflective shadow maps of `size` texels along a side; 0: the solver wants none.
+void plan_maps(const SceneFacts& scene, int size, BakePlan& plan) {
+    if (size == 0) {
+        skip(plan, "rsm", "rays light the patches, not maps");
+        return;
+    }
+    if (scene.lights.empty() || plan.settings.bounces == 0) {
+        skip(plan, "rsm", "no punctual light to reflect");
+        return;
+    }
+    plan.maps.size = size;
+    const glm::dvec3 lo = plan.frame.from_world(scene.bounds.lo);
+    const glm::dvec3 hi = plan.frame.from_world(scene.bounds.hi);
+    for (const Light& light : scene.lights)
+        plan.maps.count += int(views_of(light, plan.frame, lo, hi).size());
+    const double texels = double(plan.maps.count) * size * size;
+    plan.stages.push_back(
+        {"rsm", 0.05 + 1.5e-7 * texels + 2e-7 * double(plan.triangles) * plan.maps.count,
+         format("%s, %s of %d x %d", counted(scene.lights.size(), "light").c_str(),
+                counted(uint64_t(plan.maps.count), "map").c_str(), size, size)});
+}
+
+void check_host_memory(const BakePlan& plan) {
+    const uint64_t memory = uint64_t(sysconf(_SC_PHYS_PAGES)) * uint64_t(sysconf(_SC_PAGESIZE));
+    if (plan.host_bytes <= memory)
+        return;
+    const glm::ivec3 dims = plan.grid.dims;
+    const double fits =
+        std::max({dims.x, dims.y, dims.z}) * std::cbrt(double(memory) / double(plan.host_bytes));
+    throw Error(ExitCode::memory,
+                dims_text(dims)
+                    + format(" needs about %.1f GiB of this machine's %.1f GiB of memory; lower "
+                             "--resolution, to about %d",
+                             double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30,
+                             std::max(3, int(fits))));
+}
+
+} // namespace
+
+BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
+                   const gpu::DeviceInfo& device) {
+    const SolverSettings& solver = settings.solver;
+    BakePlan plan;
+    plan.settings = settings;
+    plan.warnings = scene.warnings;
+    plan.triangles = scene.triangles;
+    plan.emitters = settings.emitters && scene.emitters;
+    check_light_arrives(scene.path, {.punctual = !scene.lights.empty(),
+                                     .emitters = plan.emitters,
+                                     .sky = scene.sky,
+                                     .bounces = settings.bounces});
+    fit(scene, device, plan);
+    const int map_size = solver.kind().map_size(plan.grid, solver);
+    plan.lit = map_size == 0 || settings.bounces != 1 || plan.emitters || scene.sky;
+
     // Patches are halves of a cell's square and less.
     const double patches =
-        double(plan.triangles) + 6.0 * surface_area(scene) / (plan.grid.cell * plan.grid.cell);
-    stage("visibility", 4e-7 * double(plan.triangles), counted(plan.triangles, "triangle"));
-    if (plan.lit) {
-        const bool between = reflected && settings.bounces != 1;
-        const uint64_t wanted = lpv ? uint64_t(1) << 19 : settings.lighting_rays;
-        const double rays = reflected && (plan.emitters || sky || between)
-                                ? std::clamp(double(wanted), 16.0 * patches, 256.0 * patches)
-                                : 0.0;
-        std::string light = scene.lights.empty() || !reflected ? "" : "punctual lights";
-        for (const auto& [there, what] : {std::pair{plan.emitters, "emitters"}, {sky, "sky"}})
-            if (there)
-                light += (light.empty() ? "" : ", ") + std::string(what);
-        stage("lighting", 0.02 + 8e-6 * patches + 8.5e-7 * rays,
-              light
-                  + (!settings.bounces        ? "; all reflections from patch to patch"
-                     : *settings.bounces == 0 ? "; no reflections"
-                     : *settings.bounces == 1
-                         ? "; one reflection"
-                         : format("; %d reflections from patch to patch", *settings.bounces)));
-        if (reflected && !between)
-            skip("light between patches", "one reflection needs none");
-    } else {
-        skip("lighting", "maps alone hold one reflection of punctual lights");
-    }
-    if (by_maps && !scene.lights.empty() && reflected) {
-        plan.rsm_size = rsm_size_of(plan.grid, settings);
-        if (!lpv)
-            plan.rsm_size = std::min(plan.rsm_size, largest_disc_map);
-        const glm::dvec3 lo = plan.frame.from_world(scene_bounds.lo);
-        const glm::dvec3 hi = plan.frame.from_world(scene_bounds.hi);
-        for (const Light& light : scene.lights)
-            plan.rsm_maps += int(views_of(light, plan.frame, lo, hi).size());
-        const double texels = double(plan.rsm_maps) * plan.rsm_size * plan.rsm_size;
-        stage("rsm", 0.05 + 1.5e-7 * texels + 2e-7 * double(plan.triangles) * plan.rsm_maps,
-              format("%s, %s of %d x %d", counted(scene.lights.size(), "light").c_str(),
-                     counted(plan.rsm_maps, "map").c_str(), plan.rsm_size, plan.rsm_size));
-    } else if (by_maps) {
-        skip("rsm", "no punctual light to reflect");
-    } else {
-        skip("rsm", "rays light the patches, not maps");
-    }
-    switch (settings.solver) {
-    case Solver::lpv: {
-        // In a closed room what is left falls like the slowest mode of a diffusion whose
-        // coefficient is 0.38 cells^2 a step; an open scene takes fewer steps.
-        const glm::dvec3 dims(plan.grid.dims);
-        const double decay = 0.38 * 9.87 * glm::dot(1.0 / dims, 1.0 / dims);
-        const double steps = settings.lpv.iterations
-                                 ? settings.lpv.iterations
-                                 : -std::log(double(settings.lpv.tolerance)) / decay;
-        if (settings.lpv.occlusion != Occlusion::none)
-            stage("geometry", 5e-7 * patches, "geometry volume");
-        else
-            skip("geometry", "--occlusion none");
-        stage("links", 15e-6 * double(cells) / longest,
-              settings.lpv.occlusion == Occlusion::face ? "validity and face transmittance"
-                                                        : "validity");
-        stage("inject", 0.01 + (plan.lit ? 3e-6 * patches : 0.0),
-              "virtual point lights into cells");
-        stage("propagate", 0.02 + steps * (2e-4 + 7e-8 * double(cells)),
-              settings.lpv.iterations ? counted(settings.lpv.iterations, "iteration")
-                                      : format("until %.3g %% of the power is left",
-                                               100.0 * double(settings.lpv.tolerance)));
-        break;
-    }
-    case Solver::sn:
-        stage("validity", 5e-6 * double(cells) / longest, "which cells lie outside geometry");
-        stage("gather", gather_seconds(plan.grid, patches / 10, settings.gather),
-              "what is brighter than 1.5 times the mean");
-        stage("sweep", sn_seconds(plan.grid, settings.sn),
-              format("%d directions, order %d", settings.sn.directions, settings.sn.order));
-        plan.host_bytes += sn_host_bytes(plan.grid, patches, settings.sn);
-        break;
-    case Solver::gather:
-        stage("validity", 5e-6 * double(cells) / longest, "which cells lie outside geometry");
-        stage("gather", gather_seconds(plan.grid, uint64_t(patches), settings.gather),
-              format("%d clusters, tolerance %.3g, order %d", settings.gather.vpls,
-                     double(settings.gather.tolerance), settings.gather.order));
-        plan.host_bytes += gather_host_bytes(plan.grid, uint64_t(patches), settings.gather);
-        if (plan.rsm_maps > 0)
-            stage("discs", 4e-7 * double(cells) * settings.rsm_samples * plan.rsm_maps,
-                  counted(settings.rsm_samples, "texel") + " of each map for each cell");
-        break;
-    }
-    stage("walls", 1e-6 * double(cells), "what stands between cells and the points around them");
-    const uint64_t memory = uint64_t(sysconf(_SC_PHYS_PAGES)) * uint64_t(sysconf(_SC_PAGESIZE));
-    if (plan.host_bytes > memory)
-        throw Error(
-            ExitCode::memory,
-            format(
-                "a grid of %d x %d x %d needs about %.1f GiB of this machine's %.1f GiB "
-                "of memory; lower --resolution, to about %d",
-                plan.grid.dims.x, plan.grid.dims.y, plan.grid.dims.z,
-                double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30,
-                std::max(3, int(longest * std::cbrt(double(memory) / double(plan.host_bytes))))));
+        double(plan.triangles) + 6.0 * scene.area / (plan.grid.cell * plan.grid.cell);
+    const double cells = double(plan.grid.size());
+    plan_light(scene, plan);
+    plan.stages.push_back(
+        {"visibility", 4e-7 * double(plan.triangles), counted(plan.triangles, "triangle")});
+    plan_lighting(scene, patches, plan);
+    plan_maps(scene, map_size, plan);
+    const Cost cost = solver.kind().cost({plan.grid, patches, plan.lit, plan.maps}, solver);
+    plan.stages.insert(plan.stages.end(), cost.stages.begin(), cost.stages.end());
+    plan.skipped.insert(plan.skipped.end(), cost.skipped.begin(), cost.skipped.end());
+    plan.stages.push_back(
+        {"walls", 1e-6 * cells, "what stands between cells and the points around them"});
+    for (const StageReport& stage : plan.stages)
+        plan.seconds += stage.seconds;
+
+    // The volume itself takes 12 bytes a coefficient and a wall, and a copy while it is written.
+    plan.host_bytes =
+        260 * plan.triangles + (uint64_t(64) << 20)
+        + plan.grid.size() * (150 + 24 * uint64_t(sh_count(solver.order()) + most_walls))
+        + cost.host_bytes;
+    check_host_memory(plan);
     return plan;
 }
 

@@ -11,9 +11,8 @@ namespace lpvbake {
 
 /// Defaults are those of the program: sn, order 2, all reflections.
 struct BakeSettings {
-    explicit BakeSettings(const SolverKind& kind = *solver_kinds().front())
-        : solver(kind),
-          bounces(kind.default_bounces) {}
+    BakeSettings() : BakeSettings(*solver_kinds().front()) {}
+    explicit BakeSettings(const SolverKind& kind) : solver(kind), bounces(kind.default_bounces) {}
 
     SolverSettings solver;
     GridSettings grid;

@@ -1,6 +1,7 @@
 #include "reference/reference.h"
 
 #include "error.h"
+#include "scene/lights.h"
 #include "visibility/validity.h"
 #include "visibility/walls.h"
 #include "volume/compare.h"
@@ -149,7 +150,7 @@ std::vector<size_t> draw_cells(const std::vector<float>& validity, uint64_t coun
     return cells;
 }
 
-/// Which light the field holds, as metadata say it; empty: none can arrive.
+/// Which light the field holds, as metadata say it.
 std::string content_of(const Scene& scene, const PathRules& rules) {
     const std::optional<int> limit = rules.bounces;
     std::string content;
@@ -285,16 +286,10 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
                          Progress& progress) {
     if (triangle_count(scene) == 0)
         throw Error(ExitCode::invalid, scene.path + ": no triangles to light");
-    const std::string content = content_of(scene, settings.paths);
-    if (content.empty())
-        throw Error(ExitCode::invalid,
-                    scene.path
-                        + (scene.lights.empty()
-                               ? ": no light and no emissive surface; add one with --sun "
-                                 "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD, --sky COLOUR,NITS or "
-                                 "--lights FILE"
-                               : ": without reflections no light of its lights is in the field; "
-                                 "set --bounces 1 or more"));
+    check_light_arrives(scene.path, {.punctual = !scene.lights.empty(),
+                                     .emitters = settings.paths.emitters && has_emitters(scene),
+                                     .sky = has_sky(scene),
+                                     .bounces = settings.paths.bounces});
     check_memory(grid, settings);
 
     progress.begin("visibility", 0);
@@ -344,7 +339,7 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
         volume.validity[cell] = validity[cell];
     volume.metadata = {
         {"solver", "reference"},
-        {"content", content},
+        {"content", content_of(scene, settings.paths)},
         {"bounces", settings.paths.bounces ? std::to_string(*settings.paths.bounces) : "inf"},
         {"rays", std::to_string(field.rays)},
         {"seed", std::to_string(settings.seed)},

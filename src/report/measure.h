@@ -1,7 +1,7 @@
 // How wrong a field is: the truth at a set of points, and the distance from it.
 #pragma once
 
-#include "bake/bake.h"
+#include "bake/settings.h"
 #include "reference/reference.h"
 #include "report/points.h"
 

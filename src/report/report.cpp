@@ -1,10 +1,12 @@
 #include "report/report.h"
 
+#include "bake/bake.h"
 #include "colour/colour.h"
 #include "error.h"
 #include "reference/peer.h"
 #include "reference/sampler.h"
 #include "report/slices.h"
+#include "surface/lit_surfaces.h"
 #include "text.h"
 #include "visibility/validity.h"
 #include "volume/compare.h"
@@ -284,7 +286,7 @@ GridTruth trace_grid(const Scene& scene, GridResult& grid, const std::set<int>& 
     return kept;
 }
 
-/// Bakes `repeats` times; fills in the times and returns the last volume.
+/// Bakes `repeats` times, planning included; fills in the times and returns the last volume.
 Volume bake_row(const Scene& scene, int repeats, const gpu::Device& device, RowResult& row,
                 Progress& progress) {
     std::vector<double> seconds;
@@ -292,7 +294,8 @@ Volume bake_row(const Scene& scene, int repeats, const gpu::Device& device, RowR
     Baked baked;
     for (int repeat = 0; repeat < repeats; ++repeat) {
         const Clock::time_point begin = Clock::now();
-        baked = bake(scene, row.row.settings, device, progress);
+        const BakePlan plan = plan_bake(survey(scene), row.row.settings, device.info());
+        baked = bake(scene, plan, device, progress);
         seconds.push_back(since(begin));
         stages.resize(baked.stages.size());
         for (std::size_t i = 0; i < stages.size(); ++i)
@@ -362,8 +365,9 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
     report.path = scene.path;
     report.triangles = triangle_count(scene);
     report.warnings = scene.warnings;
+    const SceneFacts facts = survey(scene);
     for (const SweepRow& row : rows) {
-        const BakePlan plan = plan_bake(scene, row.settings, device.info());
+        const BakePlan plan = plan_bake(facts, row.settings, device.info());
         RowResult result;
         result.row = row;
         const PathRules rules = field_rules(row.settings);
@@ -403,7 +407,7 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
         std::set<int> orders;
         for (const RowResult& row : report.rows)
             if (row.grid == g)
-                orders.insert(sh_order_of(row.row.settings));
+                orders.insert(row.row.settings.solver.order());
         const SurfaceTruth& on_them = std::ranges::find_if(surfaces, [&](const auto& s) {
                                           return s.first == grid.rules;
                                       })->second;
@@ -488,7 +492,7 @@ std::vector<std::string> verdicts(const SceneReport& scene) {
     for (const RowResult& row : scene.rows) {
         if (!row.peer)
             continue;
-        Tally& tally = tallies[name_of(row.row.settings.solver)];
+        Tally& tally = tallies[row.row.settings.solver.kind().name];
         ++tally.rows;
         if (row.peer->factor <= 1)
             ++tally.lost;

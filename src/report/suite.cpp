@@ -1,5 +1,6 @@
 #include "report/suite.h"
 
+#include "bake/bake.h"
 #include "colour/colour.h"
 #include "error.h"
 #include "reference/sampler.h"
@@ -210,23 +211,25 @@ void hold_within(SuiteRow& row, const char* what, double value, SuiteRange range
 } // namespace
 
 std::vector<SuiteSolver> suite_solvers(const gpu::Device& device) {
-    const auto settings_of = [](Solver solver, const SuiteOptions& o) {
-        BakeSettings settings;
-        settings.solver = solver;
+    const auto settings_of = [](const SolverKind& kind, const SuiteOptions& o) {
+        BakeSettings settings(kind);
         settings.bounces = o.bounces;
         settings.grid.resolution = o.resolution;
         settings.grid.margin = o.margin;
         settings.bounds = o.bounds;
-        settings.lpv.iterations = o.iterations;
+        if (find_parameter(kind, "iterations"))
+            settings.solver.set("iterations", o.iterations);
         return settings;
     };
     std::vector<SuiteSolver> solvers;
-    for (const Solver solver : {Solver::lpv, Solver::sn, Solver::gather})
-        solvers.push_back({name_of(solver),
-                           [&device, settings_of, solver](const Scene& scene, const SuiteOptions& o,
-                                                          Progress& progress) {
-                               return bake(scene, settings_of(solver, o), device, progress).volume;
-                           }});
+    for (const SolverKind* kind : solver_kinds())
+        solvers.push_back(
+            {kind->name, [&device, settings_of, kind](const Scene& scene, const SuiteOptions& o,
+                                                      Progress& progress) {
+                 const BakePlan plan =
+                     plan_bake(survey(scene), settings_of(*kind, o), device.info());
+                 return bake(scene, plan, device, progress).volume;
+             }});
     return solvers;
 }
 

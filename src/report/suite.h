@@ -21,8 +21,11 @@
 // which there has to be one at least. NaN and infinity fail whatever the limits say.
 #pragma once
 
-#include "bake/bake.h"
+#include "gpu/gpu.h"
+#include "progress.h"
 #include "report/suite_truth.h"
+#include "scene/scene.h"
+#include "volume/volume.h"
 
 #include <functional>
 #include <map>

@@ -1,6 +1,7 @@
 // Reading a suite: every value is checked where it stands.
 #include "report/suite.h"
 
+#include "bake/kinds.h"
 #include "error.h"
 #include "scene/gltf/folder.h"
 
@@ -237,7 +238,10 @@ SuiteCase case_of(const Place& place, const std::filesystem::path& folder) {
 } // namespace
 
 std::vector<std::string> suite_solver_names() {
-    return {"lpv", "sn", "gather"};
+    std::vector<std::string> names;
+    for (const SolverKind* kind : solver_kinds())
+        names.push_back(kind->name);
+    return names;
 }
 
 Suite load_suite(const std::string& path) {

@@ -3,155 +3,129 @@
 #include "error.h"
 
 #include <algorithm>
-#include <charconv>
-#include <functional>
 #include <optional>
 
 namespace lpvbake {
 namespace {
 
-/// What takes a value in; false if it is none of the option's.
-using Set = std::function<bool(const std::string&, BakeSettings&)>;
+constexpr Parameter bounces{.name = "bounces", .kind = ValueKind::whole, .hi = 10'000};
+constexpr Parameter sh_order{.name = "sh-order", .kind = ValueKind::whole, .lo = 1, .hi = 4};
+constexpr Parameter resolution{
+    .name = "resolution", .kind = ValueKind::whole, .lo = 3, .hi = 65536};
+constexpr Parameter quality{.name = "quality", .kind = ValueKind::choice, .choices = quality_names};
 
-struct Option {
-    const char* name;
-    const char* values; ///< for people
-    Set set;
-};
-
-template <class Number>
-std::optional<Number> number_in(const std::string& text, Number lo, Number hi) {
-    Number value{};
-    const char* const end = text.data() + text.size();
-    const auto [stop, error] = std::from_chars(text.data(), end, value);
-    if (error != std::errc() || stop != end || !(value >= lo && value <= hi))
-        return std::nullopt;
-    return value;
+[[noreturn]] void refuse(const std::string& option, const std::string& value,
+                         const std::string& values) {
+    throw Error(ExitCode::usage, option + ": '" + value + "' is none of its values, " + values);
 }
 
-/// A number that `member` of the settings takes.
-template <class Number, class Member>
-Set number(Number lo, Number hi, Member member) {
-    return [=](const std::string& text, BakeSettings& settings) {
-        const std::optional<Number> value = number_in(text, lo, hi);
-        if (value)
-            member(settings) = *value;
-        return value.has_value();
-    };
+double value_in(const Parameter& parameter, const std::string& value) {
+    const std::optional<double> number = parse_value(parameter, value);
+    if (!number)
+        refuse(parameter.name, value, values_of(parameter));
+    return *number;
 }
 
-bool set_occlusion(const std::string& text, BakeSettings& settings) {
-    constexpr std::pair<const char*, Occlusion> modes[] = {
-        {"none", Occlusion::none}, {"sh", Occlusion::sh}, {"face", Occlusion::face}};
-    for (const auto& [name, mode] : modes)
-        if (text == name) {
-            settings.lpv.occlusion = mode;
-            return true;
+void set_solver(const std::string& value, SolverKinds kinds, BakeSettings& settings) {
+    const SolverKind* kind = find_solver(value, kinds);
+    if (!kind) {
+        std::string names;
+        for (const SolverKind* each : kinds)
+            names += (names.empty() ? "" : ", ") + std::string(each->name);
+        refuse("solver", value, names);
+    }
+    if (&settings.solver.kind() != kind)
+        settings.solver = SolverSettings(*kind);
+    settings.bounces = kind->default_bounces;
+}
+
+/// Sets a parameter of the settings' solver. What some solver has and this one has not is left
+/// alone, so that a sweep may run over solvers.
+void set_parameter(const std::string& name, const std::string& value, SolverKinds kinds,
+                   BakeSettings& settings) {
+    if (const Parameter* own = find_parameter(settings.solver.kind(), name)) {
+        settings.solver.set(name, value_in(*own, value));
+        return;
+    }
+    const Parameter* others = nullptr;
+    for (const SolverKind* kind : kinds)
+        if (const Parameter* parameter = find_parameter(*kind, name)) {
+            if (parse_value(*parameter, value))
+                return;
+            others = parameter;
         }
-    return false;
-}
-
-bool set_solver(const std::string& text, BakeSettings& settings) {
-    for (const Solver solver : {Solver::lpv, Solver::sn, Solver::gather})
-        if (text == name_of(solver)) {
-            settings.solver = solver;
-            settings.bounces = default_bounces(solver);
-            return true;
-        }
-    return false;
-}
-
-bool set_bounces(const std::string& text, BakeSettings& settings) {
-    const std::optional<int> bounces = number_in(text, 0, 10'000);
-    settings.bounces = bounces;
-    return bounces || text == "inf";
-}
-
-bool set_quality_by_name(const std::string& text, BakeSettings& settings) {
-    constexpr std::pair<const char*, Quality> qualities[] = {
-        {"fast", Quality::fast}, {"balanced", Quality::balanced}, {"accurate", Quality::accurate}};
-    for (const auto& [name, quality] : qualities)
-        if (text == name) {
-            set_quality(quality, settings);
-            return true;
-        }
-    return false;
-}
-
-const std::vector<Option>& options() {
-    static const std::vector<Option> all = {
-        {"solver", "lpv, sn, gather", set_solver},
-        {"bounces", "whole numbers from 0 to 10000, inf", set_bounces},
-        {"quality", "fast, balanced, accurate", set_quality_by_name},
-        {"directions", "whole numbers from 48 to 384",
-         number(48, 384, [](BakeSettings& s) -> int& { return s.sn.directions; })},
-        {"sh-order", "1, 2, 4",
-         number(1, 4,
-                [](BakeSettings& s) -> int& {
-                    return s.solver == Solver::sn ? s.sn.order : s.gather.order;
-                })},
-        {"vpls", "whole numbers from 16 to 1000000",
-         number(16, 1'000'000, [](BakeSettings& s) -> int& { return s.gather.vpls; })},
-        {"rsm-samples", "whole numbers from 0 to 65536",
-         number(0, 65536, [](BakeSettings& s) -> int& { return s.rsm_samples; })},
-        {"resolution", "whole numbers from 3 to 65536",
-         number(3, 65536, [](BakeSettings& s) -> int& { return s.grid.resolution; })},
-        {"occlusion", "none, sh, face", set_occlusion},
-        {"iterations", "whole numbers from 0 to 1000000",
-         number(0, 1'000'000, [](BakeSettings& s) -> int& { return s.lpv.iterations; })},
-        {"tolerance", "numbers from 1e-7 to 1",
-         number(1e-7f, 1.0f,
-                [](BakeSettings& s) -> float& {
-                    return s.solver == Solver::lpv ? s.lpv.tolerance : s.gather.tolerance;
-                })},
-        {"rsm-size", "whole numbers from 0 to 16384",
-         number(0, 16384, [](BakeSettings& s) -> int& { return s.rsm_size; })},
-        {"rsm-kernel", "whole numbers from 1 to 64",
-         number(1, 64, [](BakeSettings& s) -> int& { return s.rsm_kernel; })},
-    };
-    return all;
-}
-
-void apply(const std::string& name, const std::string& value, BakeSettings& settings) {
-    for (const Option& option : options())
-        if (name == option.name) {
-            if (!option.set(value, settings))
-                throw Error(ExitCode::usage,
-                            name + ": '" + value + "' is none of its values, " + option.values);
-            return;
-        }
+    if (others)
+        refuse(name, value, values_of(*others));
     std::string known;
-    for (const Option& option : options())
-        known += (known.empty() ? "" : ", ") + std::string(option.name);
+    for (const std::string& option : sweep_options(kinds))
+        known += (known.empty() ? "" : ", ") + option;
     throw Error(ExitCode::usage, "a sweep cannot set '" + name + "'; it can set " + known);
 }
 
-/// What bake's --solver auto makes of options without a solver: the first that has one of them;
-/// null where that leaves it open.
-const char* implied_solver(const std::vector<std::pair<std::string, std::string>>& options) {
-    constexpr std::pair<const char*, const char*> owners[] = {
-        {"solver", nullptr},   {"rsm-samples", "gather"}, {"vpls", "gather"},
-        {"directions", "sn"},  {"occlusion", "lpv"},      {"iterations", "lpv"},
-        {"rsm-kernel", "lpv"}, {"rsm-size", "lpv"},       {"tolerance", "gather"}};
-    for (const auto& [name, solver] : owners)
-        for (const auto& [option, value] : options)
-            if (option == name)
-                return solver;
-    return nullptr;
+void apply(const std::string& name, const std::string& value, SolverKinds kinds,
+           BakeSettings& settings) {
+    if (name == "solver")
+        set_solver(value, kinds, settings);
+    else if (name == bounces.name && value == "inf")
+        settings.bounces.reset();
+    else if (name == bounces.name && !parse_value(bounces, value))
+        refuse(name, value, values_of(bounces) + ", inf");
+    else if (name == bounces.name)
+        settings.bounces = int(value_in(bounces, value));
+    else if (name == quality.name)
+        settings.solver.set(Quality(int(value_in(quality, value))));
+    else if (name == sh_order.name)
+        settings.solver.set_order(int(value_in(sh_order, value)));
+    else if (name == resolution.name)
+        settings.grid.resolution = int(value_in(resolution, value));
+    else
+        set_parameter(name, value, kinds, settings);
+}
+
+/// What bake's --solver auto makes of options without a solver: the first that has them; null where
+/// that leaves it open.
+const SolverKind* implied_solver(const std::vector<std::pair<std::string, std::string>>& options,
+                                 SolverKinds kinds) {
+    std::vector<const SolverKind*> left(kinds.begin(), kinds.end());
+    const auto is_above_0 = [&](const char* name) {
+        return std::ranges::any_of(options, [&](const auto& option) {
+            return option.first == name && option.second != "0";
+        });
+    };
+    for (const auto& [option, value] : options) {
+        std::vector<const SolverKind*> with;
+        for (const SolverKind* kind : left)
+            if (const Parameter* parameter = find_parameter(*kind, option))
+                if (!parameter->needs || is_above_0(parameter->needs))
+                    with.push_back(kind);
+        if (!with.empty())
+            left = with;
+    }
+    return left.size() < kinds.size() ? left.front() : nullptr;
 }
 
 } // namespace
 
-std::vector<std::string> sweep_options() {
-    std::vector<std::string> names;
-    for (const Option& option : options())
-        names.push_back(option.name);
+std::vector<std::string> sweep_options(SolverKinds kinds) {
+    std::vector<std::string> names{"solver", bounces.name, quality.name, sh_order.name,
+                                   resolution.name};
+    for (const SolverKind* kind : kinds)
+        for (const Parameter& parameter : kind->parameters)
+            if (std::ranges::find(names, parameter.name) == names.end())
+                names.push_back(parameter.name);
     return names;
 }
 
-void check_sweep_value(const std::string& option, const std::string& value) {
+void check_sweep_value(const std::string& option, const std::string& value, SolverKinds kinds) {
+    // Of any solver.
     BakeSettings scratch;
-    apply(option, value, scratch);
+    for (const SolverKind* kind : kinds)
+        if (find_parameter(*kind, option)) {
+            scratch.solver = SolverSettings(*kind);
+            if (parse_value(*find_parameter(*kind, option), value))
+                return;
+        }
+    apply(option, value, kinds, scratch);
 }
 
 std::vector<Sweep> default_sweeps() {
@@ -174,7 +148,8 @@ std::vector<Sweep> default_sweeps() {
     };
 }
 
-std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const BakeSettings& base) {
+std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const BakeSettings& base,
+                                 SolverKinds kinds) {
     std::vector<SweepRow> rows;
     for (const Sweep& sweep : sweeps) {
         std::size_t count = 1;
@@ -196,10 +171,15 @@ std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const BakeSet
                 row.options.insert(
                     row.options.begin(),
                     {sweep[i].option, sweep[i].values[left % sweep[i].values.size()]});
-            if (const char* solver = implied_solver(row.options))
-                apply("solver", solver, row.settings);
+            const auto solver = std::ranges::find(row.options, "solver",
+                                                  [](const auto& option) { return option.first; });
+            if (solver != row.options.end())
+                set_solver(solver->second, kinds, row.settings);
+            else if (const SolverKind* kind = implied_solver(row.options, kinds))
+                set_solver(kind->name, kinds, row.settings);
             for (const auto& [option, value] : row.options)
-                apply(option, value, row.settings);
+                if (option != "solver")
+                    apply(option, value, kinds, row.settings);
             if (std::ranges::none_of(
                     rows, [&](const SweepRow& other) { return other.options == row.options; }))
                 rows.push_back(std::move(row));

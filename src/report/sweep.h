@@ -1,7 +1,7 @@
 // Which bakes a report measures.
 #pragma once
 
-#include "bake/bake.h"
+#include "bake/settings.h"
 
 #include <string>
 #include <utility>
@@ -28,21 +28,24 @@ struct SweepRow {
 /// At most so many rows make a report.
 inline constexpr std::size_t most_rows = 1000;
 
-/// The options that a sweep can set.
-std::vector<std::string> sweep_options();
+/// The options that a sweep can set: those of all bakes, then the parameters of the solvers.
+std::vector<std::string> sweep_options(SolverKinds kinds = solver_kinds());
 
 /// Throws Error (usage) that names option and value unless this is an option with a value that it
 /// takes.
-void check_sweep_value(const std::string& option, const std::string& value);
+void check_sweep_value(const std::string& option, const std::string& value,
+                       SolverKinds kinds = solver_kinds());
 
-/// Each occlusion mode of lpv and each quality of the others at 16, 32 and 64 cells, one bounce; and at
-/// 32 cells a propagation that is cut off after 16 steps, and reflective shadow maps of a quarter
-/// of the usual texels.
+/// Each occlusion mode of lpv and each quality of the others at 16, 32 and 64 cells, one bounce;
+/// and at 32 cells a propagation that is cut off after 16 steps, and reflective shadow maps of a
+/// quarter of the usual texels.
 std::vector<Sweep> default_sweeps();
 
 /// The rows of all sweeps in order, the last axis of each running fastest; a row that was there
-/// before is left out. All start from `base`. Throws Error (usage): see check_sweep_value; more
-/// than most_rows rows; an axis without values or given twice.
-std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const BakeSettings& base);
+/// before is left out. All start from `base`. The solver is that of a row's "solver", else the
+/// first that has its other options, else that of `base`. Throws Error (usage): see
+/// check_sweep_value; more than most_rows rows; an axis without values or given twice.
+std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const BakeSettings& base,
+                                 SolverKinds kinds = solver_kinds());
 
 } // namespace lpvbake

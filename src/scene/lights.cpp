@@ -1,7 +1,7 @@
 #include "scene/lights.h"
 
-#include "error.h"
 #include "colour/colour.h"
+#include "error.h"
 
 #include <charconv>
 #include <cmath>
@@ -156,6 +156,22 @@ void check_light(const Light& light, const std::string& place) {
         require(light.outer_cone <= std::numbers::pi / 2 + 1e-6,
                 ".spot.outerConeAngle: must be at most pi/2 radians");
     }
+}
+
+void check_light_arrives(const std::string& place, const LightSources& sources) {
+    if (sources.emitters || sources.sky)
+        return;
+    if (!sources.punctual)
+        throw Error(ExitCode::invalid,
+                    place
+                        + ": no light and no emissive surface; add one with --sun "
+                          "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD, --sky COLOUR,NITS or --lights "
+                          "FILE");
+    if (sources.bounces == 0)
+        throw Error(ExitCode::invalid,
+                    place
+                        + ": without reflections no light of its lights is in the field; set "
+                          "--bounces 1 or more");
 }
 
 } // namespace lpvbake

@@ -21,7 +21,7 @@ struct Parameter {
     const char* name; ///< lower case with dashes, unique in its kind: "rsm-size"
     ValueKind kind;
     double lo = 0, hi = 0;                ///< least and most number
-    std::span<const char* const> choices; ///< names that a choice has
+    std::span<const char* const> choices{}; ///< names that a choice has
     double usual = 0;                     ///< the default
     const char* unit = "";                ///< what a number counts: "directions"; may be empty
     const char* help = "";                ///< a phrase or two, without name, range and default

@@ -49,7 +49,7 @@ struct Inputs {
     ReflectiveMaps maps;
 };
 
-/// A solver, compiled for a device, a grid and settings.
+/// A solver, being compiled for a device, a grid and settings.
 class Solver {
 public:
     virtual ~Solver() = default;
@@ -141,8 +141,8 @@ struct SolverKind {
     /// Peak of its device memory, bytes.
     uint64_t (*device_bytes)(const Grid& grid, const SolverSettings& settings);
     Cost (*cost)(const Workload& work, const SolverSettings& settings);
-    /// Compiles it. May run on another thread than the rest of the bake. `device` and `grid`
-    /// outlive the result. Throws Error (memory, device).
+    /// Begins to compile it, on another thread: what the rest of a bake does meanwhile takes time,
+    /// too. `device` and `grid` outlive the result.
     std::unique_ptr<Solver> (*make)(const gpu::Device& device, const Grid& grid,
                                     const SolverSettings& settings);
 };

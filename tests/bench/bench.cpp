@@ -1,6 +1,6 @@
 // Time of every stage by size, and of the propagation kernel beside the same arithmetic as a plain
 // loop on the CPU. `lpvbake_bench --benchmark_filter=ratio` runs the latter alone.
-#include "bake/bake.h"
+#include "solver/lpv/lpv.h"
 #include "bench/propagate_loop.h"
 #include "io/io.h"
 #include "reference/peer.h"

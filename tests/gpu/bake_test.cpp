@@ -6,6 +6,7 @@
 #include "reference/reference.h"
 #include "scene/sky.h"
 #include "scenes.h"
+#include "solver/lpv/lpv.h"
 #include "surface/lit_surfaces.h"
 #include "volume/sh.h"
 
@@ -21,14 +22,20 @@ namespace {
 
 class Bake : public testing::DeviceTest {
 protected:
-    Baked run(const Scene& scene, BakeSettings settings) {
-        Progress silent;
-        return bake(scene, settings, device(), silent);
+    BakePlan plan_of(const Scene& scene, const BakeSettings& settings) {
+        return plan_bake(survey(scene), settings, device().info());
     }
-    static BakeSettings coarse(int resolution = 12) {
-        BakeSettings settings;
+    Baked run(const Scene& scene, const BakeSettings& settings) {
+        Progress silent;
+        return bake(scene, plan_of(scene, settings), device(), silent);
+    }
+    /// One reflection.
+    static BakeSettings coarse(int resolution = 12, const char* solver = "lpv") {
+        BakeSettings settings(*find_solver(solver));
+        settings.bounces = 1;
         settings.grid.resolution = resolution;
-        settings.rsm_size = 128;
+        if (find_parameter(settings.solver.kind(), "rsm-size"))
+            settings.solver.set("rsm-size", 128);
         return settings;
     }
 };
@@ -76,7 +83,7 @@ TEST_F(Bake, ASealedBoxOfAnyOrientationLetsNothingOut) {
         scene.lights.push_back(scenes::point_light({0.1, 0.2, -0.1}, 100.0));
         BakeSettings settings = coarse(20);
         settings.bounds = Bounds{glm::dvec3(-2.0), glm::dvec3(2.0)};
-        settings.lpv.iterations = 200;
+        settings.solver.set("iterations", 200);
         const Baked baked = run(scene, settings);
         const Volume& volume = baked.volume;
         // All reflected light starts inside: rho * 4 pi I, three channels.
@@ -98,11 +105,11 @@ TEST_F(Bake, ASealedBoxOfAnyOrientationLetsNothingOut) {
 TEST_F(Bake, PowerDoesNotDependOnTheSizeOfTheMap) {
     Scene scene = scenes::cornell_box_with_sun();
     BakeSettings settings = coarse();
-    settings.lpv.iterations = 1;
-    settings.rsm_size = 1024;
+    settings.solver.set("iterations", 1);
+    settings.solver.set("rsm-size", 1024);
     const double reference = injected(run(scene, settings));
     for (const int size : {128, 256, 512}) {
-        settings.rsm_size = size;
+        settings.solver.set("rsm-size", size);
         EXPECT_NEAR(injected(run(scene, settings)) / reference, 1.0, 0.02) << size;
     }
 }
@@ -151,8 +158,8 @@ TEST_F(Bake, OcclusionModesDifferAsTheyShould) {
     BakeSettings settings = coarse();
     double energy[3];
     for (const Occlusion mode : {Occlusion::none, Occlusion::sh, Occlusion::face}) {
-        settings.lpv.occlusion = mode;
-        settings.lpv.iterations = 40;
+        settings.solver.set("occlusion", double(mode));
+        settings.solver.set("iterations", 40);
         const Baked baked = run(scene, settings);
         energy[int(mode)] = total_energy(baked.volume);
         EXPECT_EQ(baked.volume.occlusion.size(), mode == Occlusion::none ? 0u : 4u);
@@ -190,7 +197,7 @@ TEST_F(Bake, ReflectionsAddUpWhereverTheyComeFrom) {
     EXPECT_GT(all, 1.1 * twice);
 
     Progress silent;
-    const BakePlan plan = plan_bake(scene, settings, device().info());
+    const BakePlan plan = plan_of(scene, settings);
     const Visibility visibility(scene, plan.frame);
     LightingSettings lighting;
     lighting.bounces = std::nullopt;
@@ -207,7 +214,7 @@ TEST_F(Bake, ASkyAloneIsLightEnough) {
     Scene scene = scenes::floor_quad(4.0f, glm::vec3(0.5f));
     scene.sky.luminance = glm::vec3(50.0f);
     BakeSettings settings = coarse();
-    settings.lpv.occlusion = Occlusion::none;
+    settings.solver.set("occlusion", double(Occlusion::none));
     const Baked baked = run(scene, settings);
     EXPECT_GT(total_energy(baked.volume), 0.0);
     expect_finite(baked.volume);
@@ -229,14 +236,13 @@ TEST_F(Bake, AnEvenPictureIsAsGoodAsAnEvenSky) {
     Scene even = scenes::floor_quad(4.0f, glm::vec3(0.5f)), picture = even;
     even.sky.luminance = {1.0f, 2.0f, 4.0f};
     picture.sky = make_sky(8, 4, std::vector<glm::vec3>(32, even.sky.luminance), 0.0);
-    for (const Solver solver : {Solver::lpv, Solver::sn, Solver::gather}) {
-        BakeSettings settings = coarse(8);
-        settings.solver = solver;
+    for (const char* solver : {"lpv", "sn", "gather"}) {
+        const BakeSettings settings = coarse(8, solver);
         const Volume a = run(even, settings).volume, b = run(picture, settings).volume;
         for (size_t k = 0; k < a.sh.size(); ++k)
             for (size_t cell = 0; cell < a.grid.size(); ++cell)
                 for (int c = 0; c < 3; ++c)
-                    ASSERT_NEAR(a.sh[k][cell][c], b.sh[k][cell][c], 1e-4f) << name_of(solver);
+                    ASSERT_NEAR(a.sh[k][cell][c], b.sh[k][cell][c], 1e-4f) << solver;
     }
 }
 
@@ -259,16 +265,16 @@ TEST_F(Bake, AnOpenCellHoldsTheProjectedPicture) {
         }
     BakeSettings settings = coarse(6);
     settings.bounds = Bounds{glm::dvec3(-1, 0.1, -1), glm::dvec3(1, 2, 1)};
-    for (const Solver solver : {Solver::sn, Solver::gather}) {
-        settings.solver = solver;
+    for (const char* solver : {"sn", "gather"}) {
+        settings.solver = SolverSettings(*find_solver(solver));
         const Volume volume = run(scene, settings).volume;
         // A direction of sn stands for 7 degrees around it, a sample of gather's bins for 1.7.
-        const double near = solver == Solver::sn ? 0.08 : 0.015;
+        const double near = solver == std::string("sn") ? 0.08 : 0.015;
         for (size_t k = 0; k < 9; ++k)
             for (int c = 0; c < 3; ++c)
                 EXPECT_NEAR(volume.sh[k][volume.grid.index({2, 3, 3})][c], expected[k][c],
                             (k == 0 ? 0.01 : near) * expected[0][c])
-                    << name_of(solver) << ' ' << k;
+                    << solver << ' ' << k;
     }
 }
 
@@ -282,12 +288,12 @@ TEST_F(Bake, ASmallSunOfAPictureLightsAsTheReferenceSays) {
     ReferenceSettings truth;
     truth.sh_order = 2;
     truth.rays = 2048;
-    const Grid grid = plan_bake(scene, settings, device().info()).grid;
+    const Grid grid = plan_of(scene, settings).grid;
     Progress silent;
     const Reference reference = make_reference(scene, grid, truth, silent);
     EXPECT_LT(reference.noise, 0.03);
-    for (const Solver solver : {Solver::sn, Solver::gather}) {
-        settings.solver = solver;
+    for (const char* solver : {"sn", "gather"}) {
+        settings.solver = SolverSettings(*find_solver(solver));
         const Volume volume = run(scene, settings).volume;
         double error = 0.0, all = 0.0, energy = 0.0;
         for (size_t cell = 0; cell < grid.size(); ++cell) {
@@ -298,22 +304,21 @@ TEST_F(Bake, ASmallSunOfAPictureLightsAsTheReferenceSays) {
             energy += a.x + a.y + a.z;
             all += b.x + b.y + b.z;
         }
-        EXPECT_NEAR(energy / all, 1.0, 0.04) << name_of(solver);
-        EXPECT_LT(error / all, 0.12) << name_of(solver);
-        RecordProperty(std::string(name_of(solver)) + "_error", std::to_string(error / all));
+        EXPECT_NEAR(energy / all, 1.0, 0.04) << solver;
+        EXPECT_LT(error / all, 0.12) << solver;
+        RecordProperty(std::string(solver) + "_error", std::to_string(error / all));
     }
 }
 
 TEST_F(Bake, ExactSolversReadAFurnaceOfAllBounces) {
-    for (const Solver solver : {Solver::sn, Solver::gather}) {
-        BakeSettings settings = coarse();
-        settings.solver = solver;
-        settings.bounces = default_bounces(settings.solver);
+    for (const char* solver : {"sn", "gather"}) {
+        BakeSettings settings = coarse(12, solver);
+        settings.bounces = settings.solver.kind().default_bounces;
         const Baked baked = run(scenes::furnace(2.0f, 0.5f, 100.0f), settings);
         const Volume& volume = baked.volume;
         ASSERT_EQ(volume.sh_order, 2);
         ASSERT_EQ(volume.sh.size(), 9u);
-        EXPECT_EQ(volume.metadata.at("solver"), name_of(solver));
+        EXPECT_EQ(volume.metadata.at("solver"), solver);
         EXPECT_EQ(volume.metadata.at("bounces"), "inf");
         double sum = 0.0, cells = 0.0;
         for (int z = 1; z + 1 < volume.grid.dims.z; ++z) // a cell of margin lies outside
@@ -328,38 +333,37 @@ TEST_F(Bake, ExactSolversReadAFurnaceOfAllBounces) {
 }
 
 TEST_F(Bake, ThePlanSaysWhatIsNotNeeded) {
-    const auto plan_of = [&](const Scene& scene, Solver solver, std::optional<int> bounces) {
-        BakeSettings settings = coarse();
-        settings.solver = solver;
+    const auto planned = [&](const Scene& scene, const char* solver, std::optional<int> bounces) {
+        BakeSettings settings = coarse(12, solver);
         settings.bounces = bounces;
-        return plan_bake(scene, settings, device().info());
+        return plan_of(scene, settings);
     };
     const auto skips = [](const BakePlan& plan, const std::string& name) {
-        return std::ranges::count(plan.skipped, name, &BakePlan::Skipped::name) == 1;
+        return std::ranges::count(plan.skipped, name, &SkippedStage::name) == 1;
     };
     const auto runs = [](const BakePlan& plan, const std::string& name) {
         return std::ranges::count(plan.stages, name, &StageReport::name) == 1;
     };
     Scene scene = scenes::cornell_box_with_point();
-    const BakePlan once = plan_of(scene, Solver::gather, 1);
+    const BakePlan once = planned(scene, "gather", 1);
     for (const char* name : {"sky", "emitters", "rsm", "light between patches"})
         EXPECT_TRUE(skips(once, name)) << name;
-    EXPECT_FALSE(skips(plan_of(scene, Solver::gather, {}), "light between patches"));
-    const BakePlan maps = plan_of(scene, Solver::lpv, 1);
+    EXPECT_FALSE(skips(planned(scene, "gather", {}), "light between patches"));
+    const BakePlan maps = planned(scene, "lpv", 1);
     EXPECT_TRUE(skips(maps, "lighting"));
     EXPECT_FALSE(runs(maps, "lighting"));
     EXPECT_TRUE(runs(maps, "rsm"));
     // Once it is there it is no longer left out.
     scene.sky.luminance = glm::vec3(1.0f);
-    const BakePlan sky = plan_of(scene, Solver::lpv, 1);
+    const BakePlan sky = planned(scene, "lpv", 1);
     EXPECT_FALSE(skips(sky, "sky"));
     EXPECT_TRUE(runs(sky, "lighting"));
     scene.lights.clear();
-    EXPECT_TRUE(skips(plan_of(scene, Solver::lpv, 1), "rsm"));
-    EXPECT_EQ(plan_of(scene, Solver::lpv, 1).rsm_maps, 0);
-    EXPECT_TRUE(skips(plan_of(scene, Solver::gather, 1), "punctual lights"));
+    EXPECT_TRUE(skips(planned(scene, "lpv", 1), "rsm"));
+    EXPECT_EQ(planned(scene, "lpv", 1).maps.count, 0);
+    EXPECT_TRUE(skips(planned(scene, "gather", 1), "punctual lights"));
     const Scene glowing = scenes::furnace(2.0f, 0.5f, 1.0f);
-    EXPECT_FALSE(skips(plan_of(glowing, Solver::sn, {}), "emitters"));
+    EXPECT_FALSE(skips(planned(glowing, "sn", {}), "emitters"));
 }
 
 TEST_F(Bake, AWishIsMetByTheFastestOrTheMostAccurate) {
@@ -367,10 +371,9 @@ TEST_F(Bake, AWishIsMetByTheFastestOrTheMostAccurate) {
     BakeSettings base = coarse(32);
     base.bounces = std::nullopt;
     const auto choose = [&](Wish wish) {
-        const Choice choice = choose_settings(scene, base, wish, device().info());
-        const BakePlan plan = plan_bake(scene, choice.settings, device().info());
-        EXPECT_EQ(choice.seconds, plan.seconds);
-        EXPECT_EQ(choice.error, expected_error(choice.settings));
+        const Choice choice = choose_settings(survey(scene), base, wish, device().info());
+        EXPECT_EQ(choice.plan.seconds, plan_of(scene, choice.plan.settings).seconds);
+        EXPECT_EQ(choice.error, expected_error(choice.plan.settings));
         return choice;
     };
     double seconds = 0.0;
@@ -380,38 +383,46 @@ TEST_F(Bake, AWishIsMetByTheFastestOrTheMostAccurate) {
         const Choice choice = choose(wish);
         EXPECT_LE(choice.error, error);
         EXPECT_TRUE(choice.warnings.empty());
-        EXPECT_GE(choice.seconds, seconds);
-        seconds = choice.seconds;
+        EXPECT_GE(choice.plan.seconds, seconds);
+        seconds = choice.plan.seconds;
         // With that time, the error is as low.
         Wish budget;
-        budget.seconds = choice.seconds;
-        budget.order = sh_order_of(choice.settings) > 1
-                           ? std::optional(sh_order_of(choice.settings))
-                           : std::nullopt;
+        budget.seconds = choice.plan.seconds;
+        if (choice.solver().order() > 1)
+            budget.order = choice.solver().order();
         EXPECT_LE(choose(budget).error, choice.error);
-        EXPECT_LE(choose(budget).seconds, choice.seconds);
+        EXPECT_LE(choose(budget).plan.seconds, choice.plan.seconds);
     }
     Wish fixed;
     fixed.error = 0.02;
-    fixed.solvers = {Solver::gather};
+    fixed.solvers = {find_solver("gather")};
     fixed.order = 4;
-    fixed.fixed = [](BakeSettings& settings) { settings.gather.vpls = 500; };
-    EXPECT_EQ(choose(fixed).settings.gather.vpls, 500);
-    EXPECT_EQ(choose(fixed).settings.gather.order, 4);
+    fixed.given = {{"vpls", 500}};
+    EXPECT_EQ(choose(fixed).solver()["vpls"], 500);
+    EXPECT_EQ(choose(fixed).solver().order(), 4);
     Wish hopeless;
     hopeless.error = 1e-4;
     hopeless.seconds = 1e-4;
     EXPECT_EQ(choose(hopeless).warnings.size(), 2u);
-    EXPECT_EQ(choose(Wish{}).settings.solver, Solver::gather);
+    EXPECT_EQ(choose(Wish{}).solver().kind().name, std::string("sn"));
+}
+
+TEST_F(Bake, DirectionsAreThoseThatAreSolved) {
+    BakeSettings settings = coarse(6, "sn"), rounded = settings;
+    settings.solver.set("directions", 100);
+    rounded.solver.set("directions", 144);
+    const Scene scene = scenes::cornell_box_with_point();
+    EXPECT_EQ(plan_of(scene, settings).seconds, plan_of(scene, rounded).seconds);
+    EXPECT_EQ(expected_error(settings), expected_error(rounded));
+    EXPECT_EQ(run(scene, settings).volume.metadata.at("directions"), "144");
 }
 
 TEST_F(Bake, ExactSolversNeedNoMaps) {
     const Scene scene = scenes::cornell_box_with_point();
-    for (const Solver solver : {Solver::sn, Solver::gather}) {
-        BakeSettings settings = coarse();
-        settings.solver = solver;
-        const BakePlan plan = plan_bake(scene, settings, device().info());
-        EXPECT_EQ(plan.rsm_maps, 0);
+    for (const char* solver : {"sn", "gather"}) {
+        const BakeSettings settings = coarse(12, solver);
+        const BakePlan plan = plan_of(scene, settings);
+        EXPECT_EQ(plan.maps.count, 0);
         EXPECT_TRUE(plan.lit);
         for (const StageReport& stage : run(scene, settings).stages)
             EXPECT_TRUE(
@@ -423,14 +434,13 @@ TEST_F(Bake, ExactSolversNeedNoMaps) {
 
 TEST_F(Bake, DiscsOfTheMapsBringNoMoreAndNoLessThanClusters) {
     Scene scene = scenes::cornell_box_with_point();
-    BakeSettings settings = coarse();
-    settings.solver = Solver::gather;
+    BakeSettings settings = coarse(12, "gather");
     for (const std::optional<int> bounces : {std::optional(1), std::optional<int>()}) {
         settings.bounces = bounces;
-        settings.rsm_samples = 0;
+        settings.solver.set("rsm-samples", 0);
         const Volume clusters = run(scene, settings).volume;
-        settings.rsm_samples = 512;
-        EXPECT_EQ(plan_bake(scene, settings, device().info()).lit, bounces != 1);
+        settings.solver.set("rsm-samples", 512);
+        EXPECT_EQ(plan_of(scene, settings).lit, bounces != 1);
         const Baked discs = run(scene, settings);
         EXPECT_EQ(discs.stages.end()[-2].name, "discs");
         EXPECT_EQ(discs.volume.metadata.at("content"), clusters.metadata.at("content"));
@@ -475,7 +485,7 @@ TEST_F(Bake, HardCasesEndInFiniteNumbers) {
     for (const auto& [name, scene] : cases) {
         SCOPED_TRACE(name);
         BakeSettings settings = coarse();
-        settings.lpv.iterations = 1000;
+        settings.solver.set("iterations", 1000);
         expect_finite(run(scene, settings).volume);
     }
 }
@@ -498,18 +508,18 @@ TEST_F(Bake, SaysWhatIsWrong) {
 }
 
 TEST_F(Bake, TheResolutionThatItNamesFits) {
-    const Scene scene = scenes::cornell_box_with_point();
+    const SceneFacts facts = survey(scenes::cornell_box_with_point());
     gpu::DeviceInfo small = device().info();
     small.memory = 8 << 20;
     try {
-        plan_bake(scene, coarse(200), small);
+        plan_bake(facts, coarse(200), small);
         ADD_FAILURE();
     } catch (const Error& error) {
         const std::string text = error.what();
         const int named = std::stoi(text.substr(text.rfind(' ')));
         EXPECT_GT(named, 10);
-        EXPECT_NO_THROW(plan_bake(scene, coarse(named), small));
-        EXPECT_THROW(plan_bake(scene, coarse(named + 1), small), Error);
+        EXPECT_NO_THROW(plan_bake(facts, coarse(named), small));
+        EXPECT_THROW(plan_bake(facts, coarse(named + 1), small), Error);
     }
 }
 
@@ -521,7 +531,7 @@ TEST_F(Bake, WarnsOfEmptyBoundsAndOfBacks) {
                         glm::translate(glm::dmat4(1.0), glm::dvec3(2.0 * i, 0, 0)));
     scenes::add_quad(town, material, {-1000, 0, -1000}, {0, 0, 2000}, {2000, 0, 0});
     town.lights.push_back(scenes::sun({0.2, -1, 0.1}, 1e5));
-    const BakePlan plan = plan_bake(town, coarse(), device().info());
+    const BakePlan plan = plan_of(town, coarse());
     ASSERT_EQ(plan.warnings.size(), 1u);
     EXPECT_NE(plan.warnings[0].find("--bounds"), std::string::npos);
 

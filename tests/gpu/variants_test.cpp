@@ -275,14 +275,13 @@ protected:
         std::filesystem::remove(path);
         EXPECT_TRUE(scene.warnings.empty()) << scene.warnings.front();
         scene.lights.push_back(scenes::point_light({0.2, 0.6, -0.1}, 100.0));
-        BakeSettings settings;
-        settings.solver = Solver::gather;
-        settings.bounces.reset();
+        BakeSettings settings(*find_solver("gather"));
         settings.grid.resolution = 12;
-        settings.lighting_rays = 1 << 17;
-        settings.gather.vpls = 4096; // more than there are patches
+        settings.solver.set_lighting_rays(1 << 17);
+        settings.solver.set("vpls", 4096); // more than there are patches
         Progress silent;
-        return bake(scene, settings, device(), silent).volume;
+        const BakePlan plan = plan_bake(survey(scene), settings, device().info());
+        return bake(scene, plan, device(), silent).volume;
     }
 };
 

@@ -38,13 +38,13 @@ TEST(Sweep, RowsAreAllCombinationsOnce) {
                    base);
     ASSERT_EQ(rows.size(), 7u); // the second sweep has nothing new
     EXPECT_EQ(rows[1].settings.grid.resolution, 16);
-    EXPECT_EQ(rows[1].settings.lpv.occlusion, Occlusion::sh);
+    EXPECT_EQ(rows[1].settings.solver["occlusion"], 1);
     EXPECT_EQ(rows[3].settings.grid.resolution, 32);
-    EXPECT_EQ(rows[3].settings.lpv.occlusion, Occlusion::none);
+    EXPECT_EQ(rows[3].settings.solver["occlusion"], 0);
     EXPECT_EQ(rows[3].options[0], (std::pair<std::string, std::string>("resolution", "32")));
-    EXPECT_EQ(rows[6].settings.lpv.iterations, 7);
-    EXPECT_EQ(rows[6].settings.rsm_size, 64);
-    EXPECT_EQ(rows[6].settings.lpv.tolerance, 0.5f);
+    EXPECT_EQ(rows[6].settings.solver["iterations"], 7);
+    EXPECT_EQ(rows[6].settings.solver["rsm-size"], 64);
+    EXPECT_EQ(rows[6].settings.solver["tolerance"], 0.5);
     for (const SweepRow& row : rows)
         EXPECT_EQ(row.settings.grid.margin, 3);
     EXPECT_GE(sweep_rows(default_sweeps(), {}).size(), 11u);
@@ -256,10 +256,10 @@ TEST(Truth, AFurnaceIsTheSameFromAllSidesAndOnItsWalls) {
 
 TEST(Truth, RulesAreThoseOfTheBake) {
     BakeSettings settings;
-    EXPECT_EQ(field_rules(settings), (PathRules{1, true}));
-    settings.bounces = std::nullopt;
+    EXPECT_EQ(field_rules(settings), (PathRules{std::nullopt, true}));
+    settings.bounces = 1;
     settings.emitters = false;
-    EXPECT_EQ(field_rules(settings), (PathRules{std::nullopt, false}));
+    EXPECT_EQ(field_rules(settings), (PathRules{1, false}));
 }
 
 // ---------------------------------------------------------------- what is written

@@ -71,6 +71,10 @@ void resolve(std::span<const Seen> texels, const RsmGeometry& geometry, const Fr
 
 } // namespace
 
+int usual_map_size(glm::ivec3 dims) {
+    return std::max(256, 8 * std::max({dims.x, dims.y, dims.z}));
+}
+
 struct RsmPass::Impl {
     Frame frame;
     bool cull;

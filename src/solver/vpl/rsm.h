@@ -34,6 +34,9 @@ struct RsmSettings {
     int kernel = 4; ///< texels along each side of a block that is clustered; 1: every texel a VPL
 };
 
+/// Texels along a side that suit a grid: 8 a cell of the longest axis, at least 256.
+int usual_map_size(glm::ivec3 dims);
+
 /// GPU resources for rendering one scene's maps: geometry, textures, pipeline, targets.
 class RsmPass {
 public:

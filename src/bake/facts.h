@@ -1,0 +1,27 @@
+// What planning has to know of a scene.
+#pragma once
+
+#include "scene/scene.h"
+
+#include <string>
+#include <vector>
+
+namespace lpvbake {
+
+/// A scene, surveyed once for any number of plans.
+struct SceneFacts {
+    std::string path;
+    std::vector<std::string> warnings; ///< the scene's
+    uint64_t triangles = 0;            ///< placed, at least one
+    double area = 0;                   ///< of them all, m^2
+    Bounds bounds;                     ///< of them all
+    Bounds crowd; ///< what is left of that without 1 % of them on each side: see trimmed_bounds
+    std::vector<Light> lights;
+    bool emitters = false; ///< some surface emits
+    bool sky = false;      ///< it is not black
+};
+
+/// Throws Error (invalid) where there is no triangle.
+SceneFacts survey(const Scene& scene);
+
+} // namespace lpvbake

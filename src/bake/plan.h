@@ -1,0 +1,35 @@
+// What a bake will do, known before it does it.
+#pragma once
+
+#include "bake/facts.h"
+#include "bake/settings.h"
+#include "gpu/gpu.h"
+#include "scene/frame.h"
+
+#include <string>
+#include <vector>
+
+namespace lpvbake {
+
+struct BakePlan {
+    BakeSettings settings;
+    Grid grid;
+    Frame frame;           ///< the grid's
+    bool emitters = false; ///< some surface emits, and is wanted to
+    bool lit = false;      ///< surfaces are lit as a whole, not by reflective shadow maps alone
+    ReflectiveMaps maps;
+    uint64_t triangles = 0;
+    uint64_t device_bytes = 0;       ///< peak of the solver's device memory
+    uint64_t host_bytes = 0;         ///< estimate
+    double seconds = 0;              ///< estimate, as on two threads of a CPU device; see plan.cpp
+    std::vector<StageReport> stages; ///< what will run, and why (detail)
+    std::vector<SkippedStage> skipped; ///< what such a bake has no need of
+    std::vector<std::string> warnings;
+};
+
+/// Fits the grid and sizes everything. Throws Error: invalid (no light), memory (names the largest
+/// resolution that fits).
+BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
+                   const gpu::DeviceInfo& device);
+
+} // namespace lpvbake

@@ -1,0 +1,155 @@
+#include "solver/gather/kind.h"
+
+#include "scene/scene.h"
+#include "solver/gather/discs.h"
+#include "solver/gather/gather.h"
+#include "solver/outside.h"
+#include "text.h"
+
+#include <algorithm>
+#include <cmath>
+#include <future>
+
+namespace lpvbake {
+namespace {
+
+constexpr int orders[] = {1, 2, 4};
+
+constexpr Parameter parameters[] = {
+    {.name = "vpls",
+     .kind = ValueKind::whole,
+     .lo = 16,
+     .hi = 1'000'000,
+     .usual = GatherSettings().vpls,
+     .unit = "clusters",
+     .help = "clusters of patches whose visibility a cell tests"},
+    {.name = "rsm-samples",
+     .kind = ValueKind::whole,
+     .hi = 65536,
+     .unit = "texels",
+     .help = "texels of each map from which a cell takes the first reflection of punctual lights, "
+             "noisily; 0: from clusters"},
+    {.name = "tolerance",
+     .kind = ValueKind::real,
+     .hi = 1,
+     .usual = 0.3,
+     .help = "difference of irradiance below which cells are interpolated; 0: none"},
+    {.name = "rsm-size",
+     .kind = ValueKind::whole,
+     .hi = 16384,
+     .unit = "texels",
+     .help = "texels along a side of a reflective shadow map; 0: from the grid",
+     .needs = "rsm-samples"},
+};
+
+constexpr Rung ladder[] = {
+    {{}, 1 << 19, {{{"vpls", 48}, {"tolerance", 0.5}}}},
+    {Quality::fast, 1 << 19, {{{"vpls", 96}, {"tolerance", 0.5}}}},
+    {Quality::balanced, 1 << 21, {{{"vpls", GatherSettings().vpls}, {"tolerance", 0.3}}}},
+    {{}, 1 << 22, {{{"vpls", 384}, {"tolerance", 0.2}}}},
+    {Quality::accurate, 1 << 23, {{{"vpls", 768}, {"tolerance", 0.1}}}},
+};
+
+/// What the solver is told of its settings.
+struct Own {
+    GatherSettings gather;
+    int rsm_samples; ///< 0: clusters of patches bring the first reflection of punctual lights too
+};
+
+Own settings_of(const SolverSettings& settings) {
+    Own own{{}, int(settings["rsm-samples"])};
+    own.gather.order = settings.order();
+    own.gather.vpls = int(settings["vpls"]);
+    own.gather.tolerance = float(settings["tolerance"]);
+    return own;
+}
+
+int map_size(const Grid& grid, const SolverSettings& settings) {
+    if (settings["rsm-samples"] == 0)
+        return 0;
+    const int wanted = int(settings["rsm-size"]);
+    return std::min(wanted > 0 ? wanted : usual_map_size(grid.dims), largest_disc_map);
+}
+
+/// Fitted to the Cornell box with a lamp; see bake/choose.cpp.
+double expected_error(const SolverSettings& settings, bool) {
+    const GatherSettings gather = settings_of(settings).gather;
+    return std::hypot(0.009, std::hypot(0.13 / std::sqrt(double(gather.vpls)),
+                                        0.02 * std::pow(double(gather.tolerance), 1.5)));
+}
+
+Cost cost(const Workload& work, const SolverSettings& settings) {
+    const auto [gather, samples] = settings_of(settings);
+    const uint64_t patches = uint64_t(work.patches);
+    Cost cost{{{"validity", validity_seconds(work.grid), "which cells lie outside geometry"},
+               {"gather", gather_seconds(work.grid, patches, gather),
+                format("%d clusters, tolerance %.3g, order %d", gather.vpls,
+                       double(gather.tolerance), gather.order)}},
+              {},
+              gather_host_bytes(work.grid, patches, gather)};
+    if (work.maps.count > 0)
+        cost.stages.push_back({"discs", 4e-7 * double(work.grid.size()) * samples * work.maps.count,
+                               counted(uint64_t(samples), "texel") + " of each map for each cell"});
+    return cost;
+}
+
+/// Clusters of patches straight to the cells that need it, the other cells from these; the first
+/// reflection from the maps' texels, where that is wanted.
+class GatherSolver final : public Solver {
+public:
+    GatherSolver(const gpu::Device& device, const Own& own)
+        : rsm_samples_(own.rsm_samples),
+          program_(std::async(std::launch::async, [&device, settings = own.gather] {
+              return GatherProgram(device, settings);
+          })) {}
+
+    void solve(const Inputs& inputs, Stages& stages, Volume& volume) override {
+        find_validity(inputs, stages, volume);
+        stages.begin("gather");
+        const LitSurfaces none;
+        const GatherReport report =
+            program_.get().gather(inputs.lit ? *inputs.lit : none, inputs.scene.sky,
+                                  inputs.visibility, volume, stages.progress());
+        stages.end(format("%s solved, %llu interpolated, %s",
+                          counted(report.solved, "cell").c_str(),
+                          (unsigned long long)report.interpolated,
+                          counted(report.rays, "visibility ray").c_str()));
+        const auto [count, size] = inputs.maps;
+        if (count == 0)
+            return;
+        stages.begin("discs", inputs.scene.lights.size());
+        const DiscReport discs =
+            gather_discs(inputs.device, inputs.scene, inputs.frame, inputs.visibility,
+                         {rsm_samples_, size}, volume, stages.progress());
+        stages.end(format("%s of %d x %d, %s", counted(uint64_t(discs.maps), "map").c_str(), size,
+                          size, counted(discs.rays, "visibility ray").c_str()));
+    }
+
+private:
+    int rsm_samples_;
+    std::future<GatherProgram> program_;
+};
+
+} // namespace
+
+constinit const SolverKind gather_kind{
+    .name = "gather",
+    .help = "from clusters of patches straight to the cells",
+    .orders = orders,
+    .default_bounces = std::nullopt,
+    .parameters = parameters,
+    .ladder = ladder,
+    .map_size = map_size,
+    .expected_error = expected_error,
+    .device_bytes =
+        [](const Grid&, const SolverSettings& settings) {
+            return gather_device_bytes(settings_of(settings).gather);
+        },
+    .cost = cost,
+    .make = [](const gpu::Device& device, const Grid&,
+               const SolverSettings& settings) -> std::unique_ptr<Solver> {
+        return std::make_unique<GatherSolver>(device, settings_of(settings));
+    },
+};
+
+} // namespace lpvbake

@@ -1,0 +1,27 @@
+#include "solver/outside.h"
+
+#include "text.h"
+#include "visibility/validity.h"
+#include "volume/volume.h"
+
+#include <algorithm>
+
+namespace lpvbake {
+
+void find_validity(const Inputs& inputs, Stages& stages, Volume& volume) {
+    stages.begin("validity");
+    volume.validity = trace_validity(inputs.visibility, inputs.grid.dims);
+    stages.end(outside_geometry(volume.validity));
+}
+
+double validity_seconds(const Grid& grid) {
+    return 5e-6 * double(grid.size()) / std::max({grid.dims.x, grid.dims.y, grid.dims.z});
+}
+
+std::string outside_geometry(std::span<const float> validity) {
+    const auto valid = std::ranges::count(validity, 1.0f);
+    return format("%.1f %% of the cells outside geometry",
+                  100.0 * double(valid) / double(validity.size()));
+}
+
+} // namespace lpvbake

@@ -1,0 +1,107 @@
+#include "solver/sn/kind.h"
+
+#include "scene/scene.h"
+#include "solver/outside.h"
+#include "solver/sn/directions.h"
+#include "solver/sn/sn.h"
+#include "text.h"
+
+#include <cmath>
+#include <future>
+
+namespace lpvbake {
+namespace {
+
+constexpr int orders[] = {1, 2, 3, 4};
+
+constexpr Parameter parameters[] = {
+    {.name = "directions",
+     .kind = ValueKind::whole,
+     .lo = 48,
+     .hi = 384,
+     .usual = SnSettings().directions,
+     .unit = "directions",
+     .help = "directions over the sphere",
+     .round = [](double value) { return double(sn_direction_count(int(value))); }},
+};
+
+constexpr Rung ladder[] = {
+    {{}, 1 << 19, {{{"directions", 48}}}},
+    {Quality::fast, 1 << 19, {{{"directions", 144}}}},
+    {Quality::balanced, 1 << 21, {{{"directions", SnSettings().directions}}}},
+    {Quality::accurate, 1 << 23, {{{"directions", 384}}}},
+};
+
+SnSettings settings_of(const SolverSettings& settings) {
+    return {int(settings["directions"]), settings.order()};
+}
+
+/// Fitted to the Cornell box with a lamp; see bake/choose.cpp.
+double expected_error(const SolverSettings& settings, bool) {
+    return std::hypot(0.016, 0.03 * std::pow(48.0 / settings["directions"], 1.2));
+}
+
+Cost cost(const Workload& work, const SolverSettings& settings) {
+    const SnSettings sn = settings_of(settings);
+    GatherSettings peaks;
+    peaks.order = sn.order;
+    return {{{"validity", validity_seconds(work.grid), "which cells lie outside geometry"},
+             {"gather", gather_seconds(work.grid, uint64_t(work.patches / 10), peaks),
+              "what is brighter than 1.5 times the mean"},
+             {"sweep", sn_seconds(work.grid, sn),
+              format("%d directions, order %d", sn.directions, sn.order)}},
+            {},
+            sn_host_bytes(work.grid, uint64_t(work.patches), sn)};
+}
+
+/// Luminance along fixed directions, from cell to cell, downstream.
+class SnSolver final : public Solver {
+public:
+    SnSolver(const gpu::Device& device, const Grid& grid, const SnSettings& settings)
+        : settings_(settings),
+          program_(std::async(std::launch::async, [&device, &grid, settings] {
+              return SnProgram(device, grid, settings);
+          })) {}
+
+    void solve(const Inputs& inputs, Stages& stages, Volume& volume) override {
+        find_validity(inputs, stages, volume);
+        const SnProgram sn = program_.get();
+        const Sky& sky = inputs.scene.sky;
+        stages.begin("gather");
+        const float limit =
+            sn.gather_peaks(*inputs.lit, inputs.visibility, sky, stages.progress(), volume);
+        stages.end(format("what is brighter than %.4g nits", double(limit)));
+        stages.begin("sweep", 100);
+        sn.sweep(*inputs.lit, inputs.visibility, sky, limit, stages.progress(), volume);
+        stages.end(format("%d directions", settings_.directions));
+        volume.metadata["directions"] = std::to_string(settings_.directions);
+    }
+
+private:
+    SnSettings settings_;
+    std::future<SnProgram> program_;
+};
+
+} // namespace
+
+constinit const SolverKind sn_kind{
+    .name = "sn",
+    .help = "discrete ordinates",
+    .orders = orders,
+    .default_bounces = std::nullopt,
+    .parameters = parameters,
+    .ladder = ladder,
+    .map_size = [](const Grid&, const SolverSettings&) { return 0; },
+    .expected_error = expected_error,
+    .device_bytes =
+        [](const Grid& grid, const SolverSettings& settings) {
+            return sn_device_bytes(grid, settings_of(settings));
+        },
+    .cost = cost,
+    .make = [](const gpu::Device& device, const Grid& grid,
+               const SolverSettings& settings) -> std::unique_ptr<Solver> {
+        return std::make_unique<SnSolver>(device, grid, settings_of(settings));
+    },
+};
+
+} // namespace lpvbake

@@ -1,0 +1,10 @@
+// What the rest of the program knows of the sn solver.
+#pragma once
+
+#include "solver/solver.h"
+
+namespace lpvbake {
+
+extern const SolverKind sn_kind;
+
+} // namespace lpvbake

@@ -1,0 +1,197 @@
+// A solver that the program has never heard of: one kind is all it takes to plan, choose, bake and
+// sweep with it.
+#include "bake/bake.h"
+
+#include "error.h"
+#include "gpu/device.h"
+#include "report/sweep.h"
+#include "scenes.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+
+namespace lpvbake {
+namespace {
+
+// ---------------------------------------------------------------- what its folder would hold
+
+constexpr int toy_orders[] = {1, 2};
+
+constexpr Parameter toy_parameters[] = {
+    {.name = "samples",
+     .kind = ValueKind::whole,
+     .lo = 1,
+     .hi = 64,
+     .usual = 16,
+     .unit = "samples",
+     .help = "more are slower and better",
+     .round = [](double value) { return value < 16 ? value : 16 * std::ceil(value / 16); }},
+    {.name = "glow", .kind = ValueKind::real, .hi = 100, .usual = 1, .help = "nits, everywhere"},
+};
+
+constexpr Rung toy_ladder[] = {
+    {Quality::fast, 1 << 10, {{{"samples", 4}}}},
+    {Quality::balanced, 1 << 10, {{{"samples", 16}}}},
+    {Quality::accurate, 1 << 12, {{{"samples", 64}}}},
+};
+
+/// The same luminance in every cell.
+class ToySolver final : public Solver {
+public:
+    explicit ToySolver(const SolverSettings& settings) : settings_(settings) {}
+    void solve(const Inputs& inputs, Stages& stages, Volume& volume) override {
+        stages.begin("glow", 1);
+        volume.sh_order = settings_.order();
+        const auto bands = std::size_t(volume.sh_order + 1);
+        volume.sh.assign(bands * bands, std::vector(inputs.grid.size(), glm::vec3(0.0f)));
+        std::ranges::fill(volume.sh[0], glm::vec3(float(settings_["glow"])));
+        volume.validity.assign(inputs.grid.size(), 1.0f);
+        volume.metadata["samples"] = std::to_string(int(settings_["samples"]));
+        if (!inputs.lit)
+            stages.warn("no lit surfaces");
+        stages.progress().advance(1);
+        stages.end("an even glow");
+    }
+
+private:
+    SolverSettings settings_;
+};
+
+constinit const SolverKind toy_kind{
+    .name = "toy",
+    .help = "an even glow",
+    .orders = toy_orders,
+    .default_bounces = 3,
+    .parameters = toy_parameters,
+    .ladder = toy_ladder,
+    .map_size = [](const Grid&, const SolverSettings&) { return 0; },
+    .expected_error = [](const SolverSettings& settings,
+                         bool) { return 0.4 / settings["samples"]; },
+    .device_bytes = [](const Grid& grid, const SolverSettings&) { return uint64_t(grid.size()); },
+    .cost =
+        [](const Workload& work, const SolverSettings& settings) {
+            return Cost{{{"glow", settings["samples"] * 1e-3, "an even glow"}},
+                        {{"shadows", "a glow has none"}},
+                        work.grid.size()};
+        },
+    .make = [](const gpu::Device&, const Grid&, const SolverSettings& settings)
+        -> std::unique_ptr<Solver> { return std::make_unique<ToySolver>(settings); },
+};
+
+// ---------------------------------------------------------------- and its line in the list
+
+constexpr std::array<const SolverKind*, 1> toys{&toy_kind};
+
+std::vector<const SolverKind*> with_toy() {
+    std::vector<const SolverKind*> kinds(solver_kinds().begin(), solver_kinds().end());
+    kinds.push_back(&toy_kind);
+    return kinds;
+}
+
+class ToySolverTest : public testing::DeviceTest {
+protected:
+    const Scene scene = scenes::cornell_box_with_point();
+    const SceneFacts facts = survey(scene);
+
+    static BakeSettings coarse() {
+        BakeSettings settings(toy_kind);
+        settings.grid.resolution = 8;
+        return settings;
+    }
+    Choice choose(const Wish& wish) {
+        return choose_settings(facts, coarse(), wish, device().info());
+    }
+};
+
+TEST_F(ToySolverTest, IsFoundByItsName) {
+    EXPECT_EQ(find_solver("toy", toys), &toy_kind);
+    EXPECT_EQ(find_solver("toy"), nullptr);
+    EXPECT_EQ(find_solver("sn", toys), nullptr);
+}
+
+TEST_F(ToySolverTest, ItsSettingsAreWhatCanBeSolved) {
+    SolverSettings settings(toy_kind);
+    EXPECT_EQ(settings["samples"], 16);
+    EXPECT_EQ(settings["glow"], 1);
+    EXPECT_EQ(settings.order(), 2);
+    settings.set_order(4);
+    EXPECT_EQ(settings.order(), 2);
+    settings.set_order(0);
+    EXPECT_EQ(settings.order(), 1);
+    settings.set("samples", 17);
+    EXPECT_EQ(settings["samples"], 32);
+    settings.set(Quality::accurate);
+    EXPECT_EQ(settings["samples"], 64);
+    EXPECT_EQ(settings.lighting_rays(), 1u << 12);
+    EXPECT_THROW(settings.set("samples", 65), Error);
+    EXPECT_THROW(settings.set("samples", 2.5), Error);
+    EXPECT_THROW(settings.set("directions", 48), Error);
+    EXPECT_THROW(settings["directions"], Error);
+}
+
+TEST_F(ToySolverTest, IsPlannedAndBaked) {
+    BakeSettings settings = coarse();
+    EXPECT_EQ(settings.bounces, 3);
+    settings.solver.set("glow", 7);
+    const BakePlan plan = plan_bake(facts, settings, device().info());
+    EXPECT_TRUE(plan.lit);
+    EXPECT_EQ(plan.device_bytes, plan.grid.size());
+    EXPECT_EQ(plan.stages.end()[-2].name, "glow");
+    EXPECT_EQ(plan.skipped.back().name, "shadows");
+    Progress silent;
+    const Baked baked = bake(scene, plan, device(), silent);
+    EXPECT_EQ(baked.volume.sh[0].front(), glm::vec3(7.0f));
+    EXPECT_EQ(baked.volume.metadata.at("solver"), "toy");
+    EXPECT_EQ(baked.volume.metadata.at("samples"), "16");
+    EXPECT_EQ(baked.volume.metadata.at("bounces"), "3");
+    EXPECT_EQ(baked.stages.end()[-2].detail, "an even glow");
+    EXPECT_TRUE(baked.warnings.empty());
+}
+
+TEST_F(ToySolverTest, IsChosenByItsModels) {
+    Wish wish;
+    wish.solvers = with_toy();
+    wish.seconds = 1.0;
+    wish.error = 0.021;
+    wish.given = {{"glow", 3}, {"vpls", 99}}; // the latter is none of it
+    // The others need longer on this grid, or err by more.
+    const Choice choice = choose(wish);
+    EXPECT_EQ(&choice.solver().kind(), &toy_kind);
+    EXPECT_EQ(choice.text, "toy, order 2, 64 samples");
+    EXPECT_EQ(choice.solver()["glow"], 3);
+    EXPECT_TRUE(choice.warnings.empty());
+    EXPECT_EQ(choice.plan.settings.bounces, 3);
+    EXPECT_NEAR(choice.error, std::hypot(0.02, 0.4 / 64), 1e-12);
+
+    wish.solvers = {&toy_kind};
+    wish.error.reset();
+    wish.seconds = plan_bake(facts, coarse(), device().info()).seconds;
+    EXPECT_EQ(choose(wish).text, "toy, order 2, 16 samples");
+    wish.seconds.reset();
+    EXPECT_EQ(choose(wish).text, "toy, order 2, 16 samples");
+}
+
+TEST_F(ToySolverTest, IsSweptOver) {
+    const std::vector<const SolverKind*> kinds = with_toy();
+    const std::vector<std::string> options = sweep_options(kinds);
+    EXPECT_TRUE(std::ranges::count(options, "glow"));
+    EXPECT_FALSE(std::ranges::count(sweep_options(), "glow"));
+    EXPECT_NO_THROW(check_sweep_value("glow", "2.5", kinds));
+    EXPECT_THROW(check_sweep_value("glow", "2.5"), Error);
+    EXPECT_THROW(check_sweep_value("glow", "200", kinds), Error);
+    const std::vector<SweepRow> rows = sweep_rows(
+        {{{"glow", {"2"}}, {"samples", {"4", "33"}}}, {{"solver", {"sn", "toy"}}, {"glow", {"9"}}}},
+        {}, kinds);
+    ASSERT_EQ(rows.size(), 4u);
+    for (const std::size_t row : {0, 1, 3})
+        EXPECT_EQ(&rows[row].settings.solver.kind(), &toy_kind) << row;
+    EXPECT_EQ(rows[1].settings.solver["samples"], 48);
+    EXPECT_EQ(rows[1].settings.bounces, 3);
+    EXPECT_EQ(rows[2].settings.solver.kind().name, std::string("sn"));
+    EXPECT_EQ(rows[3].settings.solver["glow"], 9);
+}
+
+} // namespace
+} // namespace lpvbake
