@@ -99,4 +99,11 @@ void clear(const Device& device, const Buffer& target) {
     });
 }
 
+Window window_over(const Buffer& buffer, uint64_t first, uint64_t last, uint64_t element,
+                   uint64_t alignment, uint32_t& base) {
+    const uint64_t offset = first * element / alignment * alignment;
+    base = uint32_t((first * element - offset) / element);
+    return {&buffer, offset, last * element - offset};
+}
+
 } // namespace lpvbake::gpu

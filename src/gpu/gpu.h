@@ -121,6 +121,16 @@ struct Window {
     uint64_t bytes = 0;
 };
 
+/// All of a buffer.
+inline Window whole(const Buffer& buffer) {
+    return {&buffer, 0, buffer.bytes()};
+}
+
+/// A window over elements [first, last) of `element` bytes, widened at its start to a multiple of
+/// `alignment` (DeviceInfo::window_alignment); `base` becomes where `first` lies in it.
+Window window_over(const Buffer& buffer, uint64_t first, uint64_t last, uint64_t element,
+                   uint64_t alignment, uint32_t& base);
+
 struct Groups {
     uint32_t x = 1, y = 1, z = 1;
 };

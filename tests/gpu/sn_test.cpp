@@ -6,7 +6,7 @@
 #include "reference/reference.h"
 #include "scenes.h"
 #include "solver/sn/directions.h"
-#include "solver/sn/walls.h"
+#include "solver/sn/occupancy.h"
 #include "visibility/validity.h"
 #include "volume/compare.h"
 #include "volume/sh.h"
@@ -138,11 +138,11 @@ protected:
 };
 
 /// What the oracle has to know of a setting.
-oracle::SnWorld world_of(const Setting& setting, const SnWalls& walls, float limit) {
+oracle::SnWorld world_of(const Setting& setting, const Occupancy& occupancy, float limit) {
     oracle::SnWorld world;
     world.dims = setting.grid.dims;
-    world.surface_between = [&walls](glm::ivec3 a, glm::ivec3 b) {
-        return walls.is_occupied(glm::max(a, b));
+    world.surface_between = [&occupancy](glm::ivec3 a, glm::ivec3 b) {
+        return occupancy.is_occupied(glm::max(a, b));
     };
     world.seen = [&setting, limit](glm::ivec3 cell, glm::dvec3 d) {
         const glm::vec3 towards(-d);
@@ -192,13 +192,13 @@ TEST(SnDirections, OfAnOctantAreAllPermutations) {
     EXPECT_EQ(sn_direction_count(1 << 20), sn_direction_counts().back());
 }
 
-TEST(SnWalls, OccupiedCubesAreThoseThatHoldASurface) {
+TEST(SnOccupancy, OccupiedCubesAreThoseThatHoldASurface) {
     Scene scene = scenes::cornell_box();
     turn(scene);
     const Setting setting(scene, 12, emission_only());
-    const SnWalls walls = find_walls(setting.lit.patches, setting.grid.dims);
+    const Occupancy occupancy = find_occupied(setting.lit.patches, setting.grid.dims);
     // Points all over the surfaces.
-    std::vector<float> nearest(walls.occupied.size(), 1e9f); // to a cube's centre, greatest axis
+    std::vector<float> nearest(occupancy.occupied.size(), 1e9f); // to a cube's centre, greatest axis
     for (const Patch& patch : setting.lit.patches)
         for (int i = 0; i <= 40; ++i)
             for (int j = 0; j <= 40 - i; ++j) {
@@ -221,12 +221,12 @@ TEST(SnWalls, OccupiedCubesAreThoseThatHoldASurface) {
     int occupied = 0;
     for (size_t i = 0; i < nearest.size(); ++i) {
         if (nearest[i] < 0.5f) {
-            EXPECT_EQ(walls.occupied[i], 1) << nearest[i];
+            EXPECT_EQ(occupancy.occupied[i], 1) << nearest[i];
         }
         if (nearest[i] > 0.54f) {
-            EXPECT_EQ(walls.occupied[i], 0) << nearest[i];
+            EXPECT_EQ(occupancy.occupied[i], 0) << nearest[i];
         }
-        occupied += walls.occupied[i];
+        occupied += occupancy.occupied[i];
     }
     EXPECT_GT(occupied, 300);
     EXPECT_LT(occupied, int(nearest.size()) * 3 / 4);
@@ -248,12 +248,12 @@ TEST_F(Sn, AgreesWithTheOracle) {
     for (const glm::ivec3 dims : {glm::ivec3(7, 5, 4), glm::ivec3(3, 5, 4), glm::ivec3(4, 3, 5)}) {
         const glm::dvec3 origin = around.origin + around.cell * (dims.x > 5 ? 1.0 : 3.0);
         const Setting setting(scene, Grid{origin, around.cell, dims}, emission_only());
-        const SnWalls walls = find_walls(setting.lit.patches, setting.grid.dims);
+        const Occupancy occupancy = find_occupied(setting.lit.patches, setting.grid.dims);
         for (const auto& [directions, order, limit] :
              {std::tuple{48, 2, HUGE_VALF}, {96, 1, 1.5f}, {96, 4, 3.0f}}) {
             const Volume ours = sweep(setting, {directions, order}, limit);
             ASSERT_EQ(int(ours.sh.size()), sh_count(order));
-            const oracle::SnWorld world = world_of(setting, walls, limit);
+            const oracle::SnWorld world = world_of(setting, occupancy, limit);
             std::vector<std::vector<glm::dvec3>> theirs(
                 size_t(sh_count(order)), std::vector<glm::dvec3>(setting.grid.size()));
             for (const glm::dvec3& d : all_directions(directions)) {

@@ -3,7 +3,7 @@
 
 #include "solver/gather/clusters.h"
 #include "solver/gather/layout.h"
-#include "solver/gather/sky.h"
+#include "solver/gather/sky_bins.h"
 #include "volume/grid.h"
 
 #include <array>
@@ -45,7 +45,6 @@ struct Surroundings {
 /// Sources of a job, in the kernel's words.
 struct Sources {
     std::vector<glm::vec4> points, triangles, bins;
-    size_t words() const { return points.size() + triangles.size() + bins.size(); }
     void clear();
 };
 
@@ -57,14 +56,11 @@ class Zone {
 public:
     Zone(const Surroundings& world, glm::ivec3 base);
 
-    glm::ivec3 base() const { return base_; }
-    glm::ivec3 dims() const { return dims_; }
-    bool dark() const { return clusters_.empty() && world_.sky.empty(); }
     uint64_t rays() const { return rays_; }
 
     /// Finds out what a cell (of this zone) sees.
-    void look(glm::ivec3 cell) { bits(cell - base_); }
-    /// Appends the points and triangles of up to eight cells that have looked, lane by lane.
+    void test_visibility(glm::ivec3 cell) { bits(cell - base_); }
+    /// Appends the points and triangles of up to eight cells that were tested, lane by lane.
     void gather_surfaces(std::span<const glm::ivec3> cells, Sources& sources) const;
     /// The same for the bins of sky.
     void gather_sky(std::span<const glm::ivec3> cells, int order, Sources& sources) const;

@@ -2,6 +2,7 @@
 
 #include "scene/scene.h"
 #include "solver/lpv/lpv.h"
+#include "solver/occlusion.h"
 #include "solver/outside.h"
 #include "solver/vpl/emitters.h"
 #include "solver/vpl/vpls.h"

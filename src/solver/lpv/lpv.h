@@ -5,21 +5,15 @@
 #include "gpu/gpu.h"
 #include "progress.h"
 #include "solver/lpv/inject.h"
-#include "solver/occlusion.h"
+#include "solver/lpv/propagator.h"
 #include "volume/volume.h"
 
 #include <span>
 
 namespace lpvbake {
 
-enum class Occlusion {
-    none, ///< light passes through everything
-    sh,   ///< geometry volume in SH L1: soft, leaks a quarter through a full wall
-    face, ///< scalar transmittance of the links between cells: no leaks
-};
-
 struct LpvSettings {
-    int iterations = 0;      ///< 0: until the front holds less than `tolerance`, at most 100,000
+    int iterations = 0; ///< 0: until the front holds less than `tolerance`, at most 100,000
     /// Share of the injected power that the last front may hold; the field misses about that share.
     float tolerance = 1e-2f;
     Occlusion occlusion = Occlusion::face;
@@ -53,8 +47,7 @@ private:
     Grid grid_;
     Occlusion occlusion_;
     uint64_t window_;
-    gpu::Program propagate_;
-    gpu::Program free_flight_; ///< without occlusion: the first step of Occlusion::sh
+    lpv::PropagatePrograms programs_;
 };
 
 /// Intensity to incident luminance: L(w) = I(-w) / (1.5 h^2), 1.5 h^2 being the mean projected area

@@ -62,8 +62,9 @@ float mean_luminance(const SnLight& light, const Grid& grid, std::span<const flo
     return float(sum / double(mean_rays));
 }
 
-void look(const SnLight& light, std::span<const SnPlace> places, std::span<const glm::vec3> travel,
-          size_t stride, std::span<glm::vec4> luminance) {
+void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
+                    std::span<const glm::vec3> travel, size_t stride,
+                    std::span<glm::vec4> luminance) {
     std::array<Ray, 8> rays;
     std::array<Hit, 8> hits;
     for (size_t d = 0; d < travel.size(); ++d) {

@@ -32,7 +32,7 @@ struct SnPlace {
 
 /// The luminance (nits) that arrives along each direction of travel in the centres of up to eight
 /// cells: luminance[cell * stride + direction].
-void look(const SnLight& light, std::span<const SnPlace> places, std::span<const glm::vec3> travel,
+void trace_arriving(const SnLight& light, std::span<const SnPlace> places, std::span<const glm::vec3> travel,
           size_t stride, std::span<glm::vec4> luminance);
 
 } // namespace lpvbake

@@ -11,6 +11,7 @@
 #include "progress.h"
 #include "scene/sky.h"
 #include "solver/gather/gather.h"
+#include "solver/sn/sweeper.h"
 #include "surface/lit_surfaces.h"
 #include "volume/volume.h"
 
@@ -59,7 +60,7 @@ private:
     GatherProgram gather_;
     uint64_t largest_; ///< bytes that a binding sees
     uint32_t stride_;  ///< directions of an octant that are swept at once
-    gpu::Program transport_, given_, project_;
+    sn::SweepPrograms sweep_;
 };
 
 } // namespace lpvbake

@@ -1,4 +1,4 @@
-#include "solver/gather/sky.h"
+#include "solver/gather/sky_bins.h"
 
 #include "volume/sh.h"
 

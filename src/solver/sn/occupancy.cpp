@@ -1,4 +1,4 @@
-#include "solver/sn/walls.h"
+#include "solver/sn/occupancy.h"
 
 #include <tbb/parallel_for.h>
 
@@ -40,8 +40,8 @@ bool meets_cube(const std::array<glm::vec3, 3>& corner, float half) {
     return true;
 }
 
-void occupy(const std::vector<Patch>& patches, SnWalls& walls) {
-    const glm::ivec3 cubes = walls.dims + 1;
+void occupy(const std::vector<Patch>& patches, Occupancy& occupancy) {
+    const glm::ivec3 cubes = occupancy.dims + 1;
     tbb::parallel_for(size_t(0), patches.size(), [&](size_t index) {
         const Patch& patch = patches[index];
         const std::array<glm::vec3, 3> corner = {patch.at({0, 0}), patch.at({1, 0}),
@@ -59,9 +59,9 @@ void occupy(const std::vector<Patch>& patches, SnWalls& walls) {
             for (int j = first.y; j <= last.y; ++j)
                 for (int i = first.x; i <= last.x; ++i) {
                     std::atomic_ref<uint8_t> flag(
-                        walls.occupied[size_t(i)
-                                       + size_t(cubes.x)
-                                             * (size_t(j) + size_t(cubes.y) * size_t(k))]);
+                        occupancy.occupied[size_t(i)
+                                           + size_t(cubes.x)
+                                                 * (size_t(j) + size_t(cubes.y) * size_t(k))]);
                     if (flag.load(std::memory_order_relaxed))
                         continue;
                     const glm::vec3 center(i, j, k);
@@ -74,13 +74,13 @@ void occupy(const std::vector<Patch>& patches, SnWalls& walls) {
 
 } // namespace
 
-SnWalls find_walls(const std::vector<Patch>& patches, glm::ivec3 dims) {
-    SnWalls walls;
-    walls.dims = dims;
+Occupancy find_occupied(const std::vector<Patch>& patches, glm::ivec3 dims) {
+    Occupancy occupancy;
+    occupancy.dims = dims;
     const glm::ivec3 cubes = dims + 1;
-    walls.occupied.assign(size_t(cubes.x) * size_t(cubes.y) * size_t(cubes.z), 0);
-    occupy(patches, walls);
-    return walls;
+    occupancy.occupied.assign(size_t(cubes.x) * size_t(cubes.y) * size_t(cubes.z), 0);
+    occupy(patches, occupancy);
+    return occupancy;
 }
 
 } // namespace lpvbake

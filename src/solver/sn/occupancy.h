@@ -8,7 +8,7 @@
 
 namespace lpvbake {
 
-struct SnWalls {
+struct Occupancy {
     glm::ivec3 dims{0};
     /// occupied[i + (dims.x + 1) (j + (dims.y + 1) k)]: 1 where a surface meets the unit cube whose
     /// corners are the centres of the cells i - 1 and i, j - 1 and j, k - 1 and k.
@@ -23,6 +23,6 @@ struct SnWalls {
 };
 
 /// Finds the cubes that hold a surface, or come within a thousandth of a cell of one.
-SnWalls find_walls(const std::vector<Patch>& patches, glm::ivec3 dims);
+Occupancy find_occupied(const std::vector<Patch>& patches, glm::ivec3 dims);
 
 } // namespace lpvbake

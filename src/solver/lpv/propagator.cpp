@@ -1,0 +1,228 @@
+#include "solver/lpv/propagator.h"
+
+#include "error.h"
+#include "solver/lpv/propagate.comp.h"
+#include "solver/occlusion.h"
+#include "volume/sh.h"
+
+#include <glm/gtc/constants.hpp>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace lpvbake::lpv {
+namespace {
+
+constexpr uint64_t texel = sizeof(glm::vec4);
+
+constexpr double far_angle = 0.4006696846;  ///< of the far face, seen from the source's centre, sr
+constexpr double side_angle = 0.4234313544; ///< of a side face, sr
+
+PropagateTiling tiling_for(const gpu::Device& device, const Grid& grid) {
+    return device.is_cpu() ? cpu_tiling(uint32_t(grid.dims.x)) : gpu_tiling;
+}
+
+gpu::Program compile(const gpu::Device& device, const PropagateTiling& tiling,
+                     Occlusion occlusion) {
+    using gpu::Binding;
+    constexpr Binding bindings[] = {Binding::texels_rgba32, Binding::texels_rgba32,
+                                    Binding::texels_r32,    Binding::storage,
+                                    Binding::storage,       Binding::storage};
+    const uint32_t mode = occlusion == Occlusion::none   ? occlusion_none
+                          : occlusion == Occlusion::face ? occlusion_link
+                                                         : occlusion_per_face;
+    const uint32_t constants[] = {tiling.local_size, tiling.lanes_x, tiling.tile_x,
+                                  tiling.march,      mode,           tiling.group_sum};
+    return gpu::Program(device, shaders::propagate_comp, bindings, sizeof(PropagatePush),
+                        constants);
+}
+
+/// What a lobe is multiplied with so that the flux through its 30 faces is its power.
+double budget(const float* lobe) {
+    double leaving = 0.0;
+    for (const LpvFace& face : lpv_faces()) {
+        const glm::dvec3 w{face.toward};
+        const double intensity =
+            double(sh_y0) * double(lobe[0])
+            + double(sh_y1)
+                  * (w.y * double(lobe[1]) + w.z * double(lobe[2]) + w.x * double(lobe[3]));
+        leaving += std::max(0.0, intensity) * (face.normal == face.toward ? far_angle : side_angle);
+    }
+    return leaving > 0.0 ? std::sqrt(4.0 * glm::pi<double>()) * double(lobe[0]) / leaving : 0.0;
+}
+
+/// Copies cell values (`planes` groups of `width` floats a cell) into a buffer of the kernel's
+/// layout, a layer at a time.
+template <class Value>
+void upload_cells(const gpu::Device& device, const Grid& grid, const gpu::Buffer& target,
+                  uint32_t planes, uint32_t width, const Value& value) {
+    const PropagateLayout layout = layout_of(grid);
+    std::vector<float> layer(layout.layer(planes) * width);
+    for (int z = 0; z < grid.dims.z; ++z) {
+        const uint64_t start = layout.index(0, 0, z, 0, planes) - layout.row_pitch();
+        tbb::parallel_for(0, grid.dims.y, [&](int y) {
+            for (int x = 0; x < grid.dims.x; ++x)
+                for (uint32_t plane = 0; plane < planes; ++plane)
+                    value(grid.index({x, y, z}), plane,
+                          &layer[(layout.index(uint32_t(x), uint32_t(y), z, plane, planes) - start)
+                                 * width]);
+        });
+        gpu::upload(device, target, start * width * sizeof(float), std::as_bytes(std::span(layer)));
+    }
+}
+
+} // namespace
+
+uint32_t planes_of(Occlusion occlusion) {
+    return occlusion == Occlusion::none ? 0 : occlusion == Occlusion::face ? 3 : 30;
+}
+
+PropagateLayout layout_of(const Grid& grid) {
+    return {uint32_t(grid.dims.x), uint32_t(grid.dims.y), uint32_t(grid.dims.z)};
+}
+
+PropagatePlan plan_propagate(const gpu::Device& device, const Grid& grid, Occlusion occlusion,
+                             uint64_t window) {
+    const gpu::DeviceInfo& info = device.info();
+    PropagatePlan plan{
+        occlusion, layout_of(grid),      tiling_for(device, grid), planes_of(occlusion), 0,
+        0,         info.window_alignment};
+    const PropagateLayout& layout = plan.layout;
+    // A slab is as many layers as a binding can see, the two layers beside it included.
+    const uint64_t largest = window ? window : std::numeric_limits<uint64_t>::max();
+    const uint64_t lobes = std::min({largest, info.max_storage_range, info.max_texels * texel});
+    uint64_t layers = (lobes - plan.alignment) / (layout.layer() * texel);
+    if (plan.planes > 0) {
+        const uint64_t taus = std::min(largest, info.max_texels * sizeof(float));
+        layers =
+            std::min(layers, (taus - plan.alignment) / (layout.layer(plan.planes) * sizeof(float)));
+    }
+    if (layers < 3)
+        throw Error(ExitCode::memory, "a layer of " + std::to_string(grid.dims.x) + " x "
+                                          + std::to_string(grid.dims.y) + " cells exceeds what '"
+                                          + info.name + "' can bind; lower --resolution");
+    plan.slab = uint32_t(std::min<uint64_t>(layers - 2, layout.nz));
+    for (uint32_t z = 0; z < layout.nz; z += plan.slab)
+        plan.partials +=
+            plan.tiling.partials(layout.nx, layout.ny, std::min(plan.slab, layout.nz - z));
+    return plan;
+}
+
+PropagatePrograms compile_propagate(const gpu::Device& device, const Grid& grid,
+                                    Occlusion occlusion) {
+    const PropagateTiling tiling = tiling_for(device, grid);
+    PropagatePrograms programs{compile(device, tiling, occlusion), {}};
+    if (occlusion == Occlusion::sh)
+        programs.free_flight = compile(device, tiling, Occlusion::none);
+    return programs;
+}
+
+Propagator::Propagator(const gpu::Device& device, const Grid& grid, const PropagatePlan& plan,
+                       const PropagatePrograms& programs, const Injection& injection,
+                       std::span<const float> transmittance)
+    : device_(device),
+      grid_(grid),
+      plan_(plan),
+      programs_(programs),
+      fronts_{{device, plan.layout.elements() * texel}, {device, plan.layout.elements() * texel}},
+      sum_(device, plan.layout.elements() * texel),
+      transmittance_(device,
+                     std::max<uint64_t>(texel, plan.layout.elements(plan.planes) * sizeof(float))),
+      partial_(device, uint64_t(plan.partials) * most_steps * sizeof(float)),
+      batch_(device) {
+    for (const gpu::Buffer* buffer : {&fronts_[0], &fronts_[1], &sum_, &transmittance_})
+        gpu::clear(device, *buffer);
+    upload(injection, transmittance);
+}
+
+void Propagator::upload(const Injection& injection, std::span<const float> transmittance) {
+    const auto lobe_of = [&](size_t cell, uint32_t plane) {
+        return &injection.coefficients[12 * cell + 4 * plane];
+    };
+    upload_cells(device_, grid_, sum_, 3, 4, [&](size_t cell, uint32_t plane, float* out) {
+        std::copy_n(lobe_of(cell, plane), 4, out);
+    });
+    upload_cells(device_, grid_, fronts_[0], 3, 4, [&](size_t cell, uint32_t plane, float* out) {
+        const float* lobe = lobe_of(cell, plane);
+        const double scale = lobe[0] != 0.0f ? budget(lobe) : 0.0;
+        for (int k = 0; k < 4; ++k)
+            out[k] = float(scale * double(lobe[k]));
+    });
+    if (plan_.planes > 0)
+        upload_cells(device_, grid_, transmittance_, plan_.planes, 1,
+                     [&](size_t cell, uint32_t plane, float* out) {
+                         *out = transmittance[plan_.planes * cell + plane];
+                     });
+}
+
+double Propagator::run(int steps) {
+    for (int i = 0; i < steps; ++i)
+        record_step(done_ + i, uint32_t(i) * plan_.partials);
+    batch_.run();
+    done_ += steps;
+    std::vector<float> fluxes(plan_.partials);
+    gpu::download(device_, partial_, uint64_t(steps - 1) * plan_.partials * sizeof(float),
+                  std::as_writable_bytes(std::span(fluxes)));
+    double flux = 0.0;
+    for (const float f : fluxes)
+        flux += double(f);
+    return flux;
+}
+
+void Propagator::record_step(int step, uint32_t partial_base) {
+    const PropagateLayout& layout = plan_.layout;
+    const bool free = plan_.occlusion == Occlusion::sh && step == 0;
+    const uint32_t tau_planes = free ? 0 : plan_.planes;
+    const gpu::Buffer& source = fronts_[step % 2];
+    const gpu::Buffer& target = fronts_[(step + 1) % 2];
+    const uint64_t layer = layout.layer(), tau_layer = layout.layer(tau_planes);
+    const auto window = [&](const gpu::Buffer& buffer, uint64_t first, uint64_t last,
+                            uint64_t element, uint32_t& base) {
+        return gpu::window_over(buffer, first, last, element, plan_.alignment, base);
+    };
+    for (uint32_t begin = 0; begin < layout.nz; begin += plan_.slab) {
+        const uint32_t end = std::min(begin + plan_.slab, layout.nz);
+        PropagatePush push{
+            layout.nx, layout.ny, begin, end, layout.row_pitch(), layout.plane_pitch(),
+            0,         0,         0,     0,   partial_base};
+        // In a buffer, layer z comes after the border layer, at z + 1.
+        const gpu::Window sums =
+            window(sum_, (begin + 1) * layer, (end + 1) * layer, texel, push.accumulator_base);
+        const gpu::Window windows[] = {
+            window(source, begin * layer, (end + 2) * layer, texel, push.front_in_base),
+            sums,
+            tau_planes ? window(transmittance_, begin * tau_layer, (end + 2) * tau_layer,
+                                sizeof(float), push.transmittance_base)
+                       : gpu::Window{&transmittance_, 0, texel},
+            window(target, (begin + 1) * layer, (end + 1) * layer, texel, push.front_out_base),
+            sums,
+            gpu::whole(partial_)};
+        const auto groups = plan_.tiling.groups(layout.nx, layout.ny, end - begin);
+        batch_.dispatch(free ? programs_.free_flight : programs_.usual, windows,
+                        std::as_bytes(std::span(&push, 1)), {groups.x, groups.y, groups.z});
+        partial_base += plan_.tiling.partials(layout.nx, layout.ny, end - begin);
+    }
+}
+
+std::vector<float> Propagator::download() const {
+    const PropagateLayout& layout = plan_.layout;
+    std::vector<float> coefficients(12 * grid_.size());
+    std::vector<glm::vec4> layer(layout.layer());
+    for (int z = 0; z < grid_.dims.z; ++z) {
+        const uint64_t start = layout.index(0, 0, z, 0) - layout.row_pitch();
+        gpu::download(device_, sum_, start * texel, std::as_writable_bytes(std::span(layer)));
+        tbb::parallel_for(0, grid_.dims.y, [&](int y) {
+            for (int x = 0; x < grid_.dims.x; ++x)
+                for (uint32_t plane = 0; plane < 3; ++plane) {
+                    const glm::vec4 lobe =
+                        layer[layout.index(uint32_t(x), uint32_t(y), z, plane) - start];
+                    std::copy_n(&lobe.x, 4, &coefficients[12 * grid_.index({x, y, z}) + 4 * plane]);
+                }
+        });
+    }
+    return coefficients;
+}
+
+} // namespace lpvbake::lpv

@@ -1,0 +1,82 @@
+// The propagation on the device: how it is cut to what the device can bind, its buffers and
+// dispatches.
+#pragma once
+
+#include "gpu/gpu.h"
+#include "solver/lpv/inject.h"
+#include "solver/lpv/propagate.h"
+
+#include <span>
+#include <vector>
+
+namespace lpvbake {
+
+/// How geometry stands in the light's way.
+enum class Occlusion {
+    none, ///< light passes through everything
+    sh,   ///< geometry volume in SH L1: soft, leaks a quarter through a full wall
+    face, ///< scalar transmittance of the links between cells: no leaks
+};
+
+namespace lpv {
+
+/// Floats of transmittance a cell.
+uint32_t planes_of(Occlusion occlusion);
+
+PropagateLayout layout_of(const Grid& grid);
+
+/// How a propagation is cut: by what a binding can see.
+struct PropagatePlan {
+    Occlusion occlusion;
+    PropagateLayout layout;
+    PropagateTiling tiling;
+    uint32_t planes;    ///< of transmittance
+    uint32_t slab;      ///< layers of a dispatch
+    uint32_t partials;  ///< partial sums of the flux that a step writes
+    uint64_t alignment; ///< of windows, bytes
+};
+
+/// `window` limits the bytes that one binding sees. Throws Error (memory) where that is not a layer
+/// and the two beside it.
+PropagatePlan plan_propagate(const gpu::Device& device, const Grid& grid, Occlusion occlusion,
+                             uint64_t window);
+
+struct PropagatePrograms {
+    gpu::Program usual;
+    gpu::Program free_flight; ///< without occlusion: the first step of Occlusion::sh
+};
+
+PropagatePrograms compile_propagate(const gpu::Device& device, const Grid& grid,
+                                    Occlusion occlusion);
+
+/// The buffers of a propagation, and the steps on them. The arguments outlive it.
+class Propagator {
+public:
+    /// Starts from an injection, as LpvProgram::propagate has it.
+    Propagator(const gpu::Device& device, const Grid& grid, const PropagatePlan& plan,
+               const PropagatePrograms& programs, const Injection& injection,
+               std::span<const float> transmittance);
+
+    /// Steps that may be run at once: each return costs a round trip to the device.
+    static constexpr int most_steps = 8;
+    /// Runs so many steps more; returns the power of the last front, lm.
+    double run(int steps);
+    /// Injected light and all fronts together, as LpvField::coefficients.
+    std::vector<float> download() const;
+
+private:
+    void upload(const Injection& injection, std::span<const float> transmittance);
+    void record_step(int step, uint32_t partial_base);
+
+    const gpu::Device& device_;
+    const Grid& grid_;
+    const PropagatePlan& plan_;
+    const PropagatePrograms& programs_;
+    gpu::Buffer fronts_[2], sum_, transmittance_, partial_;
+    gpu::Batch batch_;
+    int done_ = 0; ///< steps
+};
+
+} // namespace lpv
+
+} // namespace lpvbake

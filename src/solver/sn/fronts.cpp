@@ -1,0 +1,92 @@
+#include "solver/sn/fronts.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+
+namespace lpvbake::sn {
+namespace {
+
+/// Calls visit(p, q, r) for the places of a front whose coordinates are not below `lowest`.
+template <class Visit>
+void visit_front(const SweepLayout& layout, int front, int lowest, const Visit& visit) {
+    const glm::ivec3 n = layout.dims;
+    const int sum = front - 3;
+    for (int q = std::max(lowest, sum - (n.x - 1) - (n.z - 1)); q < n.y; ++q)
+        for (int p = std::max(lowest, sum - q - (n.z - 1)); p < n.x && sum - p - q >= lowest; ++p)
+            visit(p, q, sum - p - q);
+}
+
+struct Front {
+    std::vector<Entry> near, interior;
+    std::vector<SnPlace> given;
+};
+
+Front order_front(const Octant& octant, const Occupancy& surfaces, bool boundary, int slab_layers,
+                  int front) {
+    const SweepLayout& layout = octant.layout;
+    Front part;
+    visit_front(layout, front, 0, [&](int p, int q, int r) {
+        const glm::ivec3 c = octant.cell(p, q, r);
+        const bool near = surfaces.is_occupied(octant.cube(c));
+        const uint32_t slot = layout.slot(p, q);
+        (near ? part.near : part.interior)
+            .push_back({layout.base(front) + slot, uint32_t(octant.grid.index(c))});
+        if (near)
+            part.given.push_back({slot, c});
+    });
+    const uint64_t slab =
+        uint64_t(slab_layers) * uint64_t(octant.grid.dims.x) * uint64_t(octant.grid.dims.y);
+    if (slab_layers < octant.grid.dims.z)
+        for (std::vector<Entry>* list : {&part.near, &part.interior})
+            std::stable_sort(list->begin(), list->end(), [&](const Entry& a, const Entry& b) {
+                return a.cell / slab < b.cell / slab;
+            });
+    // Places outside the grid, beside its upstream faces.
+    if (boundary)
+        visit_front(layout, front, -1, [&](int p, int q, int r) {
+            if (p < 0 || q < 0 || r < 0)
+                part.given.push_back({layout.slot(p, q), octant.cell(p, q, r)});
+        });
+    return part;
+}
+
+} // namespace
+
+Octant::Octant(const Grid& g, const SweepLayout& l, int number)
+    : grid(g),
+      layout(l),
+      sign(number & 1 ? -1 : 1, number & 2 ? -1 : 1, number & 4 ? -1 : 1) {}
+
+glm::ivec3 Octant::cell(int p, int q, int r) const {
+    glm::ivec3 c;
+    const int along[] = {p, q, r};
+    for (int i = 0; i < 3; ++i) {
+        const int axis = layout.axes[i];
+        c[axis] = sign[axis] > 0 ? along[i] : grid.dims[axis] - 1 - along[i];
+    }
+    return c;
+}
+
+FrontOrder order_fronts(const Octant& octant, const Occupancy& surfaces, bool boundary,
+                        int slab_layers) {
+    const int fronts = octant.layout.fronts();
+    std::vector<Front> parts(static_cast<size_t>(fronts));
+    tbb::parallel_for(0, fronts, [&](int front) {
+        parts[size_t(front)] = order_front(octant, surfaces, boundary, slab_layers, front);
+    });
+    FrontOrder order;
+    for (const Front& part : parts) {
+        order.first.push_back(uint32_t(order.cells.size()));
+        order.cells.insert(order.cells.end(), part.near.begin(), part.near.end());
+        order.middle.push_back(uint32_t(order.cells.size()));
+        order.cells.insert(order.cells.end(), part.interior.begin(), part.interior.end());
+        order.first_given.push_back(uint32_t(order.given.size()));
+        order.given.insert(order.given.end(), part.given.begin(), part.given.end());
+    }
+    order.first.push_back(uint32_t(order.cells.size()));
+    order.first_given.push_back(uint32_t(order.given.size()));
+    return order;
+}
+
+} // namespace lpvbake::sn

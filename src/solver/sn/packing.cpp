@@ -1,0 +1,93 @@
+#include "solver/sn/packing.h"
+
+#include "scene/sky.h"
+#include "volume/sh.h"
+
+#include <glm/gtc/constants.hpp>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+
+namespace lpvbake::sn {
+
+Directions direction_table(const Octant& octant, std::span<const glm::dvec3> positive,
+                           uint32_t stride, int total, int order) {
+    const SweepLayout& layout = octant.layout;
+    const size_t coefficients = size_t(sh_count(order));
+    const uint32_t back[] = {1, layout.pitch(), 0};
+    Directions directions;
+    directions.table.assign(stride * direction_vec4s, glm::vec4(0.0f));
+    directions.weights.assign(stride * coefficients, 0.0f);
+    for (size_t i = 0; i < positive.size(); ++i) {
+        const glm::dvec3 d = positive[i];
+        const int along = d.x > d.y ? d.x > d.z ? 0 : 2 : d.y > d.z ? 1 : 2;
+        const int u = (along + 1) % 3, v = (along + 2) % 3;
+        const double du = d[u] / d[along], dv = d[v] / d[along];
+        const glm::uvec4 slots{back[along], back[along] + back[u], back[along] + back[v],
+                               back[along] + back[u] + back[v]};
+        glm::vec4* row = &directions.table[direction_vec4s * i];
+        row[0] = glm::dvec4((1 - du) * (1 - dv), du * (1 - dv), (1 - du) * dv, du * dv);
+        row[1] = glm::vec4(slots); // exact: fewer than 2^24
+        glm::vec3 travel;
+        for (int a = 0; a < 3; ++a)
+            travel[layout.axes[a]] = float(d[a] * octant.sign[layout.axes[a]]);
+        directions.travel.push_back(travel);
+        const ShValues basis = sh_basis(order, -travel);
+        for (size_t k = 0; k < coefficients; ++k)
+            directions.weights[coefficients * i + k] =
+                float(4.0 * glm::pi<double>() / total * double(basis[k]));
+    }
+    return directions;
+}
+
+void fill_ring(const Sky& sky, const Directions& directions, uint32_t stride, uint64_t texels,
+               std::vector<glm::vec4>& ring) {
+    ring.resize(texels);
+    for (size_t i = 0; i < ring.size(); ++i) {
+        const size_t d = i % stride;
+        ring[i] = d < directions.travel.size()
+                      ? glm::vec4(sky_luminance(sky, -directions.travel[d]), 0.0f)
+                      : glm::vec4(0.0f);
+    }
+}
+
+void pack_fronts(const FrontOrder& order, const SweepLayout& layout, uint32_t stride,
+                 uint64_t bytes, int begin, Chunk& chunk) {
+    const auto fits = [&](int end) {
+        return order.cells_of(begin, end) * sizeof(Entry) <= bytes
+               && uint64_t(order.given_of(begin, end)) * stride * sizeof(glm::vec4) <= bytes;
+    };
+    chunk.begin = begin;
+    chunk.end = begin + 1;
+    while (chunk.end < order.fronts() && fits(chunk.end + 1))
+        ++chunk.end;
+    const auto cells = std::span(order.cells)
+                           .subspan(order.first[size_t(begin)], order.cells_of(begin, chunk.end));
+    chunk.cell_slots.resize(cells.size());
+    std::ranges::transform(cells, chunk.cell_slots.begin(),
+                           [&](const Entry& entry) { return float(entry.slot % layout.slots()); });
+}
+
+void trace_given(const FrontOrder& order, const SnLight& light, const Directions& directions,
+                 uint32_t stride, Chunk& chunk) {
+    const uint32_t first = order.first_given[size_t(chunk.begin)];
+    const uint32_t count = order.given_of(chunk.begin, chunk.end);
+    chunk.given_slots.resize(count);
+    std::vector<uint32_t> eights; // of places of a front
+    for (int f = chunk.begin; f < chunk.end; ++f)
+        for (uint32_t i = order.first_given[size_t(f)]; i < order.first_given[size_t(f + 1)];
+             i += 8)
+            eights.push_back(i);
+    eights.push_back(order.first_given[size_t(chunk.end)]);
+    chunk.given.assign(size_t(count) * stride, glm::vec4(0.0f));
+    const std::span<const SnPlace> all(order.given);
+    tbb::parallel_for(size_t(0), eights.size() - 1, [&](size_t i) {
+        const uint32_t from = eights[i], eight = eights[i + 1] - from;
+        for (uint32_t k = from; k < from + eight; ++k)
+            chunk.given_slots[k - first] = all[k].slot;
+        trace_arriving(light, all.subspan(from, eight), directions.travel, stride,
+                       std::span(chunk.given).subspan(size_t(from - first) * stride));
+    });
+}
+
+} // namespace lpvbake::sn

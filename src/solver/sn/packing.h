@@ -1,0 +1,47 @@
+// What the kernels of the sweep read, as the host lays it out.
+#pragma once
+
+#include "solver/sn/first_flight.h"
+#include "solver/sn/fronts.h"
+
+#include <glm/glm.hpp>
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace lpvbake::sn {
+
+/// The directions of a batch, for the kernels.
+struct Directions {
+    std::vector<glm::vec3> travel; ///< unit, world axes; fewer than the stride: the rest is padding
+    std::vector<glm::vec4> table;  ///< direction_vec4s each
+    std::vector<float> weights;    ///< of the coefficients
+};
+
+/// Of directions in octant (+, +, +), at most `stride`; `total` is the number over the sphere.
+Directions direction_table(const Octant& octant, std::span<const glm::dvec3> positive,
+                           uint32_t stride, int total, int order);
+
+/// The luminance that every slot of the ring starts with: the sky's, which is read before it is
+/// written where a slot's place lies outside the grid. Of `texels` texels.
+void fill_ring(const Sky& sky, const Directions& directions, uint32_t stride, uint64_t texels,
+               std::vector<glm::vec4>& ring);
+
+/// Some fronts of an octant: [begin, end).
+struct Chunk {
+    int begin = 0, end = 0;
+    std::vector<float> cell_slots;     ///< of the cells, without their front's base
+    std::vector<uint32_t> given_slots; ///< of what is given
+    std::vector<glm::vec4> given;      ///< its luminance, nits: [given * stride + direction]
+};
+
+/// Lists the fronts from `begin` on that fit `bytes` in each of the lists, one at least.
+void pack_fronts(const FrontOrder& order, const SweepLayout& layout, uint32_t stride,
+                 uint64_t bytes, int begin, Chunk& chunk);
+
+/// Finds the luminance of what is given there.
+void trace_given(const FrontOrder& order, const SnLight& light, const Directions& directions,
+                 uint32_t stride, Chunk& chunk);
+
+} // namespace lpvbake::sn
