@@ -2,6 +2,7 @@
 
 #include "gpu/vulkan.h"
 #include "raster/mips.h"
+#include "raster/push.h"
 #include "raster/rsm.frag.h"
 #include "raster/rsm.vert.h"
 
@@ -23,20 +24,7 @@ constexpr vk::Format texel_format = vk::Format::eR32G32B32A32Uint;
 constexpr vk::Format depth_format = vk::Format::eD32Sfloat;
 constexpr vk::Format texture_format = vk::Format::eR8G8B8A8Srgb;
 
-/// Mirrors push.glsl.
-struct Push {
-    glm::mat4 clip;
-    glm::vec4 origin;
-    glm::vec4 light;
-    float max_albedo;
-    float cutoff;
-    uint32_t flags;
-    uint32_t seed;
-    uint32_t shift;
-};
-static_assert(sizeof(Push) == 116 && offsetof(Push, origin) == 64 && offsetof(Push, flags) == 104);
-
-enum Flag : uint32_t { flag_mask = 1, flag_blend = 2, flag_double_sided = 4, flag_cull = 8 };
+using raster::Push;
 
 struct GpuImage {
     vk::raii::Image handle{nullptr};
@@ -391,7 +379,7 @@ void Raster::Impl::make_targets(int edge) {
     framebuffer =
         vk::raii::Framebuffer(device.handle, vk::FramebufferCreateInfo({}, *passes[0], views,
                                                                        size.width, size.height, 1));
-    readback.emplace(device, uint64_t(edge) * edge * sizeof(Seen), gpu::Placement::host);
+    readback.emplace(device, uint64_t(edge) * edge * sizeof(RasterTexel), gpu::Placement::host);
     target_edge = edge;
 }
 
@@ -440,10 +428,10 @@ void Raster::Impl::draw(const RsmView& view, const Tile& tile, bool cull) {
                     continue;
                 const Material& material = materials[run.material];
                 push.cutoff = material.alpha_cutoff;
-                push.flags = (material.alpha_mode == AlphaMode::mask ? flag_mask : 0u)
-                             | (material.alpha_mode == AlphaMode::blend ? flag_blend : 0u)
-                             | (material.double_sided ? flag_double_sided : 0u)
-                             | (cull ? flag_cull : 0u);
+                push.flags = (material.alpha_mode == AlphaMode::mask ? raster::flag_mask : 0u)
+                             | (material.alpha_mode == AlphaMode::blend ? raster::flag_blend : 0u)
+                             | (material.double_sided ? raster::flag_double_sided : 0u)
+                             | (cull ? raster::flag_cull : 0u);
                 commands.bindPipeline(vk::PipelineBindPoint::eGraphics,
                                       *pipeline(material.base_color_texture >= 0,
                                                 material.alpha_mode != AlphaMode::opaque));
@@ -473,9 +461,9 @@ const RsmGeometry& Raster::geometry() const {
     return impl_->geometry;
 }
 
-std::span<const Seen> Raster::draw(const RsmView& view, const Tile& tile, bool cull) const {
+std::span<const RasterTexel> Raster::draw(const RsmView& view, const Tile& tile, bool cull) const {
     gpu::checked("drawing the scene", [&] { impl_->draw(view, tile, cull); });
-    return {reinterpret_cast<const Seen*>(impl_->readback->mapped),
+    return {reinterpret_cast<const RasterTexel*>(impl_->readback->mapped),
             std::size_t(tile.extent.x) * std::size_t(tile.extent.y)};
 }
 

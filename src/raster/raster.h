@@ -11,11 +11,11 @@
 namespace lpvbake {
 
 /// What a texel sees. A black back (of a single-sided material) has albedo 0.
-struct Seen {
+struct RasterTexel {
     glm::vec3 albedo;
     uint32_t triangle; ///< of Raster::geometry(), counted from one; 0: nothing was seen
 };
-static_assert(sizeof(Seen) == 16);
+static_assert(sizeof(RasterTexel) == 16);
 
 /// Texels of a view at a time, along each side.
 inline constexpr int max_tile = 1024;
@@ -45,7 +45,7 @@ public:
     const RsmGeometry& geometry() const;
     /// The tile's texels, row-major, until the next call. With `cull` the backs of single-sided
     /// materials are not there.
-    std::span<const Seen> draw(const RsmView& view, const Tile& tile, bool cull) const;
+    std::span<const RasterTexel> draw(const RsmView& view, const Tile& tile, bool cull) const;
 
 private:
     struct Impl;

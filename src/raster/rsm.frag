@@ -1,7 +1,7 @@
 // What a texel sees: the reflectance (three floats' bits) and the triangle, counted from one.
 #version 450
 #extension GL_GOOGLE_include_directive : enable
-#include "raster/push.glsl"
+#include "raster/push.h"
 
 layout(constant_id = 0) const bool textured = true;
 layout(constant_id = 1) const bool see_through = true;

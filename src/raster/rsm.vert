@@ -1,7 +1,7 @@
 // Takes a triangle's vertices to the clip space of a light's map.
 #version 450
 #extension GL_GOOGLE_include_directive : enable
-#include "raster/push.glsl"
+#include "raster/push.h"
 
 layout(location = 0) in vec3 in_position; // frame units
 layout(location = 1) in vec4 in_plane;    // n.p = w, the same at all three vertices

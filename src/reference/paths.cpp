@@ -1,6 +1,7 @@
 #include "reference/paths.h"
 
 #include "error.h"
+#include "reference/sampling.h"
 #include "scene/material.h"
 #include "scene/sky.h"
 
@@ -12,10 +13,6 @@
 namespace lpvbake {
 namespace {
 
-/// Rays leave a surface this share of its coordinates' size before it: 32 steps of single
-/// precision, above the error of a hit's place. In a corner a larger one steps through the next
-/// wall, and light is lost at every reflection.
-constexpr double lift = 0x1p-18;
 /// Below this throughput a path of unlimited reflections goes on by chance.
 constexpr double faint = 0.1;
 /// No path of a scene that loses light is this long.
@@ -24,28 +21,10 @@ constexpr int longest_path = 100'000;
 /// Density of a direction that is uniform over the sphere, 1 / sr.
 constexpr double over_sphere = 0.25 * glm::one_over_pi<double>();
 
-/// A direction of density cos / pi around the unit normal n (Malley's method).
-glm::dvec3 around(glm::dvec3 n, glm::dvec2 sample) {
-    const double radius = std::sqrt(sample.x), turn = glm::two_pi<double>() * sample.y;
-    // A frame around n without a branch on its direction (Duff et al. 2017).
-    const double sign = std::copysign(1.0, n.z), a = -1.0 / (sign + n.z), b = n.x * n.y * a;
-    const glm::dvec3 u{1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x};
-    const glm::dvec3 v{b, sign + n.y * n.y * a, -n.y};
-    return radius * (std::cos(turn) * u + std::sin(turn) * v) + std::sqrt(1.0 - sample.x) * n;
-}
-
-double greatest(glm::dvec3 c) {
-    return std::max({c.x, c.y, c.z});
-}
-
-double lift_of(glm::dvec3 point) {
-    return lift * std::max(1.0, greatest(glm::abs(point)));
-}
-
 } // namespace
 
 glm::dvec3 off_surface(glm::dvec3 point, glm::dvec3 n) {
-    return point + lift_of(point) * n;
+    return point + ray_offset(point) * n;
 }
 
 Paths::Paths(const Scene& scene, const Visibility& visibility, const Frame& frame,
@@ -66,7 +45,7 @@ Paths::Paths(const Scene& scene, const Visibility& visibility, const Frame& fram
 
 glm::dvec3 Paths::illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays) const {
     glm::dvec3 sum{0.0};
-    for (const Source& source : sources_) {
+    for (const PunctualLight& source : sources_) {
         glm::dvec3 way = -across_ * source.direction;
         double share = 1.0; // of `color` on a surface that faces the light
         double end = 1.0;   // of the shadow ray: before a surface that the light lies on
@@ -75,20 +54,13 @@ glm::dvec3 Paths::illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays) co
             const double metres = glm::length(way) * unit_;
             if (!(metres > 0.0))
                 continue;
-            end = std::max(0.0, 1.0 - lift_of(source.position) / glm::length(way));
+            end = std::max(0.0, 1.0 - ray_offset(source.position) / glm::length(way));
             share = 1.0 / (metres * metres);
             if (source.range > 0.0)
                 share *= std::clamp(1.0 - std::pow(metres / source.range, 4.0), 0.0, 1.0);
             if (source.type == LightType::spot) {
-                // The square of a ramp in the cosine; a step where both angles are the same.
                 const double cosine = -glm::dot(way, source.direction) / glm::length(way);
-                if (cosine <= source.cos_outer)
-                    continue;
-                const double ramp =
-                    cosine >= source.cos_inner
-                        ? 1.0
-                        : (cosine - source.cos_outer) / (source.cos_inner - source.cos_outer);
-                share *= ramp * ramp;
+                share *= spot_ramp(cosine, source.cos_inner, source.cos_outer);
             }
         }
         share *= glm::dot(n, way) / glm::length(way);
@@ -124,7 +96,7 @@ Paths::Glimpse Paths::aim(glm::vec3 origin, const Density& density, PathSampler&
     if (!(own > 0.0))
         return {};
     ++rays;
-    const float end = float(distance + lift_of(target.point));
+    const float end = float(distance + ray_offset(target.point));
     const Hit hit = visibility_.closest({origin, glm::vec3(seen.direction), 0.0f, end});
     // Of two triangles at one place only one is ever hit, and only it may count.
     if (hit.instance != target.instance || hit.triangle != target.triangle
@@ -172,7 +144,7 @@ glm::dvec3 Paths::luminance(glm::vec3 origin, glm::dvec3 towards, PathSampler& s
 glm::dvec3 Paths::irradiance(glm::vec3 origin, glm::dvec3 n, PathSampler& sampler,
                              uint64_t& rays) const {
     const auto density = [n](glm::dvec3 w) { return glm::dot(n, w) / glm::pi<double>(); };
-    const glm::dvec3 towards = around(n, sampler.pair());
+    const glm::dvec3 towards = sample_cosine(n, sampler.pair());
     glm::dvec3 sum = trace(origin, towards, density(towards), sampler, rays);
     if (!emitters_.empty())
         sum += aim(origin, density, sampler, rays).luminance;
@@ -223,8 +195,8 @@ glm::dvec3 Paths::trace(glm::vec3 origin, glm::dvec3 towards, double density, Pa
         if (sky_)
             sum += throughput * aim_at_sky(origin, cosine_density, sampler, rays).luminance;
 
-        if (!rules_.bounces && greatest(throughput) < faint) {
-            const double survival = greatest(throughput) / faint;
+        if (!rules_.bounces && max_component(throughput) < faint) {
+            const double survival = max_component(throughput) / faint;
             if (sampler.plain() >= survival)
                 break;
             throughput /= survival;
@@ -234,7 +206,7 @@ glm::dvec3 Paths::trace(glm::vec3 origin, glm::dvec3 towards, double density, Pa
                         scene_.path
                             + ": light in a closed part of the scene is reflected without end, "
                               "its albedo is 1; set --max-albedo below 1 or a number of --bounces");
-        towards = around(n, sampler.pair());
+        towards = sample_cosine(n, sampler.pair());
         density = cosine_density(towards);
     }
     return sum;

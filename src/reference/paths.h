@@ -64,7 +64,7 @@ public:
 
 private:
     /// A light as a surface point sees it, positions in frame units.
-    struct Source {
+    struct PunctualLight {
         LightType type;
         glm::dvec3 color; ///< colour times intensity, lux or cd
         glm::dvec3 position, direction;
@@ -89,7 +89,7 @@ private:
     PathRules rules_;
     double unit_;
     double across_; ///< longer than the way from any surface out of the scene, frame units
-    std::vector<Source> sources_;
+    std::vector<PunctualLight> sources_;
     Emitters emitters_;
     const SkyMap* sky_ = nullptr; ///< unless it is black
 };

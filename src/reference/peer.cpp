@@ -1,5 +1,6 @@
 #include "reference/peer.h"
 
+#include "reference/sampling.h"
 #include "scene/material.h"
 #include "scene/sky.h"
 #include "volume/compare.h"
@@ -23,16 +24,6 @@ constexpr uint32_t wave_size = 2048; ///< rays: what a wave keeps of them stays 
 constexpr size_t dense = 1024;
 constexpr int most_reflections = 1000;
 constexpr float pi = glm::pi<float>();
-/// As of the reference: rays leave a surface 32 steps of single precision before it.
-constexpr float lift = 0x1p-18f;
-
-float greatest(glm::vec3 c) {
-    return std::max({c.x, c.y, c.z});
-}
-
-float lift_of(glm::vec3 point) {
-    return lift * std::max(1.0f, greatest(glm::abs(point)));
-}
 
 float unit_float(uint64_t bits) {
     return float(bits >> 40) * 0x1p-24f;
@@ -41,11 +32,11 @@ float unit_float(uint64_t bits) {
 /// The directions i -> (1 - (2 i + 1) / N, 2 pi i / golden ratio) in the order of a curve over the
 /// octahedron, so that neighbours in the list are neighbours on the sphere.
 std::vector<glm::vec3> fibonacci_lattice(uint32_t count) {
-    struct Place {
+    struct Numbered {
         uint32_t code;
         glm::vec3 direction;
     };
-    std::vector<Place> places;
+    std::vector<Numbered> places;
     for (uint32_t i = 0; i < count; ++i) {
         const double z = 1.0 - (2.0 * i + 1.0) / count;
         const double turns = i * (glm::golden_ratio<double>() - 1.0);
@@ -64,9 +55,9 @@ std::vector<glm::vec3> fibonacci_lattice(uint32_t count) {
             code |= (cell.x >> bit & 1u) << (2 * bit) | (cell.y >> bit & 1u) << (2 * bit + 1);
         places.push_back({code, glm::vec3(w)});
     }
-    std::ranges::stable_sort(places, {}, &Place::code);
+    std::ranges::stable_sort(places, {}, &Numbered::code);
     std::vector<glm::vec3> directions;
-    for (const Place& place : places)
+    for (const Numbered& place : places)
         directions.push_back(place.direction);
     return directions;
 }
@@ -84,15 +75,6 @@ glm::mat3 random_rotation(uint64_t key) {
                      2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y));
 }
 
-/// A direction of density cos / pi around the unit normal n (see paths.cpp).
-glm::vec3 around(glm::vec3 n, float share, float turn) {
-    const float radius = std::sqrt(share), phi = 2.0f * pi * turn;
-    const float sign = std::copysign(1.0f, n.z), a = -1.0f / (sign + n.z), b = n.x * n.y * a;
-    const glm::vec3 u{1.0f + sign * n.x * n.x * a, sign * b, -sign * n.x};
-    const glm::vec3 v{b, sign + n.y * n.y * a, -n.y};
-    return radius * (std::cos(phi) * u + std::sin(phi) * v) + std::sqrt(1.0f - share) * n;
-}
-
 /// What an instance's surface does to light; `even`: the same at all its points.
 struct Surface {
     bool even;
@@ -100,7 +82,7 @@ struct Surface {
     glm::vec3 albedo, emission;
 };
 
-struct Source {
+struct PeerLight {
     LightType type;
     glm::vec3 color;     ///< times intensity: lux, or cd over the square of a frame unit
     glm::vec3 position;  ///< frame units
@@ -110,29 +92,29 @@ struct Source {
 };
 
 /// All that is the same for every wave.
-struct Job {
+struct PeerWork {
     const Scene& scene;
     const Visibility& visibility;
     const PeerSettings& settings;
     std::span<const glm::vec3> points;
     std::vector<glm::vec3> directions;
     std::vector<Surface> surfaces; ///< an instance
-    std::vector<Source> sources;
+    std::vector<PeerLight> sources;
     bool emitters;
     bool sky;
     float across;
     std::vector<glm::vec3> normals;
 
-    Job(const Scene& of, const Visibility& rays, const Frame& frame,
-        std::span<const glm::vec3> from, const PeerSettings& how);
+    PeerWork(const Scene& of, const Visibility& rays, const Frame& frame,
+             std::span<const glm::vec3> from, const PeerSettings& how);
 
     /// Points whose rays share waves.
     size_t group() const { return std::max<size_t>(1, wave_size / directions.size()); }
     size_t groups() const { return (points.size() + group() - 1) / group(); }
 };
 
-Job::Job(const Scene& of, const Visibility& rays, const Frame& frame,
-         std::span<const glm::vec3> from, const PeerSettings& how)
+PeerWork::PeerWork(const Scene& of, const Visibility& rays, const Frame& frame,
+                   std::span<const glm::vec3> from, const PeerSettings& how)
     : scene(of),
       visibility(rays),
       settings(how),
@@ -171,8 +153,8 @@ Job::Job(const Scene& of, const Visibility& rays, const Frame& frame,
 class Waves {
 public:
     /// `recorder`, if any, gets all rays.
-    explicit Waves(const Job& job, PackedRays* recorder = nullptr)
-        : job_(job),
+    explicit Waves(const PeerWork& work, PackedRays* recorder = nullptr)
+        : work_(work),
           recorder_(recorder),
           light_(wave_size),
           paths_(wave_size),
@@ -203,7 +185,7 @@ private:
         glm::vec3 light;
     };
     /// An index over the rays of some points, one point after the other.
-    struct Place {
+    struct RayIndex {
         size_t point = 0, ray = 0;
         void next(size_t rays) {
             if (++ray == rays) {
@@ -219,7 +201,7 @@ private:
     void add_indirect();
     void go_on(int reflections);
 
-    const Job& job_;
+    const PeerWork& work_;
     PackedRays* recorder_;
     uint64_t traced_ = 0;
     std::vector<glm::vec3> light_; ///< a slot of the wave
@@ -238,17 +220,17 @@ private:
 };
 
 /// What a surface does to light at a hit: {albedo, emission}.
-std::pair<glm::vec3, glm::vec3> surface_at(const Job& job, const Hit& hit) {
-    const Surface& surface = job.surfaces[hit.instance];
+std::pair<glm::vec3, glm::vec3> surface_at(const PeerWork& work, const Hit& hit) {
+    const Surface& surface = work.surfaces[hit.instance];
     if (surface.even)
         return {surface.albedo, surface.glows ? surface.emission : glm::vec3(0.0f)};
-    const Mesh& mesh = job.scene.meshes[size_t(job.scene.instances[hit.instance].mesh)];
-    const SurfaceSample sample = sample_surface(job.scene, mesh, hit.triangle, hit.barycentric);
+    const Mesh& mesh = work.scene.meshes[size_t(work.scene.instances[hit.instance].mesh)];
+    const SurfaceSample sample = sample_surface(work.scene, mesh, hit.triangle, hit.barycentric);
     if (!surface.glows || !(sample.alpha > 0.0f))
         return {sample.albedo, glm::vec3(0.0f)};
     // The hit was drawn with probability alpha already, which sample_emission has as a factor.
     return {sample.albedo,
-            sample_emission(job.scene, mesh, hit.triangle, hit.barycentric) / sample.alpha};
+            sample_emission(work.scene, mesh, hit.triangle, hit.barycentric) / sample.alpha};
 }
 
 /// The sky that a ray of `count` over the sphere sees: the mean over a share of it like its own.
@@ -267,21 +249,21 @@ glm::vec3 sky_around(const Sky& sky, glm::vec3 w, size_t count) {
 
 /// Takes what the hits emit, and the sky where there are none, and keeps those that reflect.
 void Waves::shade(int reflections) {
-    const bool last = job_.settings.paths.bounces && reflections == *job_.settings.paths.bounces;
+    const bool last = work_.settings.paths.bounces && reflections == *work_.settings.paths.bounces;
     size_t kept = 0;
     for (size_t i = 0; i < count_; ++i) {
         const Hit& hit = hits_[i];
-        if (hit.instance == no_hit && job_.sky) {
+        if (hit.instance == no_hit && work_.sky) {
             const Path& path = paths_[i];
             const glm::vec3 w = rays_[i].direction;
             light_[path.slot] +=
                 path.throughput
-                * (reflections == 0 ? sky_around(job_.scene.sky, w, job_.directions.size())
-                                    : sky_rest(job_.scene.sky, w));
+                * (reflections == 0 ? sky_around(work_.scene.sky, w, work_.directions.size())
+                                    : sky_rest(work_.scene.sky, w));
         }
         if (hit.instance == no_hit || hit.facing == Facing::back)
             continue;
-        const auto [albedo, emission] = surface_at(job_, hit);
+        const auto [albedo, emission] = surface_at(work_, hit);
         const Path& path = paths_[i];
         const glm::vec3 throughput = path.throughput * albedo;
         light_[path.slot] += path.throughput * emission;
@@ -290,9 +272,9 @@ void Waves::shade(int reflections) {
         const Ray& ray = rays_[i];
         const glm::vec3 n = glm::dot(hit.normal, ray.direction) > 0.0f ? -hit.normal : hit.normal;
         const glm::vec3 point = ray.origin + hit.t * ray.direction;
-        lit_[kept].point = point + lift_of(point) * n;
+        lit_[kept].point = point + ray_offset(point) * n;
         lit_[kept].normal = n;
-        if (job_.settings.indirect) {
+        if (work_.settings.indirect) {
             hits_[kept] = hit;
             hits_[kept].normal = n;
         }
@@ -305,11 +287,11 @@ void Waves::shade(int reflections) {
 }
 
 void Waves::add_punctual_lights() {
-    for (const Source& source : job_.sources) {
+    for (const PeerLight& source : work_.sources) {
         size_t kept = 0;
         for (size_t i = 0; i < count_; ++i) {
             const auto& [point, normal] = lit_[i];
-            glm::vec3 way = -job_.across * source.direction;
+            glm::vec3 way = -work_.across * source.direction;
             float share = -glm::dot(normal, source.direction), end = 1.0f;
             if (source.type != LightType::directional) {
                 way = source.position - point;
@@ -317,20 +299,14 @@ void Waves::add_punctual_lights() {
                 if (!(square > 0.0f))
                     continue;
                 share = glm::dot(normal, way) / (distance * square);
-                end = std::max(0.0f, 1.0f - lift_of(source.position) / distance);
+                end = std::max(0.0f, 1.0f - ray_offset(source.position) / distance);
                 if (source.range > 0.0f) {
                     const float part = square / (source.range * source.range);
                     share *= std::clamp(1.0f - part * part, 0.0f, 1.0f);
                 }
                 if (source.type == LightType::spot) {
                     const float cosine = -glm::dot(way, source.direction) / distance;
-                    if (cosine <= source.cos_outer)
-                        continue;
-                    const float ramp =
-                        cosine >= source.cos_inner
-                            ? 1.0f
-                            : (cosine - source.cos_outer) / (source.cos_inner - source.cos_outer);
-                    share *= ramp * ramp;
+                    share *= spot_ramp(cosine, source.cos_inner, source.cos_outer);
                 }
             }
             if (!(share > 0.0f))
@@ -345,7 +321,7 @@ void Waves::add_punctual_lights() {
             ++kept;
         }
         const std::span<const Ray> shadows(shadows_.data(), kept);
-        job_.visibility.transmittance_of_eights(shadows, Bundle::loose, visible_);
+        work_.visibility.transmittance_of_eights(shadows, Bundle::loose, visible_);
         if (recorder_)
             recorder_->add(shadows, Bundle::loose, true);
         traced_ += kept;
@@ -356,28 +332,29 @@ void Waves::add_punctual_lights() {
 
 void Waves::add_indirect() {
     indirect_.assign(count_, glm::vec3(0.0f));
-    job_.settings.indirect({hits_.data(), count_}, indirect_);
+    work_.settings.indirect({hits_.data(), count_}, indirect_);
     for (size_t i = 0; i < count_; ++i)
         light_[paths_[i].slot] += paths_[i].throughput / pi * indirect_[i];
 }
 
 /// Leaves the paths that are reflected once more, and their rays.
 void Waves::go_on(int reflections) {
-    const bool unlimited = !job_.settings.paths.bounces;
+    const bool unlimited = !work_.settings.paths.bounces;
     size_t kept = 0;
     for (size_t i = 0; i < count_; ++i) {
         const Path& path = paths_[i];
         const uint64_t key = mix_bits(path.key + 0x9e3779b97f4a7c15u);
         glm::vec3 throughput = path.throughput;
         if (unlimited && reflections > 0) {
-            const float survival = std::min(1.0f, greatest(throughput));
+            const float survival = std::min(1.0f, max_component(throughput));
             if (unit_float(mix_bits(~key)) >= survival)
                 continue;
             throughput /= survival;
         }
         Ray& ray = rays_[kept];
         ray.origin = lit_[i].point;
-        ray.direction = around(lit_[i].normal, unit_float(key), unit_float(key << 24));
+        ray.direction =
+            sample_cosine(lit_[i].normal, glm::vec2(unit_float(key), unit_float(key << 24)));
         ray.t_min = 0.0f;
         ray.t_max = HUGE_VALF;
         paths_[kept].slot = path.slot;
@@ -390,22 +367,22 @@ void Waves::go_on(int reflections) {
 
 /// Follows paths whose first rays are given to their ends.
 void Waves::follow() {
-    const std::optional<int> limit = job_.settings.paths.bounces;
+    const std::optional<int> limit = work_.settings.paths.bounces;
     for (int reflections = 0; count_ > 0 && reflections <= most_reflections; ++reflections) {
-        if (limit && reflections == *limit && !job_.emitters && !job_.sky)
+        if (limit && reflections == *limit && !work_.emitters && !work_.sky)
             return;
         if (reflections > 0)
             go_on(reflections - 1);
-        const bool close = reflections == 0 && job_.directions.size() >= dense;
+        const bool close = reflections == 0 && work_.directions.size() >= dense;
         const Bundle bundle = close ? Bundle::tight : Bundle::loose;
         const std::span<const Ray> rays(rays_.data(), count_);
-        job_.visibility.closest_of_eights(rays, bundle, hits_);
+        work_.visibility.closest_of_eights(rays, bundle, hits_);
         if (recorder_)
             recorder_->add(rays, bundle, false);
         traced_ += rays.size();
         shade(reflections);
         add_punctual_lights();
-        if (job_.settings.indirect) {
+        if (work_.settings.indirect) {
             add_indirect();
             return;
         }
@@ -413,27 +390,27 @@ void Waves::follow() {
 }
 
 uint64_t Waves::trace(size_t first, size_t end, PeerField& field) {
-    const size_t rays = job_.directions.size(), all = (end - first) * rays;
-    const int order = job_.settings.sh_order;
+    const size_t rays = work_.directions.size(), all = (end - first) * rays;
+    const int order = work_.settings.sh_order;
     traced_ = 0;
     std::vector<glm::mat3> turns;
     std::vector<uint64_t> keys;
     for (size_t point = first; point < end; ++point) {
-        keys.push_back(join_bits(job_.settings.seed, point));
+        keys.push_back(join_bits(work_.settings.seed, point));
         turns.push_back(random_rotation(keys.back()));
     }
     std::array<glm::vec3, sh_count(sh_max_order)> sh{};
     std::array<glm::vec3, 26> irradiance{};
-    Place at;
+    RayIndex at;
     for (size_t start = 0; start < all; start += wave_size) {
         const size_t count = std::min<size_t>(wave_size, all - start);
-        Place place = at;
+        RayIndex place = at;
         for (size_t i = 0; i < count; ++i, place.next(rays)) {
             paths_[i].throughput = glm::vec3(1.0f);
             paths_[i].slot = uint32_t(i);
             paths_[i].key = mix_bits(keys[place.point] + place.ray);
-            rays_[i].origin = job_.points[first + place.point];
-            rays_[i].direction = turns[place.point] * job_.directions[place.ray];
+            rays_[i].origin = work_.points[first + place.point];
+            rays_[i].direction = turns[place.point] * work_.directions[place.ray];
             rays_[i].t_min = 0.0f;
             rays_[i].t_max = HUGE_VALF;
             light_[i] = glm::vec3(0.0f);
@@ -443,19 +420,19 @@ uint64_t Waves::trace(size_t first, size_t end, PeerField& field) {
         for (size_t i = 0; i < count; ++i, at.next(rays)) {
             const auto [point, ray] = at;
             if (const glm::vec3 light = light_[i]; light != glm::vec3(0.0f)) {
-                const glm::vec3 w = turns[point] * job_.directions[ray];
+                const glm::vec3 w = turns[point] * work_.directions[ray];
                 const ShValues basis = sh_basis(order, w);
                 for (size_t k = 0; k < field.sh.size(); ++k)
                     sh[k] += basis[k] * light;
-                for (size_t n = 0; n < job_.normals.size(); ++n)
-                    irradiance[n] += std::max(0.0f, glm::dot(job_.normals[n], w)) * light;
+                for (size_t n = 0; n < work_.normals.size(); ++n)
+                    irradiance[n] += std::max(0.0f, glm::dot(work_.normals[n], w)) * light;
             }
             if (ray + 1 < rays)
                 continue;
             const float weight = 4.0f * pi / float(rays);
             for (size_t k = 0; k < field.sh.size(); ++k)
                 field.sh[k][first + point] = weight * sh[k];
-            for (size_t n = 0; n < job_.normals.size(); ++n)
+            for (size_t n = 0; n < work_.normals.size(); ++n)
                 field.irradiance[n][first + point] = weight * irradiance[n];
             sh = {};
             irradiance = {};
@@ -464,11 +441,11 @@ uint64_t Waves::trace(size_t first, size_t end, PeerField& field) {
     return traced_;
 }
 
-PeerField empty_field(const Job& job) {
-    const std::vector<glm::vec3> dark(job.points.size(), glm::vec3(0.0f));
+PeerField empty_field(const PeerWork& work) {
+    const std::vector<glm::vec3> dark(work.points.size(), glm::vec3(0.0f));
     PeerField field;
-    field.sh.assign(size_t(sh_count(job.settings.sh_order)), dark);
-    field.irradiance.assign(job.normals.size(), dark);
+    field.sh.assign(size_t(sh_count(work.settings.sh_order)), dark);
+    field.irradiance.assign(work.normals.size(), dark);
     return field;
 }
 
@@ -476,13 +453,14 @@ PeerField empty_field(const Job& job) {
 
 PeerField trace_peer(const Scene& scene, const Visibility& visibility, const Frame& frame,
                      std::span<const glm::vec3> points, const PeerSettings& settings) {
-    const Job job(scene, visibility, frame, points, settings);
-    PeerField field = empty_field(job);
-    std::vector<uint64_t> traced(job.groups());
-    tbb::enumerable_thread_specific<Waves> waves([&] { return Waves(job); });
-    tbb::parallel_for(size_t(0), job.groups(), [&](size_t i) {
-        const size_t first = i * job.group();
-        traced[i] = waves.local().trace(first, std::min(first + job.group(), points.size()), field);
+    const PeerWork work(scene, visibility, frame, points, settings);
+    PeerField field = empty_field(work);
+    std::vector<uint64_t> traced(work.groups());
+    tbb::enumerable_thread_specific<Waves> waves([&] { return Waves(work); });
+    tbb::parallel_for(size_t(0), work.groups(), [&](size_t i) {
+        const size_t first = i * work.group();
+        traced[i] =
+            waves.local().trace(first, std::min(first + work.group(), points.size()), field);
     });
     field.traced = std::accumulate(traced.begin(), traced.end(), uint64_t(0));
     return field;
@@ -490,12 +468,12 @@ PeerField trace_peer(const Scene& scene, const Visibility& visibility, const Fra
 
 PackedRays peer_rays(const Scene& scene, const Visibility& visibility, const Frame& frame,
                      std::span<const glm::vec3> points, const PeerSettings& settings) {
-    const Job job(scene, visibility, frame, points, settings);
-    PeerField field = empty_field(job);
+    const PeerWork work(scene, visibility, frame, points, settings);
+    PeerField field = empty_field(work);
     PackedRays rays;
-    Waves waves(job, &rays);
-    for (size_t first = 0; first < points.size(); first += job.group())
-        waves.trace(first, std::min(first + job.group(), points.size()), field);
+    Waves waves(work, &rays);
+    for (size_t first = 0; first < points.size(); first += work.group())
+        waves.trace(first, std::min(first + work.group(), points.size()), field);
     return rays;
 }
 

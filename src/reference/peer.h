@@ -23,8 +23,8 @@ using IndirectLookup =
     std::function<void(std::span<const Hit> hits, std::span<glm::vec3> irradiance)>;
 
 struct PeerSettings {
-    /// As of the reference. Emitters and the sky count where a ray meets them, and are not aimed at;
-    /// the bright spots of a sky (see sky_suns) light surfaces as punctual lights do. Without a
+    /// As of the reference. Emitters and the sky count where a ray meets them, and are not aimed
+    /// at; the bright spots of a sky (see sky_suns) light surfaces as punctual lights do. Without a
     /// limit of bounces a path goes on with the probability of its throughput's largest channel
     /// from the second reflection on, up to 1000.
     PathRules paths;

@@ -133,23 +133,6 @@ double mean_irradiance(glm::dvec3 c0) {
     return 0.5 * std::sqrt(glm::pi<double>()) * (c0.x + c0.y + c0.z) / 3.0;
 }
 
-/// `count` of the valid cells in rising order, all where there are no more.
-std::vector<size_t> draw_cells(const std::vector<float>& validity, uint64_t count, uint64_t seed) {
-    std::vector<size_t> cells;
-    for (size_t i = 0; i < validity.size(); ++i)
-        if (validity[i] > 0.0f)
-            cells.push_back(i);
-    if (count >= cells.size())
-        return cells;
-    // The cells of the lowest ranks, which are a bijection of the index: no ties.
-    const auto rank = [&](size_t cell) { return mix_bits(mix_bits(seed ^ 0x70726f6265u) + cell); };
-    std::nth_element(cells.begin(), cells.begin() + std::ptrdiff_t(count), cells.end(),
-                     [&](size_t a, size_t b) { return rank(a) < rank(b); });
-    cells.resize(size_t(count));
-    std::sort(cells.begin(), cells.end());
-    return cells;
-}
-
 /// Which light the field holds, as metadata say it.
 std::string content_of(const Scene& scene, const PathRules& rules) {
     const std::optional<int> limit = rules.bounces;
@@ -299,7 +282,8 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
 
     std::vector<size_t> cells;
     if (settings.probes > 0) {
-        cells = draw_cells(validity, settings.probes, settings.seed);
+        cells = sample_cells(valid_cells(validity), settings.probes,
+                             mix_bits(settings.seed ^ 0x70726f6265u));
         if (cells.empty())
             throw Error(ExitCode::invalid,
                         scene.path + ": no cell of the grid has its centre outside geometry");

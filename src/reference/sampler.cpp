@@ -1,5 +1,7 @@
 #include "reference/sampler.h"
 
+#include <algorithm>
+
 namespace lpvbake {
 namespace {
 
@@ -34,6 +36,25 @@ uint32_t sobol_second(uint32_t index) {
 }
 
 } // namespace
+
+std::vector<std::size_t> valid_cells(std::span<const float> validity) {
+    std::vector<std::size_t> cells;
+    for (std::size_t i = 0; i < validity.size(); ++i)
+        if (validity[i] > 0.0f)
+            cells.push_back(i);
+    return cells;
+}
+
+std::vector<std::size_t> sample_cells(std::vector<std::size_t> cells, uint64_t count,
+                                      uint64_t key) {
+    if (count >= cells.size())
+        return cells;
+    std::ranges::nth_element(cells, cells.begin() + std::ptrdiff_t(count), {},
+                             [&](std::size_t cell) { return mix_bits(key + cell); });
+    cells.resize(std::size_t(count));
+    std::ranges::sort(cells);
+    return cells;
+}
 
 glm::dvec2 PathSampler::pair() {
     const uint64_t seeds = join_bits(key_, drawn_++);

@@ -3,7 +3,10 @@
 
 #include <glm/glm.hpp>
 
+#include <cstddef>
 #include <cstdint>
+#include <span>
+#include <vector>
 
 namespace lpvbake {
 
@@ -19,6 +22,13 @@ constexpr uint64_t mix_bits(uint64_t x) {
 constexpr uint64_t join_bits(uint64_t a, uint64_t b) {
     return mix_bits(mix_bits(a + 0x9e3779b97f4a7c15u) + b);
 }
+
+/// `count` of the cells in rising order, all where there are no more: those of the lowest ranks,
+/// which are mix_bits(key + cell), a bijection, so that none are equal.
+std::vector<std::size_t> sample_cells(std::vector<std::size_t> cells, uint64_t count, uint64_t key);
+
+/// The cells whose validity is above 0, rising.
+std::vector<std::size_t> valid_cells(std::span<const float> validity);
 
 /// The points of one path: sample `index` of the sequence `key`. Every pair that is drawn belongs
 /// to a (0,2)-sequence over the indices of its own (Sobol's first two dimensions), which is

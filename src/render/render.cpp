@@ -108,7 +108,7 @@ Rendering render(const LitScene& lit, const Volume& volume, const Raster& raster
     const std::vector<RsmOrigin>& origins = raster.geometry().origins;
     const auto samples = uint32_t(settings.samples);
 
-    const auto colour = [&](const Seen& seen, glm::dvec3 along, uint64_t& rays) {
+    const auto colour = [&](const RasterTexel& seen, glm::dvec3 along, uint64_t& rays) {
         if (seen.triangle == 0)
             return background(scene, show, along);
         const auto [instance, triangle] = origins[seen.triangle - 1];
@@ -141,7 +141,7 @@ Rendering render(const LitScene& lit, const Volume& volume, const Raster& raster
                 // What is seen of a blended surface is spread over the samples, by the golden
                 // ratio.
                 tile.shift = sample * 0x9e3779b9u;
-                const std::span<const Seen> seen = raster.draw(view, tile, true);
+                const std::span<const RasterTexel> seen = raster.draw(view, tile, true);
                 tbb::parallel_for(0, extent.y, [&](int row) {
                     for (int column = 0; column < extent.x; ++column) {
                         const std::size_t i =

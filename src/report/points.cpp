@@ -113,19 +113,7 @@ bool is_buried(const Visibility& visibility, const Frame& frame, const SurfacePo
 
 std::vector<std::size_t> draw_cells(std::span<const float> validity, uint64_t count,
                                     uint64_t seed) {
-    std::vector<std::size_t> cells;
-    for (std::size_t i = 0; i < validity.size(); ++i)
-        if (validity[i] > 0)
-            cells.push_back(i);
-    if (count >= cells.size())
-        return cells;
-    // Those of the lowest ranks; a rank is a bijection of the index, so that none are equal.
-    const auto rank = [&](std::size_t cell) { return mix_bits(mix_bits(seed) + cell); };
-    std::nth_element(cells.begin(), cells.begin() + std::ptrdiff_t(count), cells.end(),
-                     [&](std::size_t a, std::size_t b) { return rank(a) < rank(b); });
-    cells.resize(std::size_t(count));
-    std::sort(cells.begin(), cells.end());
-    return cells;
+    return sample_cells(valid_cells(validity), count, mix_bits(seed));
 }
 
 std::vector<SurfacePoint> draw_surface_points(const Scene& scene, const Visibility& visibility,

@@ -37,17 +37,6 @@ bool is_clear(const Visibility& visibility, glm::ivec3 cell) {
     return true;
 }
 
-/// At most `count` of the cells, drawn by their indices, in rising order.
-std::vector<size_t> draw(std::vector<size_t> cells, uint64_t count) {
-    if (count >= cells.size())
-        return cells;
-    std::ranges::nth_element(cells, cells.begin() + std::ptrdiff_t(count), {},
-                             [](size_t cell) { return mix_bits(cell + 1); });
-    cells.resize(size_t(count));
-    std::ranges::sort(cells);
-    return cells;
-}
-
 bool is_valid(const Volume& volume, size_t cell) {
     return volume.validity.empty() || volume.validity[cell] != 0.0f;
 }
@@ -108,8 +97,9 @@ SuiteCells choose_cells(const SuiteCase& c, const Visibility& visibility, const 
         throw Error(ExitCode::invalid, "no cell of the grid has its centre outside geometry");
     if (c.region && inside.empty())
         throw Error(ExitCode::invalid, "no cell outside geometry lies in the region");
-    return {draw(std::move(valid), c.options.probes),
-            c.region && c.region->dark ? inside : draw(std::move(inside), c.options.probes)};
+    return {sample_cells(std::move(valid), c.options.probes, 1),
+            c.region && c.region->dark ? inside
+                                       : sample_cells(std::move(inside), c.options.probes, 1)};
 }
 
 /// Bakes and finds truths of the cases, each once.

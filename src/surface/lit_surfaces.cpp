@@ -5,6 +5,7 @@
 #include "scene/photometry.h"
 #include "scene/sky.h"
 #include "surface/emitter_sampling.h"
+#include "visibility/tangents.h"
 
 #include <glm/gtc/constants.hpp>
 #include <tbb/parallel_for.h>
@@ -20,9 +21,9 @@ constexpr int shadow_samples = 4;
 constexpr int longest_sum = 20'000; ///< reflections, where their number is not bounded
 
 /// Low-discrepancy points of one side: Halton's sequence, shifted by numbers of the side's own.
-class Points {
+class HaltonPoints {
 public:
-    Points(uint32_t side, uint32_t purpose) : key_(mix_word(side * 8 + purpose)) {}
+    HaltonPoints(uint32_t side, uint32_t purpose) : key_(mix_word(side * 8 + purpose)) {}
     /// Point `i` of dimension pair `d` in [0, 1)^2.
     glm::vec2 operator()(uint32_t i, uint32_t d) const {
         static constexpr uint32_t base[] = {2, 3, 5, 7};
@@ -48,11 +49,10 @@ glm::vec2 on_triangle(glm::vec2 u) {
     return {root * (1.0f - u.y), root * u.y};
 }
 
-/// With density cos / pi around n (Malley's method; basis: Duff et al. 2017).
-glm::vec3 around(glm::vec3 n, glm::vec2 u) {
+/// With density cos / pi around n (Malley's method).
+glm::vec3 sample_cosine(glm::vec3 n, glm::vec2 u) {
     const float radius = std::sqrt(u.x), angle = 2.0f * glm::pi<float>() * u.y;
-    const float s = std::copysign(1.0f, n.z), a = -1.0f / (s + n.z), b = n.x * n.y * a;
-    const glm::vec3 x{1.0f + s * n.x * n.x * a, s * b, -s * n.x}, y{b, s + n.y * n.y * a, -n.y};
+    const auto [x, y] = tangents_of(n);
     return radius * std::cos(angle) * x + radius * std::sin(angle) * y
            + std::sqrt(std::max(0.0f, 1.0f - u.x)) * n;
 }
@@ -66,12 +66,12 @@ struct Side {
     /// A patch that something crosses is as light as at its centroid: see LitSurfaces::side.
     glm::vec3 point(glm::vec2 weights) const {
         const glm::vec3 p = patch.crossed ? patch.position : patch.at(weights);
-        return p + lift_of(p) * normal;
+        return p + ray_offset(p) * normal;
     }
 };
 
 /// A punctual light in the frame.
-struct Source {
+struct PunctualSource {
     const Light& light;
     glm::vec3 color; ///< times intensity
     glm::dvec3 position;
@@ -89,7 +89,7 @@ struct Source {
         const glm::dvec3 to = position - glm::dvec3(point);
         const double distance = glm::length(to);
         // A surface that the light lies on does not hide it.
-        const double end = 1.0 - double(lift_of(glm::vec3(position))) / distance;
+        const double end = 1.0 - double(ray_offset(glm::vec3(position))) / distance;
         shadow = {point, glm::vec3(to), 0.0f, float(std::max(0.0, end))};
         const double cosine = glm::dot(glm::dvec3(normal), to) / distance;
         if (!(distance > 0.0 && cosine > 0.0))
@@ -102,10 +102,10 @@ struct Source {
     }
 };
 
-std::vector<Source> sources_of(std::span<const Light> lights, const Visibility& visibility,
-                               const Frame& frame) {
+std::vector<PunctualSource> sources_of(std::span<const Light> lights, const Visibility& visibility,
+                                       const Frame& frame) {
     const float across = 2.0f * glm::length(visibility.hi() - visibility.lo()) + 1.0f;
-    std::vector<Source> sources;
+    std::vector<PunctualSource> sources;
     for (const Light& light : lights)
         sources.push_back({light, light.color * float(light.intensity),
                            frame.from_world(light.position), Cone(light), frame.unit, across});
@@ -113,14 +113,14 @@ std::vector<Source> sources_of(std::span<const Light> lights, const Visibility& 
 }
 
 /// Mean illuminance of a side by the punctual lights.
-glm::vec3 punctual(const Side& side, const std::vector<Source>& sources,
+glm::vec3 punctual(const Side& side, const std::vector<PunctualSource>& sources,
                    const Visibility& visibility) {
     // One point in each of the four halves of the halves.
     static constexpr glm::vec2 corner[shadow_samples] = {
         {0.0f, 0.0f}, {0.5f, 0.0f}, {0.0f, 0.5f}, {0.5f, 0.5f}};
     glm::vec3 sum{0.0f};
-    const Points points(side.index, 0);
-    for (const Source& source : sources)
+    const HaltonPoints points(side.index, 0);
+    for (const PunctualSource& source : sources)
         for (uint32_t i = 0; i < shadow_samples; ++i) {
             const float half = i < 3 ? 0.5f : -0.5f;
             Ray shadow;
@@ -140,7 +140,7 @@ glm::vec3 punctual(const Side& side, const std::vector<Source>& sources,
 glm::vec3 aimed(const Side& side, const EmitterSampling& emitters, int aimed_rays, int rays,
                 const Visibility& visibility) {
     glm::vec3 sum{0.0f};
-    const Points points(side.index, 1);
+    const HaltonPoints points(side.index, 1);
     for (uint32_t i = 0; i < uint32_t(aimed_rays); ++i) {
         const glm::vec3 from = side.point(on_triangle(points(i, 0)));
         const glm::vec2 pick = points(i, 1);
@@ -154,7 +154,7 @@ glm::vec3 aimed(const Side& side, const EmitterSampling& emitters, int aimed_ray
             continue;
         const float aim = to.density * square / there; // per solid angle
         const float density = float(aimed_rays) * aim + float(rays) * cosine / glm::pi<float>();
-        const float end = std::max(0.0f, 1.0f - 2.0f * lift_of(to.point) / distance);
+        const float end = std::max(0.0f, 1.0f - 2.0f * ray_offset(to.point) / distance);
         sum += to.luminance * (cosine / density) * visibility.transmittance({from, way, 0.0f, end});
     }
     return sum;
@@ -197,8 +197,8 @@ struct DirectLight {
     const Visibility& visibility;
     const Sky& sky;
     const std::vector<glm::vec3>& emission; ///< a side, nits; empty without emitters
-    std::vector<Source> sources;
-    std::vector<Source> suns; ///< of the sky
+    std::vector<PunctualSource> sources;
+    std::vector<PunctualSource> suns; ///< of the sky
     EmitterSampling aim;
     int rays;       ///< into the half-space of a side
     int aimed_rays; ///< towards emitters
@@ -206,11 +206,11 @@ struct DirectLight {
     /// Illuminance by the rays of a side, lux; `met` takes the sides that they hit, if it is not
     /// empty.
     glm::vec3 by_rays(const Side& side, std::span<uint32_t> met) const {
-        const Points points(side.index, 2);
+        const HaltonPoints points(side.index, 2);
         glm::vec3 seen{0.0f};
         for (uint32_t i = 0; i < uint32_t(rays); ++i) {
             const glm::vec3 from = side.point(on_triangle(points(i, 1)));
-            const glm::vec3 direction = around(side.normal, points(i, 0));
+            const glm::vec3 direction = sample_cosine(side.normal, points(i, 0));
             const Hit hit = visibility.closest({from, direction, 0.0f, HUGE_VALF});
             if (hit.instance == no_hit) {
                 seen += sky_rest(sky, direction);
@@ -366,7 +366,7 @@ uint32_t LitSurfaces::side(const Hit& hit, glm::vec3 direction) const {
     const Patch& patch = patches[found];
     if (patch.crossed) {
         const glm::vec3 point = patch.at(weights);
-        const glm::vec3 lift = (back ? -lift_of(point) : lift_of(point)) * patch.normal;
+        const glm::vec3 lift = (back ? -ray_offset(point) : ray_offset(point)) * patch.normal;
         if (visibility->transmittance({point + lift, patch.position - point}) < 0.5f)
             return no_side;
     }

@@ -10,7 +10,7 @@
 #include <atomic>
 
 namespace lpvbake {
-float lift_of(glm::vec3 point) {
+float ray_offset(glm::vec3 point) {
     const glm::vec3 size = glm::abs(point);
     return 1e-4f + 4e-6f * std::max({size.x, size.y, size.z});
 }
@@ -142,7 +142,7 @@ private:
         for (const float side : {1.0f, -1.0f}) {
             if (side < 0.0f && !source.double_sided)
                 continue;
-            const glm::vec3 from = centroid + side * lift_of(centroid) * source.normal;
+            const glm::vec3 from = centroid + side * ray_offset(centroid) * source.normal;
             for (const Corner& corner : piece)
                 if (walls->transmittance({from, 0.96f * (corner.position - centroid)}) < 0.5f)
                     return true;
@@ -182,7 +182,7 @@ private:
     bool is_hidden(const Patch& patch) const {
         if (patch.alpha < 1.0f)
             return false;
-        const glm::vec3 lift = 2.0f * lift_of(patch.position) * patch.normal;
+        const glm::vec3 lift = 2.0f * ray_offset(patch.position) * patch.normal;
         const Hit hit = walls->closest({patch.position + lift, -2.0f * lift});
         return hit.instance != no_hit
                && (hit.instance != patch.instance || hit.triangle != patch.triangle);

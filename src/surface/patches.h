@@ -30,7 +30,7 @@ struct Patch {
 };
 
 /// How far above a surface (frame units) rays start, so that they do not meet it.
-float lift_of(glm::vec3 point);
+float ray_offset(glm::vec3 point);
 
 /// Cuts every placed triangle into patches whose edges are at most `max_edge` units long and drops
 /// those outside the grid. Zero-area triangles give none. Throws Error (memory) beyond 2^25

@@ -1,5 +1,7 @@
 #include "visibility/backs.h"
 
+#include "visibility/tangents.h"
+
 #include <glm/gtc/constants.hpp>
 
 namespace lpvbake {
@@ -7,22 +9,12 @@ namespace {
 
 constexpr int ray_count = 1024;
 
-/// Two unit vectors that complete n to an orthonormal frame (Duff et al. 2017).
-void complete(glm::dvec3 n, glm::dvec3& u, glm::dvec3& v) {
-    const double sign = n.z < 0.0 ? -1.0 : 1.0;
-    const double a = -1.0 / (sign + n.z);
-    const double b = n.x * n.y * a;
-    u = {1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x};
-    v = {b, sign + n.y * n.y * a, -n.y};
-}
-
 } // namespace
 
 double share_of_backs(const Visibility& visibility, const Light& light, const Frame& frame) {
     const glm::dvec3 lo{visibility.lo()}, hi{visibility.hi()};
     const double across = glm::length(hi - lo) + glm::length(frame.extent);
-    glm::dvec3 u, v;
-    complete(light.direction, u, v);
+    const auto [u, v] = tangents_of(light.direction);
     const double golden = glm::pi<double>() * (3.0 - std::sqrt(5.0));
     int hits = 0, backs = 0;
     for (int i = 0; i < ray_count; ++i) {

@@ -1,4 +1,4 @@
-#include "solver/vpl/emitters.h"
+#include "solver/vpl/lit_vpls.h"
 #include "surface/patches.h"
 
 #include "scenes.h"

@@ -153,7 +153,7 @@ glm::vec3 Emitter::point(glm::vec2 u) const {
     if (crossed)
         u.y = 0.5f;
     const glm::vec3 p = a + root * (1.0f - u.y) * (b - a) + root * u.y * (c - a);
-    return p + 2.0f * lift_of(p) * normal;
+    return p + 2.0f * ray_offset(p) * normal;
 }
 
 uint32_t Clusters::emitter_at(const Cluster& cluster, double share) const {

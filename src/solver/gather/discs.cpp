@@ -74,12 +74,12 @@ private:
 /// Light of one map in one cell; returns the number of rays.
 uint64_t gather_cell(const Map& map, uint32_t key, int samples, double unit, glm::ivec3 cell,
                      const Visibility& visibility, Volume& volume) {
-    struct Seen {
+    struct Sample {
         glm::vec3 towards; ///< unit
         glm::vec3 light;   ///< nits times solid angle
     };
     thread_local std::vector<Ray> rays;
-    thread_local std::vector<Seen> seen;
+    thread_local std::vector<Sample> seen;
     thread_local std::vector<float> open;
     rays.clear();
     seen.clear();
@@ -107,7 +107,7 @@ uint64_t gather_cell(const Map& map, uint32_t key, int samples, double unit, glm
         const double emitting = pi * footprint * unit * unit;
         seen.push_back(
             {glm::vec3(glm::normalize(to)), (*map).power[*texel] * float(angle_of / emitting)});
-        rays.push_back({glm::vec3(center), point + lift_of(point) * normal - glm::vec3(center)});
+        rays.push_back({glm::vec3(center), point + ray_offset(point) * normal - glm::vec3(center)});
     }
     open.resize(rays.size());
     visibility.transmittance_of_eights(rays, Bundle::loose, open);

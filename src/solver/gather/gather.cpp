@@ -1,8 +1,8 @@
 #include "solver/gather/gather.h"
 
+#include "solver/gather/adaptive_grid.h"
 #include "solver/gather/batcher.h"
 #include "solver/gather/gather.comp.h"
-#include "solver/gather/lattice.h"
 #include "solver/gather/zone.h"
 
 #include <tbb/parallel_for.h>
@@ -80,7 +80,7 @@ public:
           report_(report),
           laps_(laps),
           batcher_(device, local_size, settings.order, list_bytes, volume),
-          lattice_(volume, world.occupied, settings.tolerance) {
+          adaptive_(volume, world.occupied, settings.tolerance) {
         if (!world.sky.empty())
             sky_ = compile(device, local_size, settings.order, part_sky);
     }
@@ -88,22 +88,22 @@ public:
     void run() {
         progress_.begin("gather", 3 * zones_.size());
         if (settings_.tolerance > 0.0f) {
-            lattice_.want(lattice_.all(), coarse_edge);
+            adaptive_.want(adaptive_.all(), coarse_edge);
             solve(0);
-            const std::vector<CellBox> rough = lattice_.leave_smooth(coarse_edge);
+            const std::vector<CellBox> rough = adaptive_.leave_smooth(coarse_edge);
             for (const CellBox& box : rough)
-                lattice_.want(box, coarse_edge / 2);
+                adaptive_.want(box, coarse_edge / 2);
             laps_.add_to(report_.interpolation_seconds);
             solve(1);
-            for (const CellBox& half : lattice_.leave_smooth_halves(rough, coarse_edge / 2))
-                lattice_.want(half, 1);
+            for (const CellBox& half : adaptive_.leave_smooth_halves(rough, coarse_edge / 2))
+                adaptive_.want(half, 1);
             laps_.add_to(report_.interpolation_seconds);
         } else {
-            lattice_.want(lattice_.all(), 1);
+            adaptive_.want(adaptive_.all(), 1);
         }
         solve(2);
-        lattice_.interpolate(volume_); // what is left lies in a smooth box
-        report_.interpolated = lattice_.interpolated();
+        adaptive_.interpolate(volume_); // what is left lies in a smooth box
+        report_.interpolated = adaptive_.interpolated();
         for (const std::unique_ptr<Zone>& zone : zones_)
             report_.rays += zone ? zone->rays() : 0;
         laps_.add_to(report_.interpolation_seconds);
@@ -125,7 +125,7 @@ private:
         for (const Packet& packet : packets) {
             report_.solved += packet.cells.size();
             for (const glm::ivec3 cell : packet.cells)
-                lattice_.state[grid_.index(cell)] = CellState::solved;
+                adaptive_.state[grid_.index(cell)] = CellState::solved;
         }
     }
 
@@ -151,7 +151,7 @@ private:
         for (int z = base.z; z < end.z; ++z)
             for (int y = base.y; y < end.y; ++y)
                 for (int x = base.x; x < end.x; ++x)
-                    if (lattice_.state[grid_.index({x, y, z})] == CellState::wanted)
+                    if (adaptive_.state[grid_.index({x, y, z})] == CellState::wanted)
                         cells.push_back({morton(glm::ivec3(x, y, z) - base), {x, y, z}});
         std::vector<Packet> packets;
         if (cells.empty())
@@ -216,7 +216,7 @@ private:
     GatherReport& report_;
     Laps& laps_;
     Batcher batcher_;
-    Lattice lattice_;
+    AdaptiveGrid adaptive_;
     std::vector<Sources> sources_; ///< of a chunk of packets
 };
 

@@ -213,13 +213,13 @@ const uint64_t* Zone::bits(glm::ivec3 point) {
         for (int i = 0; i < 3; ++i)
             if (lo[i] == zone_edge)
                 lo[i] -= edge;
-        const bool look = world_.occupied(base_ + lo, std::countr_zero(uint32_t(edge)));
+        const bool crossed = world_.occupied(base_ + lo, std::countr_zero(uint32_t(edge)));
         std::vector<uint64_t> all(words_, ~uint64_t(0)), any(words_, 0);
         for (int i = 0; i < 8; ++i) {
             const glm::ivec3 corner = lo + edge * glm::ivec3(i & 1, i >> 1 & 1, i >> 2);
             if (!usable(corner))
                 continue;
-            if (look) {
+            if (crossed) {
                 ++rays_;
                 if (world_.visibility.transmittance({from, centre_of(base_ + corner) - from})
                     < 1.0f)

@@ -4,7 +4,7 @@
 #include "solver/lpv/lpv.h"
 #include "solver/occlusion.h"
 #include "solver/outside.h"
-#include "solver/vpl/emitters.h"
+#include "solver/vpl/lit_vpls.h"
 #include "solver/vpl/vpls.h"
 #include "text.h"
 

@@ -27,7 +27,7 @@ glm::vec3 pulled_inward(const RsmVertex* vertex, glm::dvec3 point) {
 double depth_at(const RsmView& view, glm::dvec2 at, const RsmVertex* triangle) {
     const glm::dvec3 normal(triangle->plane);
     const double slope = glm::dot(normal, view.along(at));
-    // Seen edge-on the plane may be met far away: the triangle's own depths are the limit.
+    // RasterTexel edge-on the plane may be met far away: the triangle's own depths are the limit.
     glm::dvec3 depths;
     for (int k = 0; k < 3; ++k)
         depths[k] = glm::dot(glm::dvec3(triangle[k].position) - view.origin, view.axis);
@@ -38,7 +38,7 @@ double depth_at(const RsmView& view, glm::dvec2 at, const RsmVertex* triangle) {
 }
 
 /// From reflectance and triangle to position, normal and power.
-void resolve(std::span<const Seen> texels, const RsmGeometry& geometry, const Frame& frame,
+void resolve(std::span<const RasterTexel> texels, const RsmGeometry& geometry, const Frame& frame,
              const RsmView& view, const Light& light, const Tile& tile, Rsm& rsm) {
     const glm::dvec3 color(light.color);
     const glm::ivec2 corner(tile.corner);
@@ -46,7 +46,7 @@ void resolve(std::span<const Seen> texels, const RsmGeometry& geometry, const Fr
     tbb::parallel_for(0, rsm.height, [&](int row) {
         for (int column = 0; column < rsm.width; ++column) {
             const std::size_t i = std::size_t(row) * rsm.width + column;
-            const Seen& texel = texels[i];
+            const RasterTexel& texel = texels[i];
             rsm.position[i] = rsm.normal[i] = rsm.power[i] = glm::vec3(0);
             if (texel.triangle == 0)
                 continue;

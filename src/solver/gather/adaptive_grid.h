@@ -31,10 +31,10 @@ struct CellBox {
 };
 
 /// The state of all cells.
-class Lattice {
+class AdaptiveGrid {
 public:
     /// The arguments outlive it; `tolerance` as GatherSettings has it.
-    Lattice(const Volume& volume, const Occupied& occupied, float tolerance);
+    AdaptiveGrid(const Volume& volume, const Occupied& occupied, float tolerance);
 
     std::vector<CellState> state;
 

@@ -1,4 +1,4 @@
-#include "solver/gather/lattice.h"
+#include "solver/gather/adaptive_grid.h"
 
 #include "volume/sh.h"
 
@@ -26,7 +26,7 @@ glm::vec3 between(const std::vector<glm::vec3>& values, const Grid& grid, const 
 
 } // namespace
 
-Lattice::Lattice(const Volume& volume, const Occupied& occupied, float tolerance)
+AdaptiveGrid::AdaptiveGrid(const Volume& volume, const Occupied& occupied, float tolerance)
     : state(volume.grid.size(), CellState::open),
       volume_(volume),
       grid_(volume.grid),
@@ -34,7 +34,7 @@ Lattice::Lattice(const Volume& volume, const Occupied& occupied, float tolerance
       tolerance_(tolerance) {}
 
 /// The box of this edge (a power of two) that a cell belongs to, cut off by the grid's end.
-CellBox Lattice::box_around(glm::ivec3 cell, int edge) const {
+CellBox AdaptiveGrid::box_around(glm::ivec3 cell, int edge) const {
     // The last cells belong to the box before them.
     const glm::ivec3 last = grid_.dims - 1;
     glm::ivec3 lo = cell & ~(edge - 1);
@@ -44,7 +44,7 @@ CellBox Lattice::box_around(glm::ivec3 cell, int edge) const {
     return {lo, glm::min(lo + edge, last)};
 }
 
-void Lattice::want(const CellBox& box, int step) {
+void AdaptiveGrid::want(const CellBox& box, int step) {
     const glm::ivec3 last = grid_.dims - 1;
     const auto on = [&](int i, int axis) { return i % step == 0 || i == last[axis]; };
     for (int z = box.lo.z; z <= box.hi.z; ++z)
@@ -58,7 +58,7 @@ void Lattice::want(const CellBox& box, int step) {
 }
 
 /// Leaves the valid cells of a box that are not solved to interpolation.
-void Lattice::leave(const CellBox& box, int edge) {
+void AdaptiveGrid::leave(const CellBox& box, int edge) {
     for (int z = box.lo.z; z <= box.hi.z; ++z)
         for (int y = box.lo.y; y <= box.hi.y; ++y)
             for (int x = box.lo.x; x <= box.hi.x; ++x) {
@@ -69,7 +69,7 @@ void Lattice::leave(const CellBox& box, int edge) {
 }
 
 /// True if what lies in the box may be interpolated from its corners.
-bool Lattice::smooth(const CellBox& box, int edge) const {
+bool AdaptiveGrid::smooth(const CellBox& box, int edge) const {
     if (occupied_(box.lo, edge == 4 ? 2 : 1))
         return false;
     std::array<size_t, 8> corners;
@@ -105,7 +105,7 @@ bool Lattice::smooth(const CellBox& box, int edge) const {
     return true;
 }
 
-std::vector<CellBox> Lattice::leave_smooth(int edge) {
+std::vector<CellBox> AdaptiveGrid::leave_smooth(int edge) {
     const glm::ivec3 last = grid_.dims - 1;
     std::vector<CellBox> rough;
     for (int z = 0; z == 0 || z < last.z; z += edge)
@@ -120,7 +120,8 @@ std::vector<CellBox> Lattice::leave_smooth(int edge) {
     return rough;
 }
 
-std::vector<CellBox> Lattice::leave_smooth_halves(const std::vector<CellBox>& boxes, int edge) {
+std::vector<CellBox> AdaptiveGrid::leave_smooth_halves(const std::vector<CellBox>& boxes,
+                                                       int edge) {
     std::vector<CellBox> rough;
     for (const CellBox& box : boxes)
         for (int i = 0; i < 8; ++i) {
@@ -136,7 +137,7 @@ std::vector<CellBox> Lattice::leave_smooth_halves(const std::vector<CellBox>& bo
     return rough;
 }
 
-void Lattice::interpolate(Volume& volume) const {
+void AdaptiveGrid::interpolate(Volume& volume) const {
     tbb::parallel_for(0, grid_.dims.z, [&](int z) {
         for (int y = 0; y < grid_.dims.y; ++y)
             for (int x = 0; x < grid_.dims.x; ++x) {
@@ -151,7 +152,7 @@ void Lattice::interpolate(Volume& volume) const {
     });
 }
 
-uint64_t Lattice::interpolated() const {
+uint64_t AdaptiveGrid::interpolated() const {
     return uint64_t(std::ranges::count_if(state, [](CellState each) {
         return each == CellState::between_4 || each == CellState::between_2;
     }));
