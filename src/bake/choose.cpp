@@ -1,6 +1,7 @@
 #include "bake/choose.h"
 
 #include "error.h"
+#include "solver/models.h"
 #include "text.h"
 
 #include <algorithm>
@@ -9,15 +10,12 @@
 namespace lpvbake {
 namespace {
 
-// Errors are those of the Cornell box with a lamp, relative L1 of irradiance at cells, measured
-// against path-traced references; in two rooms with a door they are a third to all of this. After
-// one bounce light comes from few places, and bands and places of surfaces matter more.
-
 /// What the bands up to `order` cost, even where they are exact.
-double floor_of(int order, bool once) {
-    return order < 2   ? (once ? 0.25 : 0.133)
-           : order < 4 ? (once ? 0.053 : 0.02)
-                       : (once ? 0.015 : 0.008);
+double error_of_bands(int order, bool once) {
+    for (const auto& [from, once_reflected, more] : models::error::bands)
+        if (order >= from)
+            return once ? once_reflected : more;
+    return 1.0;
 }
 
 /// What is not chosen: of `base` where that is of the same kind.
@@ -51,7 +49,8 @@ std::string text_of(const SolverSettings& settings) {
 double expected_error(const BakeSettings& settings) {
     const SolverSettings& solver = settings.solver;
     const bool once = settings.bounces && *settings.bounces <= 1;
-    return std::hypot(floor_of(solver.order(), once), solver.kind().expected_error(solver, once));
+    return std::hypot(error_of_bands(solver.order(), once),
+                      solver.kind().expected_error(solver, once));
 }
 
 Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const Wish& wish,

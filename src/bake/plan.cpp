@@ -1,11 +1,9 @@
-// Estimates are in seconds a unit, fitted to bakes of the Cornell box and of two rooms with a door
-// at 16, 32 and 64 cells by two threads of a CPU device (lavapipe); a GPU is faster than this says
-// where the device has most of the work (propagate, sweep).
 #include "bake/plan.h"
 
 #include "error.h"
 #include "raster/view.h"
 #include "scene/lights.h"
+#include "solver/models.h"
 #include "text.h"
 #include "volume/sh.h"
 #include "volume/volume.h"
@@ -17,6 +15,8 @@
 
 namespace lpvbake {
 namespace {
+
+namespace seconds = models::seconds;
 
 std::string dims_text(glm::ivec3 dims) {
     return format("a grid of %d x %d x %d", dims.x, dims.y, dims.z);
@@ -109,7 +109,8 @@ void plan_lighting(const SceneFacts& scene, double patches, BakePlan& plan) {
         if (there)
             light += (light.empty() ? "" : ", ") + std::string(what);
     plan.stages.push_back(
-        {"lighting", 0.02 + 8e-6 * patches + 8.5e-7 * rays,
+        {"lighting",
+         seconds::lighting + seconds::lighting_patch * patches + seconds::lighting_ray * rays,
          light
              + (!bounces        ? "; all reflections from patch to patch"
                 : *bounces == 0 ? "; no reflections"
@@ -136,7 +137,9 @@ void plan_maps(const SceneFacts& scene, int size, BakePlan& plan) {
         plan.maps.count += int(views_of(light, plan.frame, lo, hi).size());
     const double texels = double(plan.maps.count) * size * size;
     plan.stages.push_back(
-        {"rsm", 0.05 + 1.5e-7 * texels + 2e-7 * double(plan.triangles) * plan.maps.count,
+        {"rsm",
+         seconds::maps + seconds::maps_texel * texels
+             + seconds::maps_triangle * double(plan.triangles) * plan.maps.count,
          format("%s, %s of %d x %d", counted(scene.lights.size(), "light").c_str(),
                 counted(uint64_t(plan.maps.count), "map").c_str(), size, size)});
 }
@@ -179,22 +182,23 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
         double(plan.triangles) + 6.0 * scene.area / (plan.grid.cell * plan.grid.cell);
     const double cells = double(plan.grid.size());
     plan_light(scene, plan);
-    plan.stages.push_back(
-        {"visibility", 4e-7 * double(plan.triangles), counted(plan.triangles, "triangle")});
+    plan.stages.push_back({"visibility", seconds::visibility_triangle * double(plan.triangles),
+                           counted(plan.triangles, "triangle")});
     plan_lighting(scene, patches, plan);
     plan_maps(scene, map_size, plan);
     const Cost cost = solver.kind().cost({plan.grid, patches, plan.lit, plan.maps}, solver);
     plan.stages.insert(plan.stages.end(), cost.stages.begin(), cost.stages.end());
     plan.skipped.insert(plan.skipped.end(), cost.skipped.begin(), cost.skipped.end());
-    plan.stages.push_back(
-        {"walls", 1e-6 * cells, "what stands between cells and the points around them"});
+    plan.stages.push_back({"walls", seconds::walls_cell * cells,
+                           "what stands between cells and the points around them"});
     for (const StageReport& stage : plan.stages)
         plan.seconds += stage.seconds;
 
     // The volume itself takes 12 bytes a coefficient and a wall, and a copy while it is written.
     plan.host_bytes =
-        260 * plan.triangles + (uint64_t(64) << 20)
-        + plan.grid.size() * (150 + 24 * uint64_t(sh_count(solver.order()) + most_walls))
+        models::bytes::triangle * plan.triangles + models::bytes::fixed
+        + plan.grid.size()
+              * (models::bytes::cell + 24 * uint64_t(sh_count(solver.order()) + most_walls))
         + cost.host_bytes;
     check_host_memory(plan);
     return plan;

@@ -21,7 +21,7 @@ struct BakePlan {
     uint64_t triangles = 0;
     uint64_t device_bytes = 0;       ///< peak of the solver's device memory
     uint64_t host_bytes = 0;         ///< estimate
-    double seconds = 0;              ///< estimate, as on two threads of a CPU device; see plan.cpp
+    double seconds = 0;              ///< estimate, as on two threads of a CPU device; see solver/models.h
     std::vector<StageReport> stages; ///< what will run, and why (detail)
     std::vector<SkippedStage> skipped; ///< what such a bake has no need of
     std::vector<std::string> warnings;

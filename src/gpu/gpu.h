@@ -36,7 +36,9 @@ struct DeviceOptions {
     bool validation = false; ///< load the validation layer; its messages become errors
 };
 
-/// A logical device with one queue. Not copied; passed by reference to every stage.
+/// A logical device with one queue. Not copied; passed by reference to every stage. Programs may be
+/// made on any number of threads, while others use the device, too; all else that a device is given
+/// to (buffers, copies, batches, maps) is for one thread at a time.
 class Device {
 public:
     explicit Device(const DeviceOptions& options);

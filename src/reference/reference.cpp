@@ -169,6 +169,182 @@ void check_memory(const Grid& grid, const ReferenceSettings& settings) {
                         + " cells does not fit this machine's memory; lower --resolution");
 }
 
+/// Running sums of all points.
+struct ProbeSums {
+    size_t row;                               ///< numbers a point
+    std::vector<glm::dvec3> means, variances; ///< [point * row + number], as Totals has them
+    std::vector<double> irradiance_variances; ///< a point
+    uint64_t rays = 0;                        ///< from each point
+
+    ProbeSums(size_t points, size_t numbers)
+        : row(numbers),
+          means(points * numbers, glm::dvec3(0.0)),
+          variances(means),
+          irradiance_variances(points) {}
+
+    size_t points() const { return irradiance_variances.size(); }
+    Totals of(size_t point) {
+        return {{&means[point * row], row},
+                {&variances[point * row], row},
+                irradiance_variances[point]};
+    }
+    double irradiance(size_t point) const { return mean_irradiance(means[point * row]); }
+
+    /// Over all points.
+    double irradiance() const {
+        double sum = 0.0;
+        for (size_t i = 0; i < points(); ++i)
+            sum += irradiance(i);
+        return sum;
+    }
+    /// As ProbeField::noise.
+    double noise() const {
+        double error = 0.0;
+        for (const double variance : irradiance_variances)
+            error += std::sqrt(variance);
+        const double sum = irradiance();
+        return sum > 0.0 ? error / sum : 0.0;
+    }
+    /// Appends a number of every point, and its standard error.
+    void take(size_t number, std::vector<glm::vec3>& mean, std::vector<glm::vec3>& error) const {
+        const double n = double(rays);
+        for (size_t i = number; i < means.size(); i += row) {
+            mean.push_back(glm::vec3(means[i] / n));
+            error.push_back(glm::vec3(glm::sqrt(variances[i]) / n));
+        }
+    }
+};
+
+/// Traces probes, pass by pass.
+class ProbeTracer {
+public:
+    ProbeTracer(const Paths& paths, std::span<const glm::vec3> points,
+                std::span<const uint64_t> keys, const ReferenceSettings& settings,
+                const ProbeNormals& normals)
+        : paths_(paths),
+          points_(points),
+          keys_(keys),
+          settings_(settings),
+          normals_(normals),
+          weights_(irradiance_weights(settings.sh_order)) {}
+
+    size_t coefficients() const { return size_t(sh_count(settings_.sh_order)); }
+    size_t row() const { return coefficients() + normals_.common.size() + !normals_.own.empty(); }
+
+    /// Adds `rays` rays from each point; returns the number of all that were traced for it.
+    uint64_t add(uint64_t pass, uint64_t rays, ProbeSums& sums, Progress& progress) {
+        const uint64_t threads = uint64_t(tbb::this_task_arena::max_concurrency());
+        // So many points at a time as take about a tenth of a second: progress is told between.
+        const size_t step = std::clamp<uint64_t>((threads << 16) / rays, 1, 256);
+        uint64_t traced = 0;
+        for (size_t first = 0; first < points_.size(); first += step) {
+            progress.advance(first);
+            traced += add_some(first, std::min(step, points_.size() - first), pass, rays, sums);
+        }
+        sums.rays += rays;
+        return traced;
+    }
+
+private:
+    uint64_t add_some(size_t first, size_t count, uint64_t pass, uint64_t rays, ProbeSums& sums) {
+        const size_t row = sums.row;
+        const uint32_t batch_rays = uint32_t(rays / ray_batches);
+        batches_.assign(count * ray_batches * row, glm::dvec3(0.0));
+        traced_.resize(count * ray_batches);
+        tbb::parallel_for(size_t(0), traced_.size(), [&](size_t i) {
+            const size_t point = first + i / ray_batches;
+            const uint64_t key = join_bits(join_bits(join_bits(settings_.seed, keys_[point]), pass),
+                                           i % ray_batches);
+            const Row numbers{settings_.sh_order, normals_.common,
+                              normals_.own.empty() ? nullptr : &normals_.own[point]};
+            traced_[i] =
+                trace_batch(paths_, points_[point], key, batch_rays, numbers, &batches_[i * row]);
+        });
+        tbb::parallel_for(size_t(0), count, [&](size_t i) {
+            add_pass({&batches_[i * ray_batches * row], ray_batches * row}, double(rays), weights_,
+                     sums.of(first + i));
+        });
+        return std::accumulate(traced_.begin(), traced_.end(), uint64_t(0));
+    }
+
+    const Paths& paths_;
+    std::span<const glm::vec3> points_;
+    std::span<const uint64_t> keys_;
+    const ReferenceSettings& settings_;
+    const ProbeNormals& normals_;
+    std::vector<std::vector<double>> weights_;
+    std::vector<glm::dvec3> batches_; ///< rows
+    std::vector<uint64_t> traced_;
+};
+
+/// What the sums say.
+void take(const ProbeSums& sums, size_t coefficients, const ProbeNormals& normals,
+          ProbeField& field) {
+    field.sh.resize(coefficients);
+    field.error.resize(coefficients);
+    field.irradiance.resize(normals.common.size());
+    field.irradiance_error.resize(normals.common.size());
+    for (size_t k = 0; k < coefficients; ++k)
+        sums.take(k, field.sh[k], field.error[k]);
+    for (size_t k = 0; k < normals.common.size(); ++k)
+        sums.take(coefficients + k, field.irradiance[k], field.irradiance_error[k]);
+    if (!normals.own.empty())
+        sums.take(sums.row - 1, field.own_irradiance, field.own_irradiance_error);
+    for (size_t i = 0; i < sums.points(); ++i) {
+        const double irradiance = sums.irradiance(i);
+        field.point_noise.push_back(
+            irradiance > 0.0 ? float(std::sqrt(sums.irradiance_variances[i]) / irradiance) : 0.0f);
+    }
+}
+
+/// The cells whose light is found.
+std::vector<size_t> probe_cells(const Scene& scene, const std::vector<float>& validity,
+                                const ReferenceSettings& settings) {
+    std::vector<size_t> cells;
+    if (settings.probes > 0) {
+        cells = sample_cells(valid_cells(validity), settings.probes,
+                             mix_bits(settings.seed ^ 0x70726f6265u));
+        if (cells.empty())
+            throw Error(ExitCode::invalid,
+                        scene.path + ": no cell of the grid has its centre outside geometry");
+    } else {
+        cells.resize(validity.size());
+        std::iota(cells.begin(), cells.end(), size_t(0));
+    }
+    return cells;
+}
+
+std::vector<std::string> warnings_of(const ProbeField& field, const ReferenceSettings& settings,
+                                     size_t cells) {
+    std::vector<std::string> warnings;
+    if (!field.converged)
+        warnings.push_back("the noise is still " + short_number(100.0 * field.noise) + " % after "
+                           + std::to_string(field.rays) + " rays a cell; raise --rays");
+    if (settings.probes > cells)
+        warnings.push_back("only " + std::to_string(cells)
+                           + " cells are valid; all of them are probes");
+    return warnings;
+}
+
+/// Puts the field of some cells into volumes whose grids are there, and sums up its errors.
+void scatter(const ProbeField& field, std::span<const size_t> cells, Reference& reference) {
+    std::string errors;
+    for (size_t k = 0; k < field.sh.size(); ++k) {
+        double squares = 0.0;
+        for (size_t i = 0; i < cells.size(); ++i) {
+            reference.volume.sh[k][cells[i]] = field.sh[k][i];
+            reference.error.sh[k][cells[i]] = field.error[k][i];
+            const glm::dvec3 e{field.error[k][i]};
+            squares += glm::dot(e, e);
+        }
+        reference.standard_error.push_back(std::sqrt(squares / (3.0 * double(cells.size()))));
+        errors += k > 0 ? " " : "";
+        errors += short_number(reference.standard_error.back());
+    }
+    reference.volume.metadata["standard_error"] = errors;
+    reference.error.metadata["quantity"] = "standard error";
+}
+
 } // namespace
 
 ProbeField trace_probes(const Scene& scene, const Visibility& visibility, const Frame& frame,
@@ -176,92 +352,25 @@ ProbeField trace_probes(const Scene& scene, const Visibility& visibility, const 
                         const ReferenceSettings& settings, Progress& progress,
                         const ProbeNormals& normals) {
     const Paths paths(scene, visibility, frame, settings.paths);
-    const auto row_of = [&](size_t point) {
-        return Row{settings.sh_order, normals.common,
-                   normals.own.empty() ? nullptr : &normals.own[point]};
-    };
-    const size_t coefficients = size_t(sh_count(settings.sh_order));
-    const size_t row = coefficients + normals.common.size() + !normals.own.empty();
-    const auto weights = irradiance_weights(settings.sh_order);
-    const auto whole_batches = [](uint64_t rays) {
-        return (std::max<uint64_t>(rays, 1) + ray_batches - 1) / ray_batches * ray_batches;
-    };
-    const uint64_t limit = whole_batches(settings.rays);
-    const uint64_t threads = uint64_t(tbb::this_task_arena::max_concurrency());
-
+    ProbeTracer tracer(paths, points, keys, settings, normals);
+    ProbeSums sums(points.size(), tracer.row());
+    const uint64_t limit =
+        (std::max<uint64_t>(settings.rays, 1) + ray_batches - 1) / ray_batches * ray_batches;
     ProbeField field;
-    std::vector<glm::dvec3> means(points.size() * row, glm::dvec3(0.0)), variances(means);
-    std::vector<double> irradiance_variances(points.size());
-    std::vector<glm::dvec3> batches; // rows
-    std::vector<uint64_t> traced;
-    for (uint64_t pass = 0; field.rays < limit; ++pass) {
+    for (uint64_t pass = 0; sums.rays < limit; ++pass) {
         uint64_t rays = limit;
         if (settings.noise > 0.0)
-            rays = std::min(pass == 0 ? first_pass : field.rays, limit - field.rays);
-        const uint32_t batch_rays = uint32_t(rays / ray_batches);
-        progress.begin(settings.noise > 0.0 ? "trace " + std::to_string(field.rays + rays)
-                                            : "trace",
+            rays = std::min(pass == 0 ? first_pass : sums.rays, limit - sums.rays);
+        progress.begin(settings.noise > 0.0 ? "trace " + std::to_string(sums.rays + rays) : "trace",
                        points.size());
-        // So many points at a time as take about a tenth of a second: progress is told between.
-        const size_t step = std::clamp<uint64_t>((threads << 16) / rays, 1, 256);
-        for (size_t first = 0; first < points.size(); first += step) {
-            progress.advance(first);
-            const size_t count = std::min(step, points.size() - first);
-            batches.assign(count * ray_batches * row, glm::dvec3(0.0));
-            traced.resize(count * ray_batches);
-            tbb::parallel_for(size_t(0), traced.size(), [&](size_t i) {
-                const size_t point = first + i / ray_batches;
-                const uint64_t key = join_bits(
-                    join_bits(join_bits(settings.seed, keys[point]), pass), i % ray_batches);
-                traced[i] = trace_batch(paths, points[point], key, batch_rays, row_of(point),
-                                        &batches[i * row]);
-            });
-            tbb::parallel_for(size_t(0), count, [&](size_t i) {
-                const size_t point = first + i;
-                add_pass({&batches[i * ray_batches * row], ray_batches * row}, double(rays),
-                         weights,
-                         {{&means[point * row], row},
-                          {&variances[point * row], row},
-                          irradiance_variances[point]});
-            });
-            field.traced += std::accumulate(traced.begin(), traced.end(), uint64_t(0));
-        }
-        field.rays += rays;
-
-        double error = 0.0, irradiance = 0.0;
-        for (size_t i = 0; i < points.size(); ++i) {
-            error += std::sqrt(irradiance_variances[i]);
-            irradiance += mean_irradiance(means[i * row]);
-        }
-        field.noise = irradiance > 0.0 ? error / irradiance : 0.0;
-        if (settings.noise > 0.0 && irradiance > 0.0 && field.noise <= settings.noise)
+        field.traced += tracer.add(pass, rays, sums, progress);
+        field.noise = sums.noise();
+        if (settings.noise > 0.0 && sums.irradiance() > 0.0 && field.noise <= settings.noise)
             break;
     }
+    field.rays = sums.rays;
     field.converged = !(settings.noise > 0.0) || field.noise <= settings.noise;
-
-    const double n = double(field.rays);
-    const auto take = [&](size_t number, std::vector<glm::vec3>& mean,
-                          std::vector<glm::vec3>& error) {
-        for (size_t i = number; i < means.size(); i += row) {
-            mean.push_back(glm::vec3(means[i] / n));
-            error.push_back(glm::vec3(glm::sqrt(variances[i]) / n));
-        }
-    };
-    field.sh.resize(coefficients);
-    field.error.resize(coefficients);
-    field.irradiance.resize(normals.common.size());
-    field.irradiance_error.resize(normals.common.size());
-    for (size_t k = 0; k < coefficients; ++k)
-        take(k, field.sh[k], field.error[k]);
-    for (size_t k = 0; k < normals.common.size(); ++k)
-        take(coefficients + k, field.irradiance[k], field.irradiance_error[k]);
-    if (!normals.own.empty())
-        take(row - 1, field.own_irradiance, field.own_irradiance_error);
-    for (size_t i = 0; i < points.size(); ++i) {
-        const double irradiance = mean_irradiance(means[i * row]);
-        field.point_noise.push_back(
-            irradiance > 0.0 ? float(std::sqrt(irradiance_variances[i]) / irradiance) : 0.0f);
-    }
+    take(sums, tracer.coefficients(), normals, field);
     return field;
 }
 
@@ -280,17 +389,7 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
     const Visibility visibility(scene, frame);
     const std::vector<float> validity = trace_validity(visibility, grid.dims);
 
-    std::vector<size_t> cells;
-    if (settings.probes > 0) {
-        cells = sample_cells(valid_cells(validity), settings.probes,
-                             mix_bits(settings.seed ^ 0x70726f6265u));
-        if (cells.empty())
-            throw Error(ExitCode::invalid,
-                        scene.path + ": no cell of the grid has its centre outside geometry");
-    } else {
-        cells.resize(grid.size());
-        std::iota(cells.begin(), cells.end(), size_t(0));
-    }
+    const std::vector<size_t> cells = probe_cells(scene, validity, settings);
     std::vector<glm::vec3> points;
     std::vector<uint64_t> keys;
     const auto nx = size_t(grid.dims.x), ny = size_t(grid.dims.y);
@@ -306,13 +405,7 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
     reference.rays = field.rays;
     reference.traced = field.traced;
     reference.probes = cells.size();
-    if (!field.converged)
-        reference.warnings.push_back("the noise is still " + short_number(100.0 * field.noise)
-                                     + " % after " + std::to_string(field.rays)
-                                     + " rays a cell; raise --rays");
-    if (settings.probes > cells.size())
-        reference.warnings.push_back("only " + std::to_string(cells.size())
-                                     + " cells are valid; all of them are probes");
+    reference.warnings = warnings_of(field, settings, cells.size());
 
     Volume& volume = reference.volume;
     volume.grid = grid;
@@ -333,20 +426,7 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
         volume.metadata["probes"] = std::to_string(cells.size());
     reference.error = volume;
     volume.walls = find_walls(visibility, grid.dims, volume.validity, most_walls, walls_reach);
-    std::string errors;
-    for (size_t k = 0; k < field.sh.size(); ++k) {
-        double squares = 0.0;
-        for (size_t i = 0; i < cells.size(); ++i) {
-            volume.sh[k][cells[i]] = field.sh[k][i];
-            reference.error.sh[k][cells[i]] = field.error[k][i];
-            const glm::dvec3 e{field.error[k][i]};
-            squares += glm::dot(e, e);
-        }
-        reference.standard_error.push_back(std::sqrt(squares / (3.0 * double(cells.size()))));
-        errors += (k ? " " : "") + short_number(reference.standard_error.back());
-    }
-    volume.metadata["standard_error"] = errors;
-    reference.error.metadata["quantity"] = "standard error";
+    scatter(field, cells, reference);
     return reference;
 }
 

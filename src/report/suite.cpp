@@ -37,10 +37,6 @@ bool is_clear(const Visibility& visibility, glm::ivec3 cell) {
     return true;
 }
 
-bool is_valid(const Volume& volume, size_t cell) {
-    return volume.validity.empty() || volume.validity[cell] != 0.0f;
-}
-
 double mean_luminance(const Volume& volume, std::span<const size_t> cells) {
     double sum = 0.0;
     for (const size_t cell : cells)
@@ -233,7 +229,7 @@ SuiteRow judge(const SuiteCase& c, const SuiteLimits& limits, const Volume& bake
         return row;
     }
     const auto missing = double(
-        std::ranges::count_if(cells.probes, [&](size_t cell) { return !is_valid(baked, cell); }));
+        std::ranges::count_if(cells.probes, [&](size_t cell) { return !baked.is_valid(cell); }));
     if (missing > most_missing * double(cells.probes.size()))
         row.failures.push_back(format("%.0f of %zu cells outside geometry are called invalid",
                                       missing, cells.probes.size()));

@@ -1,5 +1,6 @@
 #include "solver/outside.h"
 
+#include "solver/models.h"
 #include "text.h"
 #include "visibility/validity.h"
 #include "volume/volume.h"
@@ -15,7 +16,8 @@ void find_validity(const Inputs& inputs, Stages& stages, Volume& volume) {
 }
 
 double validity_seconds(const Grid& grid) {
-    return 5e-6 * double(grid.size()) / std::max({grid.dims.x, grid.dims.y, grid.dims.z});
+    return models::seconds::validity_cell * double(grid.size())
+           / std::max({grid.dims.x, grid.dims.y, grid.dims.z});
 }
 
 std::string outside_geometry(std::span<const float> validity) {

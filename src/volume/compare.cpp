@@ -126,10 +126,6 @@ glm::ivec3 cell_at(const Grid& grid, size_t i) {
     return {int(i % nx), int(i / nx % ny), int(i / (nx * ny))};
 }
 
-bool is_valid(const Volume& volume, size_t cell) {
-    return volume.validity.empty() || volume.validity[cell] != 0;
-}
-
 /// The fewest digits that read back as the same number.
 template <typename Number>
 std::string shortest(Number value) {
@@ -213,7 +209,7 @@ void compare_grids(const Volume& a, const Volume& b, Comparison& result) {
 
 void count_validity(const Volume& a, const Volume& b, Comparison& result) {
     for (size_t cell = 0; cell < a.grid.size(); ++cell) {
-        const bool in_a = is_valid(a, cell), in_b = is_valid(b, cell);
+        const bool in_a = a.is_valid(cell), in_b = b.is_valid(cell);
         ++(in_a && in_b ? result.valid_both
            : in_a       ? result.valid_only_a
            : in_b       ? result.valid_only_b
@@ -360,7 +356,7 @@ const std::array<glm::dvec3, 26>& neighbour_normals() {
 }
 
 bool valid_in_both(const Volume& a, const Volume& b, std::size_t cell) {
-    return is_valid(a, cell) && is_valid(b, cell);
+    return a.is_valid(cell) && b.is_valid(cell);
 }
 
 std::optional<std::string> lattice_difference(const Grid& a, const Grid& b) {

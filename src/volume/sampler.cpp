@@ -14,10 +14,6 @@ namespace {
 /// and how far before a wall a cell begins to fade.
 constexpr double wall_lift = 0.2;
 
-bool is_valid(const Volume& volume, std::size_t cell) {
-    return volume.validity.empty() || volume.validity[cell] != 0;
-}
-
 /// Scales the weights to a sum of 1; false if they are all 0.
 bool normalise(CellWeights& weights) {
     double sum = 0;
@@ -60,7 +56,7 @@ CellWeights nearest(const Volume& volume, glm::dvec3 point, glm::ivec3 low, doub
     for (at.z = low.z - 1; at.z <= low.z + 2; ++at.z)
         for (at.y = low.y - 1; at.y <= low.y + 2; ++at.y)
             for (at.x = low.x - 1; at.x <= low.x + 2; ++at.x) {
-                if (!volume.grid.contains(at) || !is_valid(volume, volume.grid.index(at)))
+                if (!volume.grid.contains(at) || !volume.is_valid(volume.grid.index(at)))
                     continue;
                 const std::size_t cell = volume.grid.index(at);
                 const glm::dvec3 way = glm::dvec3(at) + 0.5 - point;
@@ -96,7 +92,7 @@ CellWeights weights_at(const Volume& volume, glm::dvec3 point, glm::dvec3 n, Rea
             continue;
         plain.cell[i] = valid.cell[i] = faced.cell[i] = clear.cell[i] = grid.index(cell);
         plain.weight[i] = weight;
-        if (is_valid(volume, plain.cell[i])) {
+        if (volume.is_valid(plain.cell[i])) {
             valid.weight[i] = weight;
             const glm::dvec3 way = glm::dvec3(cell) + 0.5 - at;
             faced.weight[i] = weight * facing(way, n);

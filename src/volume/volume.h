@@ -29,6 +29,9 @@ struct Volume {
     std::vector<std::vector<glm::vec3>> walls; ///< at most most_walls
     /// Written to every file, keys without the `lpv:` prefix: solver, settings, scene hash, ...
     std::map<std::string, std::string> metadata;
+
+    /// True where the cell's centre lies outside geometry, as far as that is known.
+    bool is_valid(std::size_t cell) const { return validity.empty() || validity[cell] != 0.0f; }
 };
 
 /// Rec.709 luminance of L0 over all cells: sum of sqrt(4 pi) c_0, nits * sr (a measure of energy).

@@ -4,6 +4,7 @@
 #include "solver/gather/batcher.h"
 #include "solver/gather/gather.comp.h"
 #include "solver/gather/zone.h"
+#include "solver/models.h"
 
 #include <tbb/parallel_for.h>
 
@@ -235,10 +236,15 @@ uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSetti
 
 double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& settings) {
     // What lies near surfaces is solved, the rest is mostly interpolated.
-    const double share = 0.24 + 0.045 / std::max(double(settings.tolerance), 0.01);
-    const double solved = std::min(0.8 * double(grid.size()), share * double(patches));
-    return 0.05 + 3e-6 * double(patches)
-           + solved * (1.2e-5 + 6.5e-8 * double(settings.vpls)) * (settings.order > 2 ? 1.35 : 1.0);
+    namespace seconds = models::seconds;
+    const double share =
+        models::solved_patch
+        + models::solved_tolerance / std::max(double(settings.tolerance), models::least_tolerance);
+    const double solved =
+        std::min(models::solved_share * double(grid.size()), share * double(patches));
+    return seconds::gather + seconds::gather_patch * double(patches)
+           + solved * (seconds::gather_cell + seconds::gather_cluster * double(settings.vpls))
+                 * (settings.order > 2 ? seconds::gather_above_2 : 1.0);
 }
 
 GatherProgram::GatherProgram(const gpu::Device& device, const GatherSettings& settings,

@@ -3,6 +3,7 @@
 #include "scene/scene.h"
 #include "solver/gather/discs.h"
 #include "solver/gather/gather.h"
+#include "solver/models.h"
 #include "solver/outside.h"
 #include "text.h"
 
@@ -71,11 +72,13 @@ int map_size(const Grid& grid, const SolverSettings& settings) {
     return std::min(wanted > 0 ? wanted : usual_map_size(grid.dims), largest_disc_map);
 }
 
-/// Fitted to the Cornell box with a lamp; see bake/choose.cpp.
 double expected_error(const SolverSettings& settings, bool) {
     const GatherSettings gather = settings_of(settings).gather;
-    return std::hypot(0.009, std::hypot(0.13 / std::sqrt(double(gather.vpls)),
-                                        0.02 * std::pow(double(gather.tolerance), 1.5)));
+    namespace error = models::error;
+    return std::hypot(error::gather,
+                      std::hypot(error::gather_clusters / std::sqrt(double(gather.vpls)),
+                                 error::gather_tolerance
+                                     * std::pow(double(gather.tolerance), error::gather_power)));
 }
 
 Cost cost(const Workload& work, const SolverSettings& settings) {
@@ -88,8 +91,10 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
               {},
               gather_host_bytes(work.grid, patches, gather)};
     if (work.maps.count > 0)
-        cost.stages.push_back({"discs", 4e-7 * double(work.grid.size()) * samples * work.maps.count,
-                               counted(uint64_t(samples), "texel") + " of each map for each cell"});
+        cost.stages.push_back(
+            {"discs",
+             models::seconds::discs_texel * double(work.grid.size()) * samples * work.maps.count,
+             counted(uint64_t(samples), "texel") + " of each map for each cell"});
     return cost;
 }
 

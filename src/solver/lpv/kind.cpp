@@ -2,6 +2,7 @@
 
 #include "scene/scene.h"
 #include "solver/lpv/lpv.h"
+#include "solver/models.h"
 #include "solver/occlusion.h"
 #include "solver/outside.h"
 #include "solver/vpl/lit_vpls.h"
@@ -65,34 +66,37 @@ int map_size(const Grid& grid, const SolverSettings& settings) {
     return wanted > 0 ? wanted : usual_map_size(grid.dims);
 }
 
-/// Fitted to the Cornell box with a lamp; see bake/choose.cpp.
 double expected_error(const SolverSettings&, bool once) {
-    return once ? 0.95 : 0.8;
+    return once ? models::error::lpv_once : models::error::lpv;
 }
 
 Cost cost(const Workload& work, const SolverSettings& settings) {
     const LpvSettings lpv = settings_of(settings);
-    // In a closed room what is left falls like the slowest mode of a diffusion whose
-    // coefficient is 0.38 cells^2 a step; an open scene takes fewer steps.
+    namespace seconds = models::seconds;
+    // What is left falls like the slowest mode of a diffusion.
     const glm::dvec3 dims(work.grid.dims);
-    const double decay = 0.38 * 9.87 * glm::dot(1.0 / dims, 1.0 / dims);
+    const double decay = models::diffusion * 9.87 * glm::dot(1.0 / dims, 1.0 / dims);
     const double steps = lpv.iterations ? lpv.iterations : -std::log(double(lpv.tolerance)) / decay;
     const double cells = double(work.grid.size());
     Cost cost;
     if (lpv.occlusion != Occlusion::none)
-        cost.stages.push_back({"geometry", 5e-7 * work.patches, "geometry volume"});
+        cost.stages.push_back(
+            {"geometry", seconds::geometry_patch * work.patches, "geometry volume"});
     else
         cost.skipped.push_back({"geometry", "--occlusion none"});
     const int longest = std::max({work.grid.dims.x, work.grid.dims.y, work.grid.dims.z});
     cost.stages.push_back(
-        {"links", 15e-6 * cells / longest,
+        {"links", seconds::links_cell * cells / longest,
          lpv.occlusion == Occlusion::face ? "validity and face transmittance" : "validity"});
-    cost.stages.push_back({"inject", 0.01 + (work.lit ? 3e-6 * work.patches : 0.0),
-                           "virtual point lights into cells"});
-    cost.stages.push_back({"propagate", 0.02 + steps * (2e-4 + 7e-8 * cells),
-                           lpv.iterations ? counted(uint64_t(lpv.iterations), "iteration")
-                                          : format("until %.3g %% of the power is left",
-                                                   100.0 * double(lpv.tolerance))});
+    cost.stages.push_back(
+        {"inject", seconds::inject + (work.lit ? seconds::inject_patch * work.patches : 0.0),
+         "virtual point lights into cells"});
+    cost.stages.push_back(
+        {"propagate",
+         seconds::propagate + steps * (seconds::propagate_step + seconds::propagate_cell * cells),
+         lpv.iterations
+             ? counted(uint64_t(lpv.iterations), "iteration")
+             : format("until %.3g %% of the power is left", 100.0 * double(lpv.tolerance))});
     return cost;
 }
 

@@ -1,6 +1,7 @@
 #include "solver/sn/kind.h"
 
 #include "scene/scene.h"
+#include "solver/models.h"
 #include "solver/outside.h"
 #include "solver/sn/directions.h"
 #include "solver/sn/sn.h"
@@ -36,9 +37,10 @@ SnSettings settings_of(const SolverSettings& settings) {
     return {int(settings["directions"]), settings.order()};
 }
 
-/// Fitted to the Cornell box with a lamp; see bake/choose.cpp.
 double expected_error(const SolverSettings& settings, bool) {
-    return std::hypot(0.016, 0.03 * std::pow(48.0 / settings["directions"], 1.2));
+    namespace error = models::error;
+    return std::hypot(error::sn, error::sn_directions
+                                     * std::pow(48.0 / settings["directions"], error::sn_power));
 }
 
 Cost cost(const Workload& work, const SolverSettings& settings) {
@@ -46,7 +48,8 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
     GatherSettings peaks;
     peaks.order = sn.order;
     return {{{"validity", validity_seconds(work.grid), "which cells lie outside geometry"},
-             {"gather", gather_seconds(work.grid, uint64_t(work.patches / 10), peaks),
+             {"gather",
+              gather_seconds(work.grid, uint64_t(work.patches / models::patches_a_peak), peaks),
               "what is brighter than 1.5 times the mean"},
              {"sweep", sn_seconds(work.grid, sn),
               format("%d directions, order %d", sn.directions, sn.order)}},

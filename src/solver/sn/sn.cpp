@@ -1,5 +1,6 @@
 #include "solver/sn/sn.h"
 
+#include "solver/models.h"
 #include "solver/sn/directions.h"
 #include "solver/sn/first_flight.h"
 #include "solver/sn/occupancy.h"
@@ -65,8 +66,8 @@ uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& set
 }
 
 double sn_seconds(const Grid& grid, const SnSettings& settings) {
-    // Where a tenth of the cells lie beside surfaces.
-    return 0.05 + 7.5e-8 * double(grid.size()) * settings.directions;
+    return models::seconds::sweep
+           + models::seconds::sweep_cell * double(grid.size()) * settings.directions;
 }
 
 SnProgram::SnProgram(const gpu::Device& device, const Grid& grid, const SnSettings& settings,

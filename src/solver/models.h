@@ -1,0 +1,97 @@
+// The constants of what is expected of a bake: time, memory and error. All that is fitted to
+// measurements, and nothing else.
+//
+// Seconds are those of two threads of a CPU device (lavapipe), fitted to bakes of the Cornell box
+// and of two rooms with a door at 16, 32 and 64 cells, on 2026-11-22 (470b823; the sweep 237960f).
+// A GPU is faster than that where the device has most of the work (propagate, sweep).
+// tests/bench/models.py prints how far each stage is from what is expected here.
+//
+// Errors are those of the Cornell box with a lamp, relative L1 of irradiance at cells, measured
+// against path-traced references on the same day; in two rooms with a door they are a third to all
+// of this.
+#pragma once
+
+namespace lpvbake::models {
+
+namespace seconds {
+
+inline constexpr double visibility_triangle = 4e-7;
+
+inline constexpr double lighting = 0.02;
+inline constexpr double lighting_patch = 8e-6;
+inline constexpr double lighting_ray = 8.5e-7;
+
+inline constexpr double maps = 0.05;
+inline constexpr double maps_texel = 1.5e-7;
+inline constexpr double maps_triangle = 2e-7; ///< in each map
+
+inline constexpr double validity_cell = 5e-6; ///< over the cells along the longest axis
+inline constexpr double walls_cell = 1e-6;
+
+inline constexpr double geometry_patch = 5e-7;
+inline constexpr double links_cell = 15e-6; ///< as validity_cell
+inline constexpr double inject = 0.01;
+inline constexpr double inject_patch = 3e-6; ///< that is lit
+inline constexpr double propagate = 0.02;
+inline constexpr double propagate_step = 2e-4;
+inline constexpr double propagate_cell = 7e-8; ///< in each step
+
+inline constexpr double sweep = 0.05;
+inline constexpr double sweep_cell = 7.5e-8; ///< along each direction; a tenth beside surfaces
+
+inline constexpr double gather = 0.05;
+inline constexpr double gather_patch = 3e-6;
+inline constexpr double gather_cell = 1.2e-5;    ///< that is solved
+inline constexpr double gather_cluster = 6.5e-8; ///< in each cell that is solved
+inline constexpr double gather_above_2 = 1.35;   ///< as long for a solved cell above order 2
+inline constexpr double discs_texel = 4e-7;      ///< of each map, for each cell
+
+} // namespace seconds
+
+namespace bytes {
+
+inline constexpr unsigned fixed = 64u << 20;
+inline constexpr unsigned triangle = 260;
+inline constexpr unsigned cell = 150; ///< beside the coefficients and walls of the volume
+
+} // namespace bytes
+
+/// Propagation in a closed room is a diffusion of this coefficient, cells^2 a step; an open scene
+/// takes fewer steps.
+inline constexpr double diffusion = 0.38;
+
+// Of the cells of a gather, at most a share is solved, and so many a patch: `solved_patch`, and
+// `solved_tolerance` over the tolerance, which counts as `least_tolerance` below that.
+inline constexpr double solved_share = 0.8;
+inline constexpr double solved_patch = 0.24;
+inline constexpr double solved_tolerance = 0.045;
+inline constexpr double least_tolerance = 0.01;
+
+/// Patches of a sweep that are brighter than its limit: one in so many.
+inline constexpr double patches_a_peak = 10;
+
+namespace error {
+
+/// What the bands up to an order cost, even where they are exact. After one bounce light comes from
+/// few places, and bands and places of surfaces matter more.
+struct Bands {
+    int order; ///< and above
+    double once, more;
+};
+inline constexpr Bands bands[] = {{4, 0.015, 0.008}, {2, 0.053, 0.02}, {1, 0.25, 0.133}};
+
+// What solvers add; the squares of all terms sum.
+inline constexpr double lpv_once = 0.95, lpv = 0.8;
+
+inline constexpr double sn = 0.016;
+inline constexpr double sn_directions = 0.03; ///< with 48, falling with the power below
+inline constexpr double sn_power = 1.2;
+
+inline constexpr double gather = 0.009;
+inline constexpr double gather_clusters = 0.13;  ///< over the root of their number
+inline constexpr double gather_tolerance = 0.02; ///< with 1, rising with the power below
+inline constexpr double gather_power = 1.5;
+
+} // namespace error
+
+} // namespace lpvbake::models
