@@ -196,7 +196,7 @@ void hold_within(SuiteRow& row, const char* what, double value, SuiteRange range
 
 } // namespace
 
-std::vector<SuiteSolver> suite_solvers(const gpu::Device& device) {
+std::vector<SuiteSolver> suite_solvers(const gpu::Device& device, SolverKinds kinds) {
     const auto settings_of = [](const SolverKind& kind, const SuiteOptions& o) {
         BakeSettings settings(kind);
         settings.bounces = o.bounces;
@@ -208,7 +208,7 @@ std::vector<SuiteSolver> suite_solvers(const gpu::Device& device) {
         return settings;
     };
     std::vector<SuiteSolver> solvers;
-    for (const SolverKind* kind : solver_kinds())
+    for (const SolverKind* kind : kinds)
         solvers.push_back(
             {kind->name, [&device, settings_of, kind](const Scene& scene, const SuiteOptions& o,
                                                       Progress& progress) {

@@ -21,6 +21,7 @@
 // which there has to be one at least. NaN and infinity fail whatever the limits say.
 #pragma once
 
+#include "bake/kinds.h"
 #include "gpu/gpu.h"
 #include "progress.h"
 #include "report/suite_truth.h"
@@ -92,7 +93,7 @@ struct Suite {
 
 /// Reads a suite. Throws Error: file; invalid (names file, place and what is allowed there; a scene
 /// outside the suite's folder; a solver or a case that there is not).
-Suite load_suite(const std::string& path);
+Suite load_suite(const std::string& path, SolverKinds kinds = solver_kinds());
 
 /// A way to bake a case.
 struct SuiteSolver {
@@ -100,11 +101,9 @@ struct SuiteSolver {
     std::function<Volume(const Scene&, const SuiteOptions&, Progress&)> bake;
 };
 
-/// The names that limits may have.
-std::vector<std::string> suite_solver_names();
-
 /// The solvers on a device, which has to outlive them.
-std::vector<SuiteSolver> suite_solvers(const gpu::Device& device);
+std::vector<SuiteSolver> suite_solvers(const gpu::Device& device,
+                                       SolverKinds kinds = solver_kinds());
 
 /// One case by one solver. Numbers are those of the probes, cells drawn from those outside
 /// geometry.

@@ -1,7 +1,6 @@
 // Reading a suite: every value is checked where it stands.
 #include "report/suite.h"
 
-#include "bake/kinds.h"
 #include "error.h"
 #include "scene/gltf/folder.h"
 
@@ -186,7 +185,7 @@ SuiteLimits limits_of(const Place& place) {
     return limits;
 }
 
-SuiteCase case_of(const Place& place, const std::filesystem::path& folder) {
+SuiteCase case_of(const Place& place, const std::filesystem::path& folder, SolverKinds kinds) {
     place.check_object(
         {"name", "reason", "scene", "options", "truth", "region", "same_as", "limits", "cheap"},
         {"name", "reason", "scene", "limits"});
@@ -213,13 +212,12 @@ SuiteCase case_of(const Place& place, const std::filesystem::path& folder) {
     const Place limits = place.child("limits");
     if (!limits.value.is_object() || limits.value.empty())
         limits.fail("must be an object with an entry for one solver at least");
-    const std::vector<std::string> solvers = suite_solver_names();
     for (const auto& [solver, unused] : limits.value.items()) {
         const Place own = limits.child(solver);
-        if (std::ranges::find(solvers, solver) == solvers.end()) {
+        if (!find_solver(solver, kinds)) {
             std::string known;
-            for (const std::string& name : solvers)
-                known += (known.empty() ? "" : ", ") + name;
+            for (const SolverKind* kind : kinds)
+                known += (known.empty() ? "" : ", ") + std::string(kind->name);
             own.fail("there is no such solver; known: " + known);
         }
         SuiteLimits& of_solver = c.limits[solver] = limits_of(own);
@@ -237,14 +235,7 @@ SuiteCase case_of(const Place& place, const std::filesystem::path& folder) {
 
 } // namespace
 
-std::vector<std::string> suite_solver_names() {
-    std::vector<std::string> names;
-    for (const SolverKind* kind : solver_kinds())
-        names.push_back(kind->name);
-    return names;
-}
-
-Suite load_suite(const std::string& path) {
+Suite load_suite(const std::string& path, SolverKinds kinds) {
     const std::vector<unsigned char> text = read_file(path, path);
     json root;
     try {
@@ -258,7 +249,7 @@ Suite load_suite(const std::string& path) {
     const std::vector<Place> places =
         Place{root["cases"], path + ": cases"}.elements(1, most_cases, "1 to 10000 cases");
     for (const Place& each : places)
-        suite.cases.push_back(case_of(each, std::filesystem::path(path).parent_path()));
+        suite.cases.push_back(case_of(each, std::filesystem::path(path).parent_path(), kinds));
     for (size_t i = 0; i < suite.cases.size(); ++i) {
         const auto named = [&](const std::string& name) {
             return std::ranges::find(suite.cases, name, &SuiteCase::name) - suite.cases.begin();

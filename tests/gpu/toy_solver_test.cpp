@@ -4,6 +4,7 @@
 
 #include "error.h"
 #include "gpu/device.h"
+#include "report/suite.h"
 #include "report/sweep.h"
 #include "scenes.h"
 
@@ -191,6 +192,16 @@ TEST_F(ToySolverTest, IsSweptOver) {
     EXPECT_EQ(rows[1].settings.bounces, 3);
     EXPECT_EQ(rows[2].settings.solver.kind().name, std::string("sn"));
     EXPECT_EQ(rows[3].settings.solver["glow"], 9);
+}
+
+TEST_F(ToySolverTest, IsOneOfASuitesSolvers) {
+    const std::vector<SuiteSolver> solvers = suite_solvers(device(), toys);
+    ASSERT_EQ(solvers.size(), 1u);
+    EXPECT_EQ(solvers[0].name, "toy");
+    SuiteOptions options;
+    options.resolution = 8;
+    Progress silent;
+    EXPECT_EQ(solvers[0].bake(scene, options, silent).metadata.at("solver"), "toy");
 }
 
 } // namespace
