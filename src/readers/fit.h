@@ -1,0 +1,71 @@
+// Cells fitted to a reader, so that it shows on surfaces the light that arrives there.
+//
+// A reader mixes cells on both sides of a wall. What tells the sides apart are their normals, and
+// the coefficients know directions: values can be found with which both sides are shown right.
+#pragma once
+
+#include "readers/readers.h"
+
+namespace lpvbake::readers {
+
+/// A point of a surface, and what a reader should show there.
+struct FitPoint {
+    glm::dvec3 position; ///< metres
+    glm::dvec3 normal;   ///< unit, of the side that is seen
+    /// The area that it stands for, in faces of cells, times how much it matters (see openness).
+    double weight = 1;
+    glm::dvec3 irradiance; ///< lux, RGB
+};
+
+struct FitSettings {
+    int steps = 60; ///< of conjugate gradients, at most
+    /// What holds a cell to the values that it had: by how many faces of a surface its error of
+    /// irradiance (mean square over normals) counts, for valid cells and for the others.
+    double hold_valid = 0.01, hold_other = 0.0005;
+    double tolerance = 1e-5; ///< the steps end where the gradient has shrunk to this share
+};
+
+/// How far what a reader shows is from what arrives, points by their weights.
+struct SurfaceError {
+    double relative = 0; ///< sum |E - T| / sum T, over RGB
+    double energy = 1;   ///< luminance of sum E over that of sum T
+    /// Luminance shown at the points where less than 1 % of the mean arrives: its mean over that of
+    /// all points. 0 without such points.
+    double leak = 0;
+};
+
+struct FitReport {
+    SurfaceError before, after;
+    /// How far irradiance at the valid cells moved: sum of |E - E before| over the sum of E before,
+    /// over 26 normals, RGB and cells; of cells that had 1 % of the mean at least.
+    double moved = 0;
+    /// The same sum of the darker ones, over the same sum of E: what lies behind walls takes part
+    /// in showing their fronts, and is no longer dark by itself.
+    double moved_dark = 0;
+    int steps = 0;
+    double residual = 0;    ///< share that is left of the gradient
+    std::size_t cells = 0;  ///< that the points are read from; all others keep their values
+    std::size_t points = 0; ///< that are read from cells at all
+};
+
+/// Where the truth is dark, a relative number is infinite, or 0 where nothing is shown either.
+SurfaceError error_of(const Reader& reader, const Volume& volume, std::span<const FitPoint> points);
+
+/// Changes the coefficients up to the reader's highest band so that the sum over points of weight
+/// times squared error, and over cells of what holds them, is least: linear least squares, solved
+/// for each colour by conjugate gradients on the normal equations (Hestenes and Stiefel 1952;
+/// Jacobi's preconditioner) from the values that are there. Cells that are not valid should have
+/// been filled before (volume/dilate.h). What the reader clamps is not clamped while it is fitted.
+/// Needs a linear reader. Costs time and memory in proportion to points and cells; sums have a
+/// fixed order, so that the bits do not depend on the number of threads.
+FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitSettings& settings,
+              Volume& volume);
+
+/// How much a point matters by the share of directions (weighted by their cosines) that are free
+/// for a cell from it: crevices, which nobody sees and no cell can tell from what is around them,
+/// have no say. 0 up to 0.1, 1 from 0.5 on.
+constexpr double openness_weight(double open) {
+    return open < 0.1 ? 0.0 : open > 0.5 ? 1.0 : (open - 0.1) / 0.4;
+}
+
+} // namespace lpvbake::readers
