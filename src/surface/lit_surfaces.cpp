@@ -355,6 +355,46 @@ LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, con
     return lit;
 }
 
+std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit, const Frame& frame,
+                                     std::span<const SidePoint> points, bool emitters, int rays,
+                                     uint32_t seed, Progress& progress) {
+    const Visibility& visibility = *lit.visibility;
+    const bool aims = emitters && has_emitters(scene);
+    const std::vector<glm::vec3> emission =
+        aims ? emission_of(lit.patches) : std::vector<glm::vec3>{};
+    const DirectLight light{lit,
+                            visibility,
+                            scene.sky,
+                            emission,
+                            {},
+                            sources_of(sky_suns(scene.sky), visibility, frame),
+                            EmitterSampling(aims ? lit.patches : std::vector<Patch>{}),
+                            rays,
+                            rays / 8};
+    std::vector<glm::vec3> result(points.size());
+    constexpr size_t block = 8192;
+    for (size_t first = 0; first < points.size(); first += block) {
+        progress.advance(first);
+        tbb::parallel_for(first, std::min(points.size(), first + block), [&](size_t i) {
+            Patch point; // without extent
+            point.position = points[i].position;
+            point.edge_u = point.edge_v = glm::vec3(0.0f);
+            const Side side{point, mix_word(seed) + uint32_t(i), points[i].normal};
+            std::vector<uint32_t> met(size_t(rays), black);
+            glm::vec3 lux = punctual(side, light.suns, visibility) + light.by_rays(side, met);
+            if (aims)
+                lux += aimed(side, light.aim, light.aimed_rays, rays, visibility);
+            glm::vec3 reflected{0.0f};
+            for (const uint32_t there : met)
+                if (there != black)
+                    reflected +=
+                        aims ? lit.luminance[there] - emission[there] : lit.luminance[there];
+            result[i] = lux + reflected * (glm::pi<float>() / float(rays));
+        });
+    }
+    return result;
+}
+
 uint32_t LitSurfaces::side(const Hit& hit, glm::vec3 direction) const {
     if (hit.facing == Facing::back)
         return no_side;

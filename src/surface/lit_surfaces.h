@@ -55,4 +55,19 @@ inline glm::vec3 luminance_above(glm::vec3 luminance, float limit) {
 LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, const Frame& frame,
                            const LightingSettings& settings, Progress& progress);
 
+/// A point of a surface, seen from one of its sides.
+struct SidePoint {
+    glm::vec3 position; ///< frame units
+    glm::vec3 normal;   ///< unit, out of that side
+};
+
+/// Irradiance (lux, RGB) at points from lit surfaces and the sky, without the direct light of
+/// punctual lights: what a volume holds. By `rays` cosine-distributed rays each, and an eighth as
+/// many towards emitters, weighed as light_surfaces does; a surface counts as light as its patch.
+/// `lit` comes from the same scene and frame, without LightingSettings::maps; `emitters` as there.
+/// A point's rays depend on its place in `points` and on `seed` alone.
+std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit, const Frame& frame,
+                                     std::span<const SidePoint> points, bool emitters, int rays,
+                                     uint32_t seed, Progress& progress);
+
 } // namespace lpvbake
