@@ -186,6 +186,24 @@ struct Equations {
     }
 };
 
+bool is_valid(const Volume& volume, std::size_t cell) {
+    return volume.validity.empty() || volume.validity[cell] != 0;
+}
+
+/// Mean of a cell's light over directions, up to a factor.
+double light_of(const Volume& volume, std::size_t cell) {
+    const glm::vec3 l0 = volume.sh[0][cell];
+    return std::max(0.0, double(l0.x) + double(l0.y) + double(l0.z));
+}
+
+/// Of the valid cells.
+double mean_light(const Volume& volume) {
+    const auto sums = ordered_sum<glm::dvec2>(volume.grid.size(), [&](std::size_t cell) {
+        return is_valid(volume, cell) ? glm::dvec2(light_of(volume, cell), 1.0) : glm::dvec2(0.0);
+    });
+    return sums.y > 0 ? sums.x / sums.y : 0;
+}
+
 /// Sum of |E| over 26 normals and RGB.
 double all_normals(std::span<const glm::dvec3> coefficients,
                    const std::vector<std::array<double, sh_count(sh_max_order)>>& transfer) {
@@ -210,7 +228,7 @@ void tell_moved(const Reader& reader, const Volume& before, const Volume& after,
         transfer.push_back(transfer_of(plain, order, n));
     std::vector<double> was(before.grid.size()), moved(before.grid.size());
     tbb::parallel_for(std::size_t(0), was.size(), [&](std::size_t cell) {
-        if (!before.validity.empty() && before.validity[cell] == 0)
+        if (!is_valid(before, cell))
             return;
         std::array<glm::dvec3, sh_count(sh_max_order)> c, change;
         bool same = true;
@@ -224,7 +242,7 @@ void tell_moved(const Reader& reader, const Volume& before, const Volume& after,
     });
     double cells = 0; // that are valid
     for (std::size_t i = 0; i < was.size(); ++i)
-        cells += before.validity.empty() || before.validity[i] != 0;
+        cells += is_valid(before, i);
     const double whole = ordered_sum<double>(was.size(), [&](std::size_t i) { return was[i]; });
     if (!(whole > 0))
         return;
@@ -335,15 +353,19 @@ FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitS
 
     Equations equations{lookups, {}, std::vector<double>(lookups.unknowns())};
     Values before(lookups.unknowns());
+    const double bright = 0.1 * mean_light(volume);
     for (std::size_t u = 0; u < lookups.cells.size(); ++u) {
         const std::size_t cell = lookups.cells[u];
-        const bool valid = volume.validity.empty() || volume.validity[cell] != 0;
+        const double light = light_of(volume, cell);
+        const double held =
+            !is_valid(volume, cell) ? settings.hold_other
+            : light >= bright       ? settings.hold_valid
+                              : settings.hold_valid * std::max(settings.hold_dark, light / bright);
         // The mean square over normals is that of the coefficients over 4 pi.
-        const double hold =
-            (valid ? settings.hold_valid : settings.hold_other) / (4 * std::numbers::pi);
         for (int l = 0, k = 0; k < int(count); ++l)
             for (const double factor = sh_cosine_factor(l); k < sh_count(l); ++k) {
-                equations.hold[u * count + std::size_t(k)] = hold * factor * factor;
+                equations.hold[u * count + std::size_t(k)] =
+                    held * factor * factor / (4 * std::numbers::pi);
                 before[u * count + std::size_t(k)] = glm::dvec3(volume.sh[std::size_t(k)][cell]);
             }
     }

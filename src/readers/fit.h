@@ -22,6 +22,10 @@ struct FitSettings {
     /// What holds a cell to the values that it had: by how many faces of a surface its error of
     /// irradiance (mean square over normals) counts, for valid cells and for the others.
     double hold_valid = 0.01, hold_other = 0.0005;
+    /// What is left of hold_valid in a cell without light; all of it is from a tenth of the cells'
+    /// mean on. Where both sides of a wall ask for a change, the dark one gives way, not the air of
+    /// the lit one.
+    double hold_dark = 0.01;
     double tolerance = 1e-5; ///< the steps end where the gradient has shrunk to this share
 };
 

@@ -1,0 +1,38 @@
+// A volume fitted to what a program shows of it: from lit surfaces to points, and to values.
+#pragma once
+
+#include "readers/fit.h"
+#include "surface/side_points.h"
+
+namespace lpvbake {
+
+struct SurfaceFitSettings {
+    double density = 4; ///< points a face of a cell, on each side of a surface
+    int rays = 256;     ///< from each point: their noise is noise of the result
+    readers::FitSettings solve;
+    /// Rings of cells inside geometry that are filled before, to be held to; see volume/dilate.h.
+    int dilate = 2;
+    uint64_t checks = 500; ///< other points, at which the error is told
+    int check_rays = 1024;
+};
+
+struct SurfaceFit {
+    readers::FitReport fit;
+    /// At points that the fit has not seen.
+    readers::SurfaceError before, after;
+};
+
+/// Points of all sides, what arrives there, and how much they matter: by area and by how open they
+/// are (readers::openness_weight). `lit` as irradiance_at wants it.
+std::vector<readers::FitPoint> fit_points(const Scene& scene, const LitSurfaces& lit,
+                                          const Frame& frame, bool emitters,
+                                          const SidePointSettings& settings, int rays,
+                                          Progress& progress);
+
+/// Fits the volume to a reader, and adds the metadata fit (the reader's name), fit_error,
+/// fit_energy, fit_leak (SurfaceFit::after) and fit_moved. Throws whatever `progress` throws.
+SurfaceFit fit_to_surfaces(const Scene& scene, const LitSurfaces& lit, const Frame& frame,
+                           bool emitters, const readers::Reader& reader,
+                           const SurfaceFitSettings& settings, Volume& volume, Progress& progress);
+
+} // namespace lpvbake
