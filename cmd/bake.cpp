@@ -5,6 +5,7 @@
 #include "commands.h"
 #include "error.h"
 #include "image/image.h"
+#include "readers/readers.h"
 #include "result.h"
 #include "scene_options.h"
 #include "text.h"
@@ -57,7 +58,8 @@ JSON (--format json), one object; sizes in bytes, times in seconds:
    "api"}, "grid": {"dims": [x, y, z], "cell", "origin": [x, y, z], "cells"}, "dry_run",
    "choice": {"solver", "sh_order", "vpls", "tolerance" or "directions", "text", "error" (expected),
    "seconds" (expected)}, "outputs": [{"path", "bytes", "files": [{"path", "bytes"}]}], "stages": [{"name", "seconds", "detail"}], "seconds",
-   "peak_memory", "warnings": [...]}
+   "peak_memory", "warnings": [...]}; after --fit surfaces also "fit": {"reader", "error" (on surfaces, a
+   share), "energy", "leak" (into the dark, of the mean), "moved" (of irradiance in the air)}.
 With --dry-run, "outputs" have no bytes, "seconds" is an estimate, "peak_memory" is absent, and
 "skipped": [{"name", "why"}],
 "rsm": {"maps", "size"}, "device_bytes" and "host_bytes" say what it takes.)";
@@ -81,6 +83,7 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::optional<int> rsm_kernel;
     std::optional<int> iterations;
     int dilate = 0;
+    std::string fit = "none";
     std::string device;
     bool validation = false;
     bool dry_run = false;
@@ -196,6 +199,7 @@ std::vector<Setting> settings_of(const BakeOptions& o) {
     for (const SolverOption& option : solver_options(o))
         settings.push_back({option.name, option.toml, true, option.given});
     settings.push_back({"dilate", std::to_string(o.dilate), true});
+    settings.push_back({"fit", toml_string(o.fit), true, o.fit != "none"});
     append_output_settings(o.outputs, settings);
     settings.insert(settings.end(), {
                                         {"device", toml_string(o.device), false},
@@ -216,6 +220,9 @@ void check_options(const BakeOptions& o, bool cell_and_resolution) {
         throw Error(ExitCode::usage, "--cell-size and --resolution exclude each other");
     if (solvers_of(o).front() == find_solver("lpv") && o.tolerance && *o.tolerance < 1e-7)
         throw Error(ExitCode::usage, "--tolerance: the lpv solver needs at least 1e-7");
+    if (o.fit == "surfaces" && o.dilate > 0)
+        throw Error(ExitCode::usage, "--fit surfaces and --dilate exclude each other: fitted cells "
+                                     "are filled already");
     if (!o.quality.empty() && (o.error || !o.time_budget.empty()))
         throw Error(ExitCode::usage, std::string("--quality and ")
                                          + (o.error ? "--error" : "--time-budget")
@@ -243,6 +250,11 @@ std::vector<ParameterValue> given(const BakeOptions& o) {
     return values;
 }
 
+/// The row of a target's program; files for none in particular are read by our own sampler.
+const readers::Reader* reader_of(const std::string& target) {
+    return readers::reader_named(target == "generic" ? "lpvbake" : target);
+}
+
 /// All but what choose_settings chooses.
 BakeSettings to_settings(const BakeOptions& o) {
     BakeSettings settings(*solvers_of(o).front());
@@ -254,6 +266,8 @@ BakeSettings to_settings(const BakeOptions& o) {
                                                   : Quality::balanced);
     if (!o.bounces.empty())
         settings.bounces = bounces_of(o.bounces);
+    if (o.fit == "surfaces")
+        settings.fit = reader_of(o.outputs.target);
     return settings;
 }
 
@@ -351,20 +365,26 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const Choic
 }
 
 void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const Choice& choice,
-                  uint64_t triangles, const Grid& grid, const std::vector<StageReport>& stages,
+                  uint64_t triangles, const Volume& volume, const std::vector<StageReport>& stages,
                   const std::vector<Written>& outputs, double seconds,
                   const std::vector<std::string>& warnings) {
     if (o.format == "json") {
-        Json document = describe(o, device, choice, triangles, grid, stages, warnings);
+        Json document = describe(o, device, choice, triangles, volume.grid, stages, warnings);
         for (const Written& output : outputs)
             document["outputs"].push_back(output.json());
+        if (const auto fit = volume.metadata.find("fit"); fit != volume.metadata.end()) {
+            document["fit"] = {{"reader", fit->second}};
+            for (const char* fact : {"error", "energy", "leak", "moved"})
+                document["fit"][fact] =
+                    *parse_number(volume.metadata.at("fit_" + std::string(fact)));
+        }
         document["seconds"] = seconds;
         document["peak_memory"] = peak_memory();
         print_json(document);
         return;
     }
     std::printf("device        %s\n", device.name.c_str());
-    print_grid(grid);
+    print_grid(volume.grid);
     print_choice(choice);
     for (const StageReport& stage : stages)
         std::printf("%-12s  %7.3f s  %s\n", stage.name.c_str(), stage.seconds,
@@ -443,8 +463,8 @@ void run(const BakeOptions& o) {
     stages.push_back({"write", seconds_since(writing), counted(written.size(), "output")});
     device->check_validation();
     progress.clear();
-    print_result(o, device->info(), choice, triangle_count(scene), baked.volume.grid, stages,
-                 written, seconds_since(begin), progress.warnings());
+    print_result(o, device->info(), choice, triangle_count(scene), baked.volume, stages, written,
+                 seconds_since(begin), progress.warnings());
 }
 
 } // namespace
@@ -514,6 +534,11 @@ void add_bake(CLI::App& root, Action& action) {
                 "Rings of cells inside geometry to fill from cells around them;\nthe validity "
                 "stays as it is")
         ->capture_default_str();
+
+    list.choice(
+        "--fit", o.fit, "none|surfaces",
+        "surfaces: values with which the target's program shows on\nsurfaces the light that "
+        "arrives there, though it reads cells\nbeyond walls; generic: our own sampler");
 
     list.group("Run");
     list.text("--device", o.device, "NAME", "Index, UUID or part of the name; default: the first");

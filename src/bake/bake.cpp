@@ -1,5 +1,6 @@
 #include "bake/bake.h"
 
+#include "bake/surface_fit.h"
 #include "scene/sky.h"
 #include "surface/lit_surfaces.h"
 #include "text.h"
@@ -60,6 +61,29 @@ std::string content_of(const Scene& scene, const BakePlan& plan, std::optional<i
     return content;
 }
 
+/// Where maps hold some of the light, surfaces are lit anew for all of it.
+void fit_volume(const Scene& scene, const BakePlan& plan, const Visibility& visibility,
+                LitSurfaces lit, Stages& stages, Volume& volume) {
+    const readers::Reader& reader = *plan.settings.fit;
+    stages.begin("fit");
+    if (!plan.lit || plan.maps.count > 0) {
+        LightingSettings lighting = lighting_of(plan);
+        lighting.maps = false;
+        lit = light_surfaces(scene, visibility, plan.frame, lighting, stages.progress());
+    }
+    const SurfaceFit fit = fit_to_surfaces(scene, lit, plan.frame, plan.emitters, reader, {},
+                                           volume, stages.progress());
+    stages.end(format("%s on surfaces: %.3g %% wrong, energy %.3f, %.2g %% in the dark (%.3g %%, "
+                      "%.3f, %.2g %% before), %s",
+                      reader.name, 100 * fit.after.relative, fit.after.energy, 100 * fit.after.leak,
+                      100 * fit.before.relative, fit.before.energy, 100 * fit.before.leak,
+                      counted(fit.fit.points, "point").c_str()));
+    if (fit.after.relative > fit.before.relative)
+        stages.warn(format("what %s shows on surfaces is no nearer to their light than before the "
+                           "fit: --fit none",
+                           reader.name));
+}
+
 } // namespace
 
 Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
@@ -93,6 +117,9 @@ Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
     stages.begin("walls");
     volume.walls = find_walls(visibility, plan.grid.dims, volume.validity, most_walls, walls_reach);
     stages.end(share_with_walls(volume.walls));
+
+    if (plan.settings.fit)
+        fit_volume(scene, plan, visibility, std::move(lit), stages, volume);
 
     volume.metadata["solver"] = kind.name;
     volume.metadata["content"] = content_of(scene, plan, plan.settings.bounces);

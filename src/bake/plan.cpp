@@ -1,5 +1,6 @@
 #include "bake/plan.h"
 
+#include "bake/surface_fit.h"
 #include "error.h"
 #include "raster/view.h"
 #include "scene/lights.h"
@@ -144,6 +145,22 @@ void plan_maps(const SceneFacts& scene, int size, BakePlan& plan) {
                 counted(uint64_t(plan.maps.count), "map").c_str(), size, size)});
 }
 
+/// Points of surfaces, rays from each, and the solution.
+void plan_fit(const SceneFacts& scene, BakePlan& plan) {
+    const readers::Reader* reader = plan.settings.fit;
+    if (!reader) {
+        skip(plan, "fit", "the field is wanted, not a program's picture of it");
+        return;
+    }
+    const SurfaceFitSettings fit;
+    const double faces = scene.area / (plan.grid.cell * plan.grid.cell);
+    const double points = std::min(fit.density * faces, double(fit.most_points));
+    plan.stages.push_back(
+        {"fit", seconds::fit_ray * points * fit.rays + seconds::fit_point * points,
+         format("about %.2g points of surfaces, as %s reads them", points, reader->name)});
+    plan.host_bytes += uint64_t(models::bytes::fit_point * points);
+}
+
 void check_host_memory(const BakePlan& plan) {
     const uint64_t memory = uint64_t(sysconf(_SC_PHYS_PAGES)) * uint64_t(sysconf(_SC_PAGESIZE));
     if (plan.host_bytes <= memory)
@@ -191,11 +208,12 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     plan.skipped.insert(plan.skipped.end(), cost.skipped.begin(), cost.skipped.end());
     plan.stages.push_back({"walls", seconds::walls_cell * cells,
                            "what stands between cells and the points around them"});
+    plan_fit(scene, plan);
     for (const StageReport& stage : plan.stages)
         plan.seconds += stage.seconds;
 
     // The volume itself takes 12 bytes a coefficient and a wall, and a copy while it is written.
-    plan.host_bytes =
+    plan.host_bytes +=
         models::bytes::triangle * plan.triangles + models::bytes::fixed
         + plan.grid.size()
               * (models::bytes::cell + 24 * uint64_t(sh_count(solver.order()) + most_walls))

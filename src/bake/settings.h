@@ -9,6 +9,10 @@
 
 namespace lpvbake {
 
+namespace readers {
+struct Reader;
+}
+
 /// Defaults are those of the program: sn, order 2, all reflections.
 struct BakeSettings {
     BakeSettings() : BakeSettings(*solver_kinds().front()) {}
@@ -19,6 +23,9 @@ struct BakeSettings {
     std::optional<Bounds> bounds; ///< what the grid is fitted to; none: the scene's bounds
     bool emitters = true;         ///< emissive surfaces give light
     std::optional<int> bounces;   ///< reflections at most; none: all
+    /// Whose picture of the surfaces the volume is fitted to (bake/surface_fit.h); null: nobody's,
+    /// it is the field at the cells' centres.
+    const readers::Reader* fit = nullptr;
 };
 
 } // namespace lpvbake

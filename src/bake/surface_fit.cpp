@@ -38,8 +38,10 @@ SurfaceFit fit_to_surfaces(const Scene& scene, const LitSurfaces& lit, const Fra
         fit_points(scene, lit, frame, emitters, {.most_points = settings.checks, .seed = 2},
                    settings.check_rays, progress);
     result.before = readers::error_of(reader, volume, checks);
-    const auto points = fit_points(scene, lit, frame, emitters, {.density = settings.density},
-                                   settings.rays, progress);
+    const auto points =
+        fit_points(scene, lit, frame, emitters,
+                   {.density = settings.density, .most_points = settings.most_points},
+                   settings.rays, progress);
     result.fit = readers::fit(reader, points, settings.solve, volume);
     result.after = readers::error_of(reader, volume, checks);
     volume.metadata["fit"] = reader.name;

@@ -7,8 +7,9 @@
 namespace lpvbake {
 
 struct SurfaceFitSettings {
-    double density = 4; ///< points a face of a cell, on each side of a surface
-    int rays = 256;     ///< from each point: their noise is noise of the result
+    double density = 4;             ///< points a face of a cell, on each side of a surface
+    uint64_t most_points = 1 << 20; ///< where surfaces are many, each stands for more of them
+    int rays = 256;                 ///< from each point: their noise is noise of the result
     readers::FitSettings solve;
     /// Rings of cells inside geometry that are filled before, to be held to; see volume/dilate.h.
     int dilate = 2;

@@ -178,7 +178,9 @@ const Target* target_named(std::string_view name) {
 
 WriteReport write_for(const Target& target, const std::string& path, const Volume& volume) {
     const bool shortened = volume.sh_order > target.highest_order;
-    const bool dilated = target.dilate > 0 && !volume.validity.empty();
+    const auto fitted = volume.metadata.find("fit"); // its cells hold what is read, valid or not
+    const bool dilated =
+        target.dilate > 0 && !volume.validity.empty() && fitted == volume.metadata.end();
     std::optional<Volume> changed;
     if (shortened || dilated)
         changed = volume;
@@ -195,6 +197,9 @@ WriteReport write_for(const Target& target, const std::string& path, const Volum
         report.warnings.push_back(path + ": " + name + " has a form for order "
                                   + std::to_string(target.highest_order)
                                   + " at most: higher bands are left out");
+    if (fitted != volume.metadata.end() && target.dilate > 0 && fitted->second != name)
+        report.warnings.push_back(path + ": the volume is fitted to what " + fitted->second
+                                  + " reads, not " + name);
     if (target.reads && volume_format(path) != target.reads)
         report.warnings.push_back(path + ": " + name + " reads "
                                   + (target.reads == VolumeFormat::exr ? ".exr" : ".vdb")

@@ -28,6 +28,9 @@ inline constexpr double maps_triangle = 2e-7; ///< in each map
 inline constexpr double validity_cell = 5e-6; ///< over the cells along the longest axis
 inline constexpr double walls_cell = 1e-6;
 
+inline constexpr double fit_ray = 9e-7;
+inline constexpr double fit_point = 3e-5; ///< all steps of its solution
+
 inline constexpr double geometry_patch = 5e-7;
 inline constexpr double links_cell = 15e-6; ///< as validity_cell
 inline constexpr double inject = 0.01;
@@ -53,6 +56,7 @@ namespace bytes {
 inline constexpr unsigned fixed = 64u << 20;
 inline constexpr unsigned triangle = 260;
 inline constexpr unsigned cell = 150; ///< beside the coefficients and walls of the volume
+inline constexpr unsigned fit_point = 700;
 
 } // namespace bytes
 

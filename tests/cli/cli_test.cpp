@@ -687,6 +687,40 @@ TEST_F(Cli, DilateFillsWhatIsNotValid) {
         }
 }
 
+TEST_F(Cli, FitIsForTheTargetsProgramAndIsTold) {
+    need_device();
+    const std::vector<std::string> bake{"bake", "room.gltf", "--resolution",
+                                        "10",   "--fit",     "surfaces"};
+    const Result result = run(
+        bake + std::vector<std::string>{"-o", "u.vdb", "--target", "unity", "--format", "json"});
+    ASSERT_EQ(result.status, 0) << result.err;
+    const json fit = json::parse(result.out).at("fit");
+    EXPECT_EQ(fit.at("reader"), "unity");
+    EXPECT_LT(fit.at("error").get<double>(), 0.1);
+    EXPECT_NEAR(fit.at("energy").get<double>(), 1, 0.05);
+    const Volume volume = read_volume((folder_ / "u.vdb").string());
+    EXPECT_EQ(volume.metadata.at("fit"), "unity");
+    EXPECT_NE(volume.metadata.at("settings").find("fit = \"surfaces\""), std::string::npos);
+
+    ASSERT_EQ(run(bake + std::vector<std::string>{"-o", "g.vdb"}).status, 0);
+    EXPECT_EQ(read_volume((folder_ / "g.vdb").string()).metadata.at("fit"), "lpvbake");
+    // Cells that are filled already are not filled again, and another program is warned of.
+    ASSERT_EQ(run({"convert", "u.vdb", "v.vdb", "--target", "unity"}).err.find("fitted"),
+              std::string::npos);
+    EXPECT_EQ(read_volume((folder_ / "v.vdb").string()).sh, volume.sh);
+    EXPECT_NE(run({"convert", "u.vdb", "t.exr", "--target", "threejs"})
+                  .err.find("fitted to what unity reads, not threejs"),
+              std::string::npos);
+    const Result both = run(bake + std::vector<std::string>{"-o", "b.vdb", "--dilate", "2"});
+    EXPECT_EQ(both.status, 1);
+    EXPECT_NE(both.err.find("--dilate"), std::string::npos);
+    ASSERT_EQ(run({"bake", "room.gltf", "--resolution", "10", "-o", "n.vdb"}).status, 0);
+    for (const auto& [key, value] : read_volume((folder_ / "n.vdb").string()).metadata) {
+        EXPECT_FALSE(key.starts_with("fit"));
+        EXPECT_EQ(value.find("fit = "), std::string::npos);
+    }
+}
+
 TEST_F(Cli, ProgressGoesToStandardErrorInTheFormAskedFor) {
     need_device();
     const Result plain =

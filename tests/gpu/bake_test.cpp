@@ -3,6 +3,7 @@
 
 #include "error.h"
 #include "gpu/device.h"
+#include "readers/readers.h"
 #include "reference/reference.h"
 #include "scene/sky.h"
 #include "scenes.h"
@@ -542,6 +543,29 @@ TEST_F(Bake, WarnsOfEmptyBoundsAndOfBacks) {
     const Baked baked = run(inside_out, coarse());
     ASSERT_FALSE(baked.warnings.empty());
     EXPECT_NE(baked.warnings[0].find("--backfaces cull"), std::string::npos);
+}
+
+TEST_F(Bake, AFitShowsSurfacesToItsReaderAndSaysHowWell) {
+    const Scene scene = scenes::cornell_box_with_point();
+    for (const char* solver : {"sn", "lpv"}) { // all surfaces lit, or maps alone
+        BakeSettings settings = coarse(16, solver);
+        const Baked plain = run(scene, settings);
+        EXPECT_EQ(plain.volume.metadata.count("fit"), 0u);
+        settings.fit = readers::reader_named("unity");
+        const BakePlan plan = plan_of(scene, settings);
+        EXPECT_EQ(plan.stages.back().name, "fit");
+        const Baked fitted = run(scene, settings);
+        EXPECT_EQ(fitted.stages.back().name, "fit");
+        EXPECT_TRUE(fitted.warnings.empty());
+        expect_finite(fitted.volume);
+        const auto& facts = fitted.volume.metadata;
+        EXPECT_EQ(facts.at("fit"), "unity");
+        EXPECT_LT(std::stod(facts.at("fit_error")), 0.06) << solver;
+        EXPECT_NEAR(std::stod(facts.at("fit_energy")), 1, 0.02) << solver;
+        EXPECT_LT(std::abs(std::stod(facts.at("fit_leak"))), 0.02) << solver;
+        EXPECT_EQ(fitted.volume.validity, plain.volume.validity);
+        EXPECT_EQ(fitted.volume.sh_order, plain.volume.sh_order);
+    }
 }
 
 } // namespace
