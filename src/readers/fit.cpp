@@ -1,4 +1,4 @@
-#include "readers/fit.h"
+#include "readers/equations.h"
 
 #include "colour/colour.h"
 #include "volume/compare.h"
@@ -14,177 +14,7 @@
 namespace lpvbake::readers {
 namespace {
 
-using Values = std::vector<glm::dvec3>;
-
-constexpr std::size_t chunk = 512; ///< of sums, whatever the number of threads
-
-/// Sum of term(i) in an order that depends on `count` alone.
-template <typename Sum, typename Term>
-Sum ordered_sum(std::size_t count, const Term& term) {
-    std::vector<Sum> partial((count + chunk - 1) / chunk);
-    tbb::parallel_for(std::size_t(0), partial.size(), [&](std::size_t c) {
-        Sum sum{};
-        for (std::size_t i = c * chunk; i < std::min(count, (c + 1) * chunk); ++i)
-            sum += term(i);
-        partial[c] = sum;
-    });
-    Sum sum{};
-    for (const Sum& part : partial)
-        sum += part;
-    return sum;
-}
-
-glm::dvec3 dot(const Values& a, const Values& b) {
-    return ordered_sum<glm::dvec3>(a.size(), [&](std::size_t i) { return a[i] * b[i]; });
-}
-
-/// a / b of each colour; 0 where there is nothing left to divide.
-glm::dvec3 ratio(glm::dvec3 a, glm::dvec3 b) {
-    glm::dvec3 result(0.0);
-    for (int c = 0; c < 3; ++c)
-        if (b[c] > 0)
-            result[c] = a[c] / b[c];
-    return result;
-}
-
-/// Sparse rows and columns: points by the cells that they are read from, and back. Unknowns are
-/// the cells that any point is read from, by rising index.
-class Lookups {
-public:
-    Lookups(const Reader& reader, const Volume& volume, std::span<const FitPoint> points)
-        : coefficients_(std::size_t(sh_count(order_of(reader, volume)))) {
-        std::vector<CellWeights> taps(points.size());
-        tbb::parallel_for(std::size_t(0), points.size(), [&](std::size_t p) {
-            if (points[p].weight > 0)
-                taps[p] = taps_of(reader, volume, points[p].position, points[p].normal);
-        });
-        constexpr uint32_t none = ~0u;
-        std::vector<uint32_t> unknown(volume.grid.size(), none);
-        for (const CellWeights& tap : taps)
-            for (std::size_t i = 0; i < tap.cell.size(); ++i)
-                if (tap.weight[i] > 0)
-                    unknown[tap.cell[i]] = 0;
-        for (std::size_t cell = 0; cell < unknown.size(); ++cell)
-            if (unknown[cell] != none) {
-                unknown[cell] = uint32_t(cells.size());
-                cells.push_back(cell);
-            }
-
-        by_point_.first.push_back(0);
-        by_cell_.first.assign(cells.size() + 1, 0);
-        for (std::size_t p = 0; p < points.size(); ++p) {
-            const std::size_t before = by_point_.entries.size();
-            for (std::size_t i = 0; i < taps[p].cell.size(); ++i)
-                if (taps[p].weight[i] > 0) {
-                    const uint32_t u = unknown[taps[p].cell[i]];
-                    by_point_.entries.push_back({u, taps[p].weight[i]});
-                    ++by_cell_.first[u + 1];
-                }
-            if (by_point_.entries.size() == before)
-                continue;
-            used.push_back(p);
-            by_point_.first.push_back(by_point_.entries.size());
-            const auto row = transfer_of(reader, order_of(reader, volume), points[p].normal);
-            rows_.insert(rows_.end(), row.begin(), row.begin() + std::ptrdiff_t(coefficients_));
-        }
-        for (std::size_t u = 0; u < cells.size(); ++u)
-            by_cell_.first[u + 1] += by_cell_.first[u];
-        by_cell_.entries.resize(by_point_.entries.size());
-        std::vector<std::size_t> next(by_cell_.first.begin(), by_cell_.first.end() - 1);
-        for (std::size_t i = 0; i < used.size(); ++i)
-            for (const auto& [u, weight] : by_point_.of(i))
-                by_cell_.entries[next[u]++] = {uint32_t(i), weight};
-    }
-
-    std::size_t coefficients() const { return coefficients_; }
-    std::size_t unknowns() const { return cells.size() * coefficients_; }
-
-    /// What the reader shows at used point i of values x[unknown * coefficients + k].
-    glm::dvec3 shown(const Values& x, std::size_t i) const {
-        const double* row = &rows_[i * coefficients_];
-        glm::dvec3 sum(0.0);
-        for (const auto& [u, weight] : by_point_.of(i)) {
-            const glm::dvec3* value = &x[u * coefficients_];
-            glm::dvec3 towards(0.0);
-            for (std::size_t k = 0; k < coefficients_; ++k)
-                towards += row[k] * value[k];
-            sum += weight * towards;
-        }
-        return sum;
-    }
-
-    /// The transpose: adds to the coefficients of unknown u what the values of its points give.
-    /// With `squares` the squares of the entries instead.
-    void gather(const Values& of_points, std::size_t u, glm::dvec3* out, bool squares) const {
-        for (const auto& [i, weight] : by_cell_.of(u)) {
-            const double* row = &rows_[i * coefficients_];
-            for (std::size_t k = 0; k < coefficients_; ++k) {
-                const double entry = weight * row[k];
-                out[k] += (squares ? entry * entry : entry) * of_points[i];
-            }
-        }
-    }
-
-    std::vector<std::size_t> cells; ///< of the unknowns
-    std::vector<std::size_t> used;  ///< points, by rising index
-
-private:
-    struct Entry {
-        uint32_t other;
-        double weight;
-    };
-    struct Compressed {
-        std::vector<std::size_t> first;
-        std::vector<Entry> entries;
-        std::span<const Entry> of(std::size_t i) const {
-            return std::span(entries).subspan(first[i], first[i + 1] - first[i]);
-        }
-    };
-    std::size_t coefficients_;
-    Compressed by_point_, by_cell_;
-    std::vector<double> rows_; ///< [used point * coefficients + k]
-};
-
-/// The normal equations: what holds the cells, and what the points ask for.
-struct Equations {
-    const Lookups& lookups;
-    std::vector<double> weights; ///< a used point
-    std::vector<double> hold;    ///< an unknown's coefficient
-
-    /// hold * x + transpose(weight * of_points)
-    void transpose(const Values& of_points, const Values& x, Values& out) const {
-        const std::size_t count = lookups.coefficients();
-        tbb::parallel_for(std::size_t(0), lookups.cells.size(), [&](std::size_t u) {
-            for (std::size_t k = u * count; k < (u + 1) * count; ++k)
-                out[k] = hold[k] * x[k];
-            lookups.gather(of_points, u, &out[u * count], false);
-        });
-    }
-
-    void apply(const Values& x, Values& of_points, Values& out) const {
-        tbb::parallel_for(std::size_t(0), weights.size(),
-                          [&](std::size_t i) { of_points[i] = weights[i] * lookups.shown(x, i); });
-        transpose(of_points, x, out);
-    }
-
-    /// One over the diagonal; 0 where nothing asks.
-    std::vector<double> preconditioner() const {
-        const std::size_t count = lookups.coefficients();
-        Values of_points(weights.size());
-        for (std::size_t i = 0; i < weights.size(); ++i)
-            of_points[i] = glm::dvec3(weights[i]);
-        std::vector<double> result(lookups.unknowns());
-        tbb::parallel_for(std::size_t(0), lookups.cells.size(), [&](std::size_t u) {
-            std::array<glm::dvec3, sh_count(sh_max_order)> diagonal{};
-            lookups.gather(of_points, u, diagonal.data(), true);
-            for (std::size_t k = 0; k < count; ++k) {
-                const double whole = diagonal[k].x + hold[u * count + k];
-                result[u * count + k] = whole > 0 ? 1 / whole : 0;
-            }
-        });
-        return result;
-    }
-};
+using Row = std::array<double, sh_count(sh_max_order)>;
 
 bool is_valid(const Volume& volume, std::size_t cell) {
     return volume.validity.empty() || volume.validity[cell] != 0;
@@ -205,8 +35,7 @@ double mean_light(const Volume& volume) {
 }
 
 /// Sum of |E| over 26 normals and RGB.
-double all_normals(std::span<const glm::dvec3> coefficients,
-                   const std::vector<std::array<double, sh_count(sh_max_order)>>& transfer) {
+double all_normals(std::span<const glm::dvec3> coefficients, const std::vector<Row>& transfer) {
     double sum = 0;
     for (const auto& row : transfer) {
         glm::dvec3 e(0.0);
@@ -223,7 +52,7 @@ void tell_moved(const Reader& reader, const Volume& before, const Volume& after,
     const int order = order_of(reader, before);
     const std::size_t count = std::size_t(sh_count(order));
     constexpr Reader plain{.name = "", .highest_order = sh_max_order};
-    std::vector<std::array<double, sh_count(sh_max_order)>> transfer;
+    std::vector<Row> transfer;
     for (const glm::dvec3& n : neighbour_normals())
         transfer.push_back(transfer_of(plain, order, n));
     std::vector<double> was(before.grid.size()), moved(before.grid.size());
@@ -254,46 +83,83 @@ void tell_moved(const Reader& reader, const Volume& before, const Volume& after,
     report.moved_dark = sums.y / whole;
 }
 
-/// Conjugate gradients: the change of the unknowns that brings the points nearer to what they lack.
-Values solve(const Equations& equations, const Values& lacking, const FitSettings& settings,
-             FitReport& report) {
-    const std::size_t unknowns = equations.lookups.unknowns();
-    Values x(unknowns, glm::dvec3(0.0)), residual(unknowns), product(unknowns), way(unknowns);
-    Values of_points(lacking.size());
-    for (std::size_t i = 0; i < lacking.size(); ++i)
-        of_points[i] = equations.weights[i] * lacking[i];
-    equations.transpose(of_points, x, residual);
-    const std::vector<double> inverse = equations.preconditioner();
-    const auto preconditioned = [&] {
-        return ordered_sum<glm::dvec3>(
-            unknowns, [&](std::size_t i) { return inverse[i] * residual[i] * residual[i]; });
-    };
-    for (std::size_t i = 0; i < unknowns; ++i)
-        way[i] = inverse[i] * residual[i];
-    glm::dvec3 size = preconditioned();
-    const glm::dvec3 first = size;
-    const auto left = [&] {
-        const glm::dvec3 share = ratio(size, first);
-        return std::sqrt(std::max({share.x, share.y, share.z}));
-    };
-    report.residual = left();
-    for (; report.steps < settings.steps && report.residual > settings.tolerance; ++report.steps) {
-        equations.apply(way, of_points, product);
-        const glm::dvec3 step = ratio(size, dot(way, product));
-        tbb::parallel_for(std::size_t(0), unknowns, [&](std::size_t i) {
-            x[i] += step * way[i];
-            residual[i] -= step * product[i];
-        });
-        const glm::dvec3 next = preconditioned();
-        const glm::dvec3 turn = ratio(next, size);
-        tbb::parallel_for(std::size_t(0), unknowns, [&](std::size_t i) {
-            way[i] = inverse[i] * residual[i] + turn * way[i];
-        });
-        size = next;
-        report.residual = left();
+/// What is solved for in each cell: coefficients, or, for a cube, what its six sides store, which
+/// is not negative: irradiance towards +x, -x, +y, ... Bands 0 to 2 can have any six.
+class Unknowns {
+public:
+    Unknowns(const Reader& reader, const Volume& volume)
+        : reader_(reader),
+          order_(order_of(reader, volume)),
+          sides_(reader.evaluation == Evaluation::cube && order_ == 2) {}
+
+    std::size_t count() const { return sides_ ? 6 : std::size_t(sh_count(order_)); }
+    bool not_negative() const { return sides_; }
+
+    /// What the reader shows of each.
+    Row row(glm::dvec3 n) const {
+        if (!sides_)
+            return transfer_of(reader_, order_, n);
+        Row result{};
+        for (std::size_t axis = 0; axis < 3; ++axis)
+            result[2 * axis + (n[int(axis)] < 0 ? 1 : 0)] = n[int(axis)] * n[int(axis)];
+        return result;
     }
-    return x;
-}
+
+    /// By which square its change counts in the mean square of irradiance over normals.
+    double share(std::size_t k) const {
+        if (sides_)
+            return 1.0 / 6;
+        int l = 0;
+        while (std::size_t(sh_count(l)) <= k)
+            ++l;
+        const double factor = sh_cosine_factor(l);
+        return factor * factor / (4 * std::numbers::pi);
+    }
+
+    void get(const Volume& volume, std::size_t cell, std::span<glm::dvec3> values) const {
+        if (!sides_) {
+            for (std::size_t k = 0; k < values.size(); ++k)
+                values[k] = glm::dvec3(volume.sh[k][cell]);
+            return;
+        }
+        for (int side = 0; side < 6; ++side) {
+            glm::dvec3 n(0.0), e(0.0);
+            n[side / 2] = side % 2 ? -1 : 1;
+            const Row transfer = transfer_of(reader_, order_, n);
+            for (std::size_t k = 0; k < 9; ++k)
+                e += transfer[k] * glm::dvec3(volume.sh[k][cell]);
+            values[std::size_t(side)] = glm::max(e, 0.0);
+        }
+    }
+
+    void set(std::span<const glm::dvec3> values, Volume& volume, std::size_t cell) const {
+        if (!sides_) {
+            for (std::size_t k = 0; k < values.size(); ++k)
+                volume.sh[k][cell] = glm::vec3(values[k]);
+            return;
+        }
+        const auto put = [&](std::size_t k, int l, double basis, glm::dvec3 e) {
+            volume.sh[k][cell] = glm::vec3(e / (sh_cosine_factor(l) * basis));
+        };
+        std::array<glm::dvec3, 3> even, odd;
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            even[axis] = 0.5 * (values[2 * axis] + values[2 * axis + 1]);
+            odd[axis] = 0.5 * (values[2 * axis] - values[2 * axis + 1]);
+        }
+        const glm::dvec3 mean = (even[0] + even[1] + even[2]) / 3.0;
+        put(0, 0, double(sh_y0), mean);
+        put(1, 1, double(sh_y1), odd[1]);
+        put(2, 1, double(sh_y1), odd[2]);
+        put(3, 1, double(sh_y1), odd[0]);
+        put(6, 2, 2 * double(sh_y2b), even[2] - mean);
+        put(8, 2, 2 * double(sh_y2c), even[0] - even[1]);
+    }
+
+private:
+    const Reader& reader_;
+    int order_;
+    bool sides_;
+};
 
 } // namespace
 
@@ -344,8 +210,10 @@ FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitS
     assert(is_linear(reader));
     FitReport report;
     report.before = report.after = error_of(reader, volume, points);
-    const Lookups lookups(reader, volume, points);
-    const std::size_t count = lookups.coefficients();
+    const Unknowns unknowns(reader, volume);
+    const std::size_t count = unknowns.count();
+    const Lookups lookups(reader, volume, points, count,
+                          [&](glm::dvec3 n) { return unknowns.row(n); });
     report.cells = lookups.cells.size();
     report.points = lookups.used.size();
     if (report.points == 0)
@@ -361,13 +229,9 @@ FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitS
             !is_valid(volume, cell) ? settings.hold_other
             : light >= bright       ? settings.hold_valid
                               : settings.hold_valid * std::max(settings.hold_dark, light / bright);
-        // The mean square over normals is that of the coefficients over 4 pi.
-        for (int l = 0, k = 0; k < int(count); ++l)
-            for (const double factor = sh_cosine_factor(l); k < sh_count(l); ++k) {
-                equations.hold[u * count + std::size_t(k)] =
-                    held * factor * factor / (4 * std::numbers::pi);
-                before[u * count + std::size_t(k)] = glm::dvec3(volume.sh[std::size_t(k)][cell]);
-            }
+        for (std::size_t k = 0; k < count; ++k)
+            equations.hold[u * count + k] = held * unknowns.share(k);
+        unknowns.get(volume, cell, std::span(before).subspan(u * count, count));
     }
     Values lacking(lookups.used.size());
     for (std::size_t i = 0; i < lacking.size(); ++i) {
@@ -375,12 +239,16 @@ FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitS
         equations.weights.push_back(point.weight);
         lacking[i] = point.irradiance - lookups.shown(before, i);
     }
-    const Values change = solve(equations, lacking, settings, report);
+    Values least; // of the change
+    if (unknowns.not_negative())
+        for (const glm::dvec3& value : before)
+            least.push_back(-value);
+    const Values change = solve(equations, lacking, least, settings, report);
     const Volume given = volume;
+    for (std::size_t i = 0; i < before.size(); ++i)
+        before[i] += change[i];
     for (std::size_t u = 0; u < lookups.cells.size(); ++u)
-        for (std::size_t k = 0; k < count; ++k)
-            volume.sh[k][lookups.cells[u]] =
-                glm::vec3(before[u * count + k] + change[u * count + k]);
+        unknowns.set(std::span(before).subspan(u * count, count), volume, lookups.cells[u]);
     report.after = error_of(reader, volume, points);
     tell_moved(reader, given, volume, report);
     return report;

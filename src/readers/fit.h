@@ -59,9 +59,10 @@ SurfaceError error_of(const Reader& reader, const Volume& volume, std::span<cons
 /// times squared error, and over cells of what holds them, is least: linear least squares, solved
 /// for each colour by conjugate gradients on the normal equations (Hestenes and Stiefel 1952;
 /// Jacobi's preconditioner) from the values that are there. Cells that are not valid should have
-/// been filled before (volume/dilate.h). What the reader clamps is not clamped while it is fitted.
-/// Needs a linear reader. Costs time and memory in proportion to points and cells; sums have a
-/// fixed order, so that the bits do not depend on the number of threads.
+/// been filled before (volume/dilate.h). What the reader clamps is not clamped while it is fitted,
+/// but for the sides of a cube, which come out not negative (order 2; CG in rounds between which
+/// the bounds are looked at). Needs a linear reader. Costs time and memory in proportion to points
+/// and cells; sums have a fixed order, so that the bits do not depend on the number of threads.
 FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitSettings& settings,
               Volume& volume);
 
