@@ -44,7 +44,9 @@ blue, sum |E - T| over sum T. The table has
   surface  at up to --probes points spread evenly over the fronts of the scene's surfaces that light
            reaches, the same for all grids, towards the surface's normal; read from the cells
            around that are valid and faced
-  plain    the same read by trilinear interpolation alone
+  unity, threejs, vrc, bevy
+           what these programs show there of the files that --target writes for them; Unreal and
+           Godot read as Unity does
   *        the Pareto front: no other row is as fast and as accurate
 Beside them stand path-traced probes of few rays, which one could use instead: their time is
 measured at the same probes, on the same threads, and scaled to all valid cells of the grid.
@@ -84,7 +86,7 @@ JSON (--format json, -o FILE.json), one object; seconds, metres, errors as fract
    "orders": [{"sh_order", "error": {ERROR}, "projected": {ERROR}}]}]}], "rows": [{"name",
    "options": {name: value}, "command", "grid" (index), "sh_order", "seconds": TIME, "stages":
    [{"name", "seconds": TIME, "detail"}], "error": {ERROR}, "projected": {ERROR}, "surface":
-   {ERROR} or null, "surface_trilinear", "front", "peer": null or {"relation": "crosses"|"beyond"
+   {ERROR} or null, "readers": {name: {ERROR}}, "front", "peer": null or {"relation": "crosses"|"beyond"
    (not reached at its most rays)|"already" (better at its fewest), "factor"}, "warnings"}],
    "surfaces": {"points", "noise", "rays"}, "verdicts", "warnings"}], "seconds"}
   TIME is {"median", "min", "max"}, ERROR "relative_l1", "relative_rms", "energy_ratio", "negative"

@@ -51,8 +51,8 @@ std::string bakes_table(const SceneReport& scene) {
     std::string html =
         "<table>\n"
         + head({"bake", "seconds", "from &ndash; to", "error", "RMS", "in the same SH", "energy",
-                "negative", "on surfaces", "trilinear", "against the peer"});
-    for (const RowResult& row : scene.rows)
+                "negative", "on surfaces", "Unity", "three.js", "VRC", "Bevy", "against the peer"});
+    for (const RowResult& row : scene.rows) {
         html += std::string(row.front ? "<tr class=\"front\">" : "<tr>") + cell(row_name(row))
                 + cell(seconds_text(row.seconds.median))
                 + cell(seconds_text(row.seconds.min) + " - " + seconds_text(row.seconds.max))
@@ -60,9 +60,11 @@ std::string bakes_table(const SceneReport& scene) {
                 + cell(percent(row.projected.relative_l1))
                 + cell(format("%.3g", row.error.energy_ratio))
                 + cell(format("%llu", static_cast<unsigned long long>(row.error.negative)))
-                + cell(row.surface ? percent(row.surface->relative_l1) : "-")
-                + cell(row.surface_trilinear ? percent(row.surface_trilinear->relative_l1) : "-")
-                + text_cell(ratio_text(row)) + "</tr>\n";
+                + cell(row.surface ? percent(row.surface->relative_l1) : "-");
+        for (const char* reader : told_readers)
+            html += cell(shown_text(row, reader));
+        html += text_cell(ratio_text(row)) + "</tr>\n";
+    }
     html += "</table>\n<table>\n" + head({"bake", "seconds by stage"});
     for (const RowResult& row : scene.rows)
         html += "<tr>" + cell(row_name(row)) + text_cell(stages_text(row)) + "</tr>\n";
@@ -142,7 +144,8 @@ std::string section(const SceneReport& scene) {
               "Energy: luminance of the constant band over the reference's. On surfaces: at "
             + counted(scene.surface_points, "point")
             + " of the scene's surfaces, the same for all grids, read from the cells that "
-              "are valid and faced; trilinear: read without that care. Seconds: the median of the "
+              "are valid and faced; Unity, ...: what these programs show there of the files that "
+              "their target writes. Seconds: the median of the "
               "repeats, without loading and writing.</p>\n";
     html += "<h3>Path-traced probes, and what SH alone costs</h3>\n" + peers_table(scene);
     html += "<p class=\"note\">The peer's time is measured at the probes and scaled to all valid "

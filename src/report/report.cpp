@@ -3,6 +3,8 @@
 #include "bake/bake.h"
 #include "colour/colour.h"
 #include "error.h"
+#include "io/target.h"
+#include "readers/readers.h"
 #include "reference/peer.h"
 #include "reference/sampler.h"
 #include "report/slices.h"
@@ -10,7 +12,7 @@
 #include "text.h"
 #include "visibility/validity.h"
 #include "volume/compare.h"
-#include "volume/sampler.h"
+#include "volume/dilate.h"
 #include "volume/sh.h"
 
 #include <algorithm>
@@ -128,11 +130,31 @@ void measure(const std::vector<std::vector<glm::vec3>>& sh, int order, const Tru
     projected = error_at_cells(sh, order, truth.sh, irradiance_of(truth.sh, order));
 }
 
-FieldError surface_error(const Volume& volume, const SurfaceTruth& surfaces, Reading reading) {
+FieldError surface_error(const readers::Reader& reader, const Volume& volume,
+                         const SurfaceTruth& surfaces) {
     std::vector<glm::dvec3> estimate;
     for (const SurfacePoint& point : surfaces.points)
-        estimate.push_back(read_irradiance(volume, point.position, point.normal, reading));
+        estimate.push_back(readers::irradiance(reader, volume, point.position, point.normal));
     return error_of(estimate, surfaces.truth.irradiance);
+}
+
+/// Of the volume as each program's target writes it.
+std::vector<ReaderError> shown_errors(const Volume& volume, const SurfaceTruth& surfaces) {
+    std::vector<ReaderError> shown;
+    std::map<int, Volume> filled; // by rings
+    for (const readers::Reader& reader : readers::all_readers()) {
+        const Target* target = target_named(reader.name);
+        if (!target)
+            continue;
+        const int rings = volume.metadata.contains("fit") ? 0 : target->dilate;
+        const auto [found, added] = filled.try_emplace(rings);
+        if (added) {
+            found->second = volume;
+            dilate(found->second, rings);
+        }
+        shown.push_back({reader.name, surface_error(reader, found->second, surfaces)});
+    }
+    return shown;
 }
 
 /// Rays a second that Embree alone makes of those that the peer traces, a million of them at most:
@@ -317,8 +339,8 @@ void measure_row(const Volume& volume, const GridTruth& truth, const SurfaceTrut
             sh[k].push_back(volume.sh[k][cell]);
     measure(sh, volume.sh_order, truth.truth, row.error, row.projected);
     if (!surfaces.points.empty()) {
-        row.surface = surface_error(volume, surfaces, Reading::facing);
-        row.surface_trilinear = surface_error(volume, surfaces, Reading::trilinear);
+        row.surface = surface_error(*readers::reader_named("lpvbake"), volume, surfaces);
+        row.shown = shown_errors(volume, surfaces);
     }
 }
 

@@ -37,6 +37,12 @@ struct StageTiming {
     std::string detail; ///< the last repeat's
 };
 
+/// What a program shows on surfaces of the files that its target writes.
+struct ReaderError {
+    const char* reader; ///< its name in readers::all_readers()
+    FieldError error;
+};
+
 /// One bake, measured.
 struct RowResult {
     SweepRow row;
@@ -46,8 +52,10 @@ struct RowResult {
     std::vector<StageTiming> stages;
     FieldError error;     ///< at the grid's probes, against the true irradiance
     FieldError projected; ///< against that of the reference's bands up to sh_order
-    /// At the scene's surface points, read through the sampler; none without such points.
-    std::optional<FieldError> surface, surface_trilinear;
+    /// At the scene's surface points, read through our own sampler; none without such points.
+    std::optional<FieldError> surface;
+    /// There too: the programs of targets, in the order of the readers.
+    std::vector<ReaderError> shown;
     bool front = false; ///< no other row is as fast and as accurate by `error`
     /// How the peer compares, by `projected`; none without a peer.
     std::optional<EqualError> peer;

@@ -1,5 +1,7 @@
 #include "report/tables.h"
 
+#include "io/target.h"
+#include "readers/readers.h"
 #include "text.h"
 
 #include <nlohmann/json.hpp>
@@ -88,9 +90,13 @@ std::vector<std::string> csv_columns(const Report& report) {
     std::vector<std::string> columns = {
         "scene",       "kind",   "name",     "cells_x", "cells_y", "cells_z",     "cell_m",
         "valid_cells", "probes", "sh_order", "rays",    "seconds", "seconds_min", "seconds_max"};
-    for (const char* error : {"true", "projected", "surface", "surface_trilinear"})
+    for (const char* error : {"true", "projected", "surface"})
         for (const char* measure : {"_l1", "_rms", "_energy_ratio"})
             columns.push_back(error + std::string(measure));
+    for (const readers::Reader& reader : readers::all_readers())
+        if (target_named(reader.name))
+            for (const char* measure : {"_l1", "_rms", "_energy_ratio"})
+                columns.push_back(std::string(reader.name) + measure);
     for (const char* name :
          {"negative", "reference_noise", "front", "peer", "peer_factor", "sharing",
           "sharing_factor", "rays_per_second", "embree_rays_per_second"})
@@ -192,11 +198,13 @@ Json to_json(const SceneReport& scene, const RowResult& row) {
               {"error", to_json(row.error)},
               {"projected", to_json(row.projected)},
               {"surface", to_json(row.surface)},
-              {"surface_trilinear", to_json(row.surface_trilinear)},
+              {"readers", Json::object()},
               {"front", row.front},
               {"peer", to_json(row.peer)},
               {"peer_sharing_bounces", to_json(row.sharing)},
               {"warnings", row.warnings}};
+    for (const ReaderError& shown : row.shown)
+        json["readers"][shown.reader] = to_json(shown.error);
     for (const auto& [option, value] : row.row.options)
         json["options"][option] = value;
     for (const StageTiming& stage : row.stages)
@@ -219,6 +227,11 @@ std::string dims_text(const Grid& grid) {
     return format("%d x %d x %d", grid.dims.x, grid.dims.y, grid.dims.z);
 }
 
+std::string shown_text(const RowResult& row, std::string_view reader) {
+    const auto found = std::ranges::find(row.shown, reader, &ReaderError::reader);
+    return found != row.shown.end() ? percent(found->error.relative_l1) : "-";
+}
+
 std::string report_text(const Report& report) {
     std::string text =
         "device        " + report.device + '\n' + format("threads       %u\n", report.threads);
@@ -237,15 +250,19 @@ std::string report_text(const Report& report) {
                        static_cast<unsigned long long>(scene.surface_rays));
 
         std::vector<std::vector<std::string>> lines = {
-            {"bake", "seconds", "+-", "error", "same SH", "energy", "surface", "plain", ""}};
-        for (const RowResult& row : scene.rows)
-            lines.push_back(
-                {(row.front ? "* " : "  ") + row_name(row), seconds_text(row.seconds.median),
-                 spread(row.seconds), percent(row.error.relative_l1),
-                 percent(row.projected.relative_l1), format("%.3g", row.error.energy_ratio),
-                 row.surface ? percent(row.surface->relative_l1) : "-",
-                 row.surface_trilinear ? percent(row.surface_trilinear->relative_l1) : "-",
-                 ratio_text(row)});
+            {"bake", "seconds", "+-", "error", "same SH", "energy", "surface"}};
+        lines[0].insert(lines[0].end(), std::begin(told_readers), std::end(told_readers));
+        lines[0].push_back("");
+        for (const RowResult& row : scene.rows) {
+            lines.push_back({(row.front ? "* " : "  ") + row_name(row),
+                             seconds_text(row.seconds.median), spread(row.seconds),
+                             percent(row.error.relative_l1), percent(row.projected.relative_l1),
+                             format("%.3g", row.error.energy_ratio),
+                             row.surface ? percent(row.surface->relative_l1) : "-"});
+            for (const char* reader : told_readers)
+                lines.back().push_back(shown_text(row, reader));
+            lines.back().push_back(ratio_text(row));
+        }
         text += aligned(lines, 1) + '\n';
 
         lines = {{"grid", "path-traced", "seconds", "error L1", "same SH", "error L2", "same SH",
@@ -308,8 +325,8 @@ std::string report_csv(const Report& report) {
             line.set("projected", row.projected);
             if (row.surface)
                 line.set("surface", *row.surface);
-            if (row.surface_trilinear)
-                line.set("surface_trilinear", *row.surface_trilinear);
+            for (const ReaderError& shown : row.shown)
+                line.set(shown.reader, shown.error);
             line.set("negative", double(row.error.negative));
             line.set("front", row.front ? "1" : "0");
             if (row.peer) {

@@ -6,8 +6,14 @@
 #include <nlohmann/json_fwd.hpp>
 
 #include <string>
+#include <string_view>
 
 namespace lpvbake {
+
+/// The readers whose error a table for people has: Unreal and Godot read as Unity does.
+inline constexpr const char* told_readers[] = {"unity", "threejs", "vrc", "bevy"};
+/// RowResult::shown of one, as a percentage; "-" without.
+std::string shown_text(const RowResult& row, std::string_view reader);
 
 /// Columns for a terminal, scene by scene: grids with their floors, bakes, peers, and what follows.
 std::string report_text(const Report& report);

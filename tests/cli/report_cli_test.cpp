@@ -60,6 +60,13 @@ TEST_F(ReportCli, MeasuresEveryRowAndWritesEveryForm) {
     for (const json& row : scene["rows"]) {
         EXPECT_GT(row["error"]["relative_l1"], 0);
         EXPECT_GT(row["surface"]["relative_l1"], 0);
+        for (const char* reader :
+             {"blender", "houdini", "unity", "unreal", "godot", "threejs", "vrc", "bevy"})
+            EXPECT_GT(row["readers"][reader]["relative_l1"], 0) << reader;
+        // The same lookup and formula; an offset, and no fill, make others.
+        EXPECT_EQ(row["readers"]["unity"], row["readers"]["godot"]);
+        EXPECT_NE(row["readers"]["unity"], row["readers"]["threejs"]);
+        EXPECT_NE(row["readers"]["unity"], row["readers"]["blender"]);
         EXPECT_LE(row["seconds"]["min"], row["seconds"]["median"]);
         EXPECT_LE(row["seconds"]["median"], row["seconds"]["max"]);
         EXPECT_FALSE(row["peer"].is_null());

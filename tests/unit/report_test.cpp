@@ -290,6 +290,8 @@ Report made_up(const std::string& path) {
     }
     for (const char* occlusion : {"none", "face"}) {
         RowResult row;
+        row.row.settings = BakeSettings(*find_solver("lpv"));
+        row.shown = {{"unity", {.relative_l1 = 0.55}}, {"vrc", {.relative_l1 = 0.66}}};
         row.row.options = {{"resolution", "16"}, {"occlusion", occlusion}};
         row.seconds = {0.5, 0.4, 0.7};
         row.error.relative_l1 = 0.7;
@@ -336,6 +338,8 @@ TEST(Written, CsvQuotesAndHasOneLineEach) {
     EXPECT_EQ(std::ranges::count(csv, '\n'), 1 + 2 + 2 * 3 * (3 + 1)); // rows, peers and floors
     EXPECT_NE(csv.find("\n\"a,\"\"b\"\".gltf\",bake,16 none,"), std::string::npos);
     EXPECT_NE(csv.find("stage_inject"), std::string::npos);
+    EXPECT_NE(csv.find(",unity_l1,unity_rms,unity_energy_ratio,"), std::string::npos);
+    EXPECT_NE(csv.find(",0.55,"), std::string::npos);
     EXPECT_NE(csv.find(",inf,"), std::string::npos);
 }
 
@@ -347,6 +351,7 @@ TEST(Written, JsonHasNoInfiniteNumbers) {
     EXPECT_EQ(scene["rows"][0]["command"],
               "lpvbake bake 'a.gltf' --resolution 16 --occlusion none");
     EXPECT_EQ(scene["rows"][0]["peer"]["relation"], "already");
+    EXPECT_EQ(scene["rows"][0]["readers"]["vrc"]["relative_l1"], 0.66);
     EXPECT_EQ(scene["grids"][0]["floors"][2]["sh_order"], 4);
     EXPECT_EQ(nlohmann::json::parse(json.dump())["scenes"].size(), 1u);
 }
@@ -354,6 +359,8 @@ TEST(Written, JsonHasNoInfiniteNumbers) {
 TEST(Written, TextSaysWhoWins) {
     Report report = made_up("a.gltf");
     EXPECT_NE(report_text(report).find("lpv: loses everywhere"), std::string::npos);
+    EXPECT_NE(report_text(report).find("unity  threejs   vrc  bevy"), std::string::npos);
+    EXPECT_NE(report_text(report).find("55 %        -  66 %     -"), std::string::npos);
     EXPECT_NE(report_text(report).find("better at its fewest rays, in 0.25 of the time"),
               std::string::npos);
     for (RowResult& row : report.scenes[0].rows)
