@@ -6,6 +6,7 @@
 #include "error.h"
 #include "io/atomic_file.h"
 #include "io/slice.h"
+#include "io/target.h"
 #include "render/display.h"
 #include "render/flip.h"
 #include "render/view.h"
@@ -13,6 +14,7 @@
 #include "scene_hash.h"
 #include "scene_options.h"
 #include "text.h"
+#include "volume/dilate.h"
 
 #include <glm/gtc/constants.hpp>
 
@@ -49,7 +51,9 @@ and is the file's first camera; where it has none, inside if the middle is walle
 else orbit.
 
 --sampler facing weights the eight cells around a point by how far they lie before its surface, valid
-ones alone that no wall hides; trilinear does not, and shows light from inside and behind walls.
+ones alone that no wall hides; trilinear does not, and shows light from inside and behind walls. The
+name of a target shows what its program makes of the file that the target writes, by its own lookup,
+offset and formula; geomerics and zh3 are formulas that shaders may use for bands 0 and 1.
 
 --show
   final       direct + indirect, nits        irradiance  of the volume's light, lux
@@ -528,6 +532,22 @@ void print_text_result(const RenderResult& r) {
         output.print();
 }
 
+/// Of --sampler.
+readers::Reader sampler_of(const std::string& name) {
+    if (name == "facing")
+        return *readers::reader_named("lpvbake");
+    if (const readers::Reader* reader = readers::reader_named(name))
+        return *reader;
+    return {.name = "trilinear", .highest_order = sh_max_order, .clamped = true};
+}
+
+/// The volume as the sampler's target writes it: filled, unless it is fitted.
+Volume as_read(const std::string& sampler, Volume volume) {
+    if (const Target* target = target_named(sampler); target && !volume.metadata.contains("fit"))
+        dilate(volume, target->dilate);
+    return volume;
+}
+
 void run(const RenderOptions& o) {
     const Clock::time_point begin = Clock::now();
     const std::vector<Light> lights = command_line_lights(o);
@@ -573,8 +593,8 @@ void run(const RenderOptions& o) {
         const Raster raster(*device, scene, frame);
         end_stage("prepare");
         const LitScene lit{scene, frame, visibility, paths};
-        const Reading reading = o.sampler == "trilinear" ? Reading::trilinear : Reading::facing;
-        result.rendering = render(lit, volume, raster, reading, view, progress);
+        result.rendering =
+            render(lit, as_read(o.sampler, volume), raster, sampler_of(o.sampler), view, progress);
         end_stage("render");
         result.exposure = o.exposure == "auto"
                               ? automatic_exposure(result.rendering.picture, view.show)
@@ -630,7 +650,10 @@ void add_render(CLI::App& root, Action& action) {
     list.choice("--show", o.show,
                 "final|direct|indirect|albedo|normal|irradiance|occlusion|validity|cells",
                 "See below");
-    list.choice("--sampler", o.sampler, "facing|trilinear", "How the volume is read");
+    list.choice(
+        "--sampler", o.sampler,
+        "facing|trilinear|blender|houdini|unity|unreal|godot|threejs|vrc|bevy|\ngeomerics|zh3",
+        "How the volume is read, or by which program");
 
     list.group("Picture");
     list.text("--exposure", o.exposure, "EV|auto", "Of a .png")->capture_default_str();

@@ -53,8 +53,8 @@ glm::dvec3 background(const Scene& scene, Show show, glm::dvec3 direction) {
 }
 
 /// What the volume itself has at a point (metres).
-glm::dvec3 colour_of_volume(Show show, const Volume& volume, Reading reading, glm::dvec3 point,
-                            glm::dvec3 n) {
+glm::dvec3 colour_of_volume(Show show, const Volume& volume, const readers::Reader& reader,
+                            glm::dvec3 point, glm::dvec3 n) {
     if (show == Show::cells) {
         const glm::ivec3 cell =
             glm::clamp(glm::ivec3(glm::floor(volume.grid.to_grid(point) + 0.5 * n)), glm::ivec3(0),
@@ -67,7 +67,7 @@ glm::dvec3 colour_of_volume(Show show, const Volume& volume, Reading reading, gl
         for (std::size_t i = 0; i < 8; ++i)
             sum += volume.validity.empty() ? plain.weight[i]
                                            : plain.weight[i] * volume.validity[plain.cell[i]];
-        const CellWeights used = weights_at(volume, point, n, reading);
+        const CellWeights used = readers::taps_of(reader, volume, point, n);
         if (std::ranges::count(used.weight, 0.0) == 8)
             return {1, 0, 0};
         return glm::dvec3(sum);
@@ -96,8 +96,8 @@ Frame frame_of(const Grid& grid) {
     return {grid.origin, grid.cell, glm::dvec3(grid.dims)};
 }
 
-Rendering render(const LitScene& lit, const Volume& volume, const Raster& raster, Reading reading,
-                 const ViewSettings& settings, Progress& progress) {
+Rendering render(const LitScene& lit, const Volume& volume, const Raster& raster,
+                 const readers::Reader& reader, const ViewSettings& settings, Progress& progress) {
     const auto& [scene, frame, visibility, paths] = lit;
     const Show show = settings.show;
     if (show == Show::occlusion && volume.occlusion.empty())
@@ -117,9 +117,10 @@ Rendering render(const LitScene& lit, const Volume& volume, const Raster& raster
         p.albedo = seen.albedo;
         const glm::dvec3 world = frame.to_world(p.point);
         if (show == Show::cells || show == Show::validity || show == Show::occlusion)
-            return colour_of_volume(show, volume, reading, world, p.smooth);
-        return colour_of(show, p, paths, rays,
-                         [&] { return read_irradiance(volume, world, p.smooth, reading); });
+            return colour_of_volume(show, volume, reader, world, p.smooth);
+        return colour_of(show, p, paths, rays, [&] {
+            return glm::max(readers::irradiance(reader, volume, world, p.smooth), 0.0);
+        });
     };
 
     Rendering result;

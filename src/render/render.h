@@ -3,9 +3,9 @@
 
 #include "image/image.h"
 #include "progress.h"
-#include "render/shade.h"
 #include "raster/raster.h"
-#include "volume/sampler.h"
+#include "readers/readers.h"
+#include "render/shade.h"
 
 namespace lpvbake {
 
@@ -35,11 +35,11 @@ struct Rendering {
 Frame frame_of(const Grid& grid);
 
 /// Draws the scene on the device, sample by sample, and lights what is seen: punctual lights by
-/// shadow rays, the field by `reading`. Backs of single-sided materials are not drawn. The same
-/// bits for any number of threads. Throws Error: invalid (Show::occlusion of a volume without);
-/// device, memory; and whatever `progress` throws.
-Rendering render(const LitScene& lit, const Volume& volume, const Raster& raster, Reading reading,
-                 const ViewSettings& settings, Progress& progress);
+/// shadow rays, the field as `reader` shows it, and dark where that is negative. Backs of
+/// single-sided materials are not drawn. The same bits for any number of threads. Throws Error:
+/// invalid (Show::occlusion of a volume without); device, memory; and whatever `progress` throws.
+Rendering render(const LitScene& lit, const Volume& volume, const Raster& raster,
+                 const readers::Reader& reader, const ViewSettings& settings, Progress& progress);
 
 /// The same picture by ViewSettings::samples paths a pixel, from the eye on: instead of the field
 /// the light that it should hold. Of Show only final, direct, indirect, albedo, normal and

@@ -65,12 +65,19 @@ class Render : public testing::DeviceTest {
 protected:
     Pixels draw(const Scene& scene, const Volume& volume, const ViewSettings& settings,
                 Reading reading = Reading::facing) {
+        return draw(
+            scene, volume, settings,
+            readers::Reader{
+                .name = "", .lookup = reading, .highest_order = sh_max_order, .clamped = true});
+    }
+    Pixels draw(const Scene& scene, const Volume& volume, const ViewSettings& settings,
+                const readers::Reader& reader) {
         const Frame frame = frame_of(volume.grid);
         const Visibility visibility(scene, frame);
         const Paths paths(scene, visibility, frame, {});
         const Raster raster(device(), scene, frame);
         Progress silent;
-        return render({scene, frame, visibility, paths}, volume, raster, reading, settings, silent)
+        return render({scene, frame, visibility, paths}, volume, raster, reader, settings, silent)
             .picture;
     }
     static Rendering trace(const Scene& scene, const Volume& volume, const ViewSettings& settings,
@@ -262,6 +269,26 @@ TEST_F(Render, OnlyTrilinearReadsWhatIsBehindAWall) {
     for (const float sample : draw(scene, volume, settings).samples)
         EXPECT_EQ(sample, 0);
     EXPECT_GT(mean_luminance(draw(scene, volume, settings, Reading::trilinear)), 1.0);
+}
+
+TEST_F(Render, ShowsWhatAProgramReads) {
+    const Scene scene = scenes::floor_quad(4, glm::vec3(0.5f));
+    Volume volume = constant_volume(0);
+    for (int z = 0; z < volume.grid.dims.z; ++z) // as bright as it is high, and negative below 0
+        for (int y = 0; y < volume.grid.dims.y; ++y)
+            for (int x = 0; x < volume.grid.dims.x; ++x)
+                volume.sh[0][volume.grid.index({x, y, z})] =
+                    glm::vec3(float(volume.grid.center({x, y, z}).y / double(y0)));
+    const ViewSettings settings = view(from({0.6, 3, 0.3}, {0.6, 0, 0.3}), Show::irradiance);
+    const auto shown = [&](const char* name) {
+        return middle(draw(scene, volume, settings, *readers::reader_named(name)));
+    };
+    const double half = 0.5 * volume.grid.cell * glm::pi<double>();
+    expect_near(shown("threejs"), glm::dvec3(half), 1e-5);
+    expect_near(shown("unity"), glm::dvec3(0), 1e-5);
+    for (glm::vec3& c : volume.sh[0])
+        c -= 1.0f;
+    expect_near(shown("unity"), glm::dvec3(0), 0);
 }
 
 TEST_F(Render, ShowsCellsValidityAndOcclusion) {
