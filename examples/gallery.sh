@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Makes examples/gallery.jpg: the Cornell box, a room and a street, lit directly, with the classic
-# propagation, with the default solver, and path-traced. Takes some minutes on two cores.
+# propagation, with the default solver, and path-traced; and examples/fit.jpg: a room as Godot would
+# show it, with the field as it is, fitted to surfaces, and path-traced. Takes some minutes on two cores.
 #
 #   examples/gallery.sh [PATHS]     paths a pixel of the path-traced pictures, 256 by default
 set -euo pipefail
@@ -39,6 +40,16 @@ row cornell_box 4 0,1,3.9:0,1,0:39 "" --resolution 48
 row room 8.5 0.4,1.5,1.9:-0.2,1.0,-2:70 0.6:0.8:1,4000 --resolution 48
 row street 12.5 -2,1.7,27:0.5,2.5,0:55 0.5:0.7:1,6000 --resolution 64 --bounds -16,-1,-30,16,10,30
 
+"$lpvbake" bake sheets.gltf -o sheets.vdb --resolution 32 >/dev/null
+"$lpvbake" bake sheets.gltf -o sheets.fit.vdb --resolution 32 --target godot --fit surfaces
+for kind in "" .fit; do
+    "$lpvbake" render sheets.gltf "sheets$kind.vdb" -o "sheets$kind.png" --sampler godot --size 400x300 \
+        --exposure 10.5 --camera 0,1.4,5.8:0,1.25,-1.8 --reference "$paths" \
+        --reference-output sheets.reference.png --progress none
+done
+
 cd - >/dev/null
 oiiotool "${pictures[@]/#/$folder/}" --mosaic:pad=4 4x3 --compression jpeg:88 -o examples/gallery.jpg
 echo "wrote examples/gallery.jpg"
+oiiotool "$folder"/sheets{,.fit,.reference}.png --mosaic:pad=4 3x1 --compression jpeg:88 -o examples/fit.jpg
+echo "wrote examples/fit.jpg"

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""Writes two scenes of boxes to try things on: a furnished room, room.gltf, that a low sun shines into
-through a window, and a street, street.gltf, of houses and trees in the sun. Metres.
+"""Writes three scenes of boxes to try things on: a furnished room, room.gltf, that a low sun shines into
+through a window, a street, street.gltf, of houses and trees in the sun, and a room, sheets.gltf, whose
+walls have no thickness and are seen from both sides. Metres.
 
     make_scenes.py FOLDER
 """
@@ -36,17 +37,20 @@ class Scene:
         self.gltf["nodes"].append(node)
         self.gltf["scenes"][0]["nodes"].append(len(self.gltf["nodes"]) - 1)
 
-    def material(self, colour, glow):
-        if (colour, glow) not in self.colours:
+    def material(self, colour, glow, double_sided):
+        key = colour, glow, double_sided
+        if key not in self.colours:
             material = {"pbrMetallicRoughness": {"baseColorFactor": [*colour, 1],
                                                  "metallicFactor": 0}}
+            if double_sided:
+                material["doubleSided"] = True
             if glow:
                 material["emissiveFactor"] = [1, 0.8, 0.5]
                 material["extensions"] = {
                     "KHR_materials_emissive_strength": {"emissiveStrength": glow}}
-            self.colours[colour, glow] = len(self.gltf["materials"])
+            self.colours[key] = len(self.gltf["materials"])
             self.gltf["materials"].append(material)
-        return self.colours[colour, glow]
+        return self.colours[key]
 
     def accessor(self, values, code, component, kind):
         flat = [x for value in values for x in (value if isinstance(value, tuple) else (value,))]
@@ -61,7 +65,8 @@ class Scene:
         self.gltf["accessors"].append(accessor)
         return len(self.gltf["accessors"]) - 1
 
-    def solid(self, colour, middle, size, turn=0, corners=BOX, faces=BOX_FACES, glow=0):
+    def solid(self, colour, middle, size, turn=0, corners=BOX, faces=BOX_FACES, glow=0,
+              double_sided=False):
         """`size` is the whole extent; `turn` goes around y, degrees."""
         points, triangles = [], []
         for face in faces:
@@ -70,7 +75,7 @@ class Scene:
             triangles += [first + i for k in range(2, len(face)) for i in (0, k - 1, k)]
         mesh = {"attributes": {"POSITION": self.accessor(points, "f", 5126, "VEC3")},
                 "indices": self.accessor(triangles, "I", 5125, "SCALAR"),
-                "material": self.material(colour, glow)}
+                "material": self.material(colour, glow, double_sided)}
         self.gltf["meshes"].append({"primitives": [mesh]})
         half = math.radians(turn) / 2
         self.node({"mesh": len(self.gltf["meshes"]) - 1, "translation": middle,
@@ -144,6 +149,16 @@ def room():
     return s
 
 
+def sheets():
+    s = Scene()
+    for colour, side in ((WHITE, 0), (BLUE, 2), (RED, 3), (WOOD, 4), (WHITE, 5)):  # open towards +z
+        s.solid(colour, [0, 1.3, 0], [4, 2.6, 3.6], faces=[BOX_FACES[side]], double_sided=True)
+    s.solid(WHITE, [-0.75, 0.75, -0.8], [0.9, 1.5, 0.8])
+    s.solid(OCHRE, [0.8, 0.35, 0.2], [0.8, 0.7, 0.8])
+    s.sun(20, 35, 20000)
+    return s
+
+
 def street():
     s = Scene()
     s.solid((0.3, 0.33, 0.2), [0, -0.5, 0], [60, 1, 60])
@@ -180,3 +195,4 @@ if __name__ == "__main__":
     folder.mkdir(parents=True, exist_ok=True)
     room().write(folder / "room.gltf")
     street().write(folder / "street.gltf")
+    sheets().write(folder / "sheets.gltf")
