@@ -215,7 +215,7 @@ std::vector<Setting> settings_of(const BakeOptions& o) {
 void check_options(const BakeOptions& o, bool cell_and_resolution) {
     check_paths("bake", o, o.outputs.paths);
     if (o.outputs.paths.empty() && !o.dry_run)
-        throw Error(ExitCode::usage, "no output: add -o FILE.vdb or -o FILE.exr");
+        throw Error(ExitCode::usage, "no output: add -o FILE" + format_list(" or -o FILE"));
     if (cell_and_resolution)
         throw Error(ExitCode::usage, "--cell-size and --resolution exclude each other");
     if (solvers_of(o).front() == find_solver("lpv") && o.tolerance && *o.tolerance < 1e-7)
@@ -454,12 +454,8 @@ void run(const BakeOptions& o) {
     fill_metadata(o, scene, settings_of(o), baked.volume);
 
     const Clock::time_point writing = Clock::now();
-    std::vector<Written> written;
-    progress.begin("write", o.outputs.paths.size());
-    for (const std::string& output : o.outputs.paths) {
-        progress.advance(written.size());
-        written.push_back(write_output(o.outputs, output, baked.volume, progress));
-    }
+    const std::vector<Written> written =
+        write_outputs(o.outputs, o.outputs.paths, baked.volume, progress);
     stages.push_back({"write", seconds_since(writing), counted(written.size(), "output")});
     device->check_validation();
     progress.clear();
@@ -477,9 +473,7 @@ void add_bake(CLI::App& root, Action& action) {
 
     OptionList list(*app);
     list.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb");
-    list.list("-o,--output", o.outputs.paths, "FILE",
-              "Volume to write: NAME.vdb, or NAME.exr, which becomes\nNAME_sh_l0.exr, ... and "
-              "NAME.json; may be repeated");
+    list.list("-o,--output", o.outputs.paths, "FILE", outputs_help().c_str());
     CLI::Option* resolution = add_grid_options(list, o);
     add_light_options(list, o);
 

@@ -86,7 +86,8 @@ void run(const ConvertOptions& o) {
     namespace fs = std::filesystem;
     for (const std::string& path : o.outputs.paths) {
         if (!volume_format(path))
-            throw Error(ExitCode::usage, path + ": unknown kind of volume file; use .vdb or .exr");
+            throw Error(ExitCode::usage,
+                        path + ": unknown kind of volume file; use " + format_list());
         std::error_code none;
         if (fs::weakly_canonical(path, none) == fs::weakly_canonical(o.file, none))
             throw Error(ExitCode::usage, path + ": is what is read; give another name");
@@ -99,9 +100,8 @@ void run(const ConvertOptions& o) {
         volume.metadata["dilate"] = std::to_string(o.dilate);
     }
     TerminalProgress progress(ProgressStyle::none);
-    std::vector<Written> written;
-    for (const std::string& path : o.outputs.paths)
-        written.push_back(write_output(o.outputs, path, volume, progress));
+    const std::vector<Written> written =
+        write_outputs(o.outputs, o.outputs.paths, volume, progress);
     if (o.format == "json") {
         Json document{{"command", "convert"},           {"file", o.file},
                       {"grid", grid_json(volume.grid)}, {"sh_order", volume.sh_order},
@@ -123,8 +123,10 @@ void add_convert(CLI::App& root, Action& action) {
     CLI::App* app = root.add_subcommand("convert", summary);
     app->footer(manual);
     OptionList list(*app);
-    list.text("file", options->file, "IN", "Volume: .vdb, .exr or .json")->required();
-    list.text("output", options->outputs.paths, "OUT", "Volumes to write: .vdb or .exr")
+    list.text("file", options->file, "IN", ("Volume: " + format_list(" or ", true)).c_str())
+        ->required();
+    list.text("output", options->outputs.paths, "OUT",
+              ("Volumes to write: " + format_list()).c_str())
         ->required();
     list.number("--sh-order", options->sh_order, 0, 4,
                 "Highest band to keep; default: the volume's");

@@ -4,7 +4,6 @@
 #include "commands.h"
 #include "error.h"
 #include "io/io.h"
-#include "io/layout.h"
 #include "io/slice.h"
 #include "result.h"
 #include "slice_option.h"
@@ -110,7 +109,8 @@ CLI::Validator fraction() {
 /// One name for a volume's files: that of a flipbook's sidecar for any of its own.
 fs::path identity(const std::string& path) {
     fs::path name = fs::weakly_canonical(fs::absolute(path));
-    return has_extension(path, ".exr") ? name.replace_extension(".json") : name;
+    const VolumeFormat* format = volume_format(path);
+    return format && format->sidecar[0] ? name.replace_extension(format->sidecar) : name;
 }
 
 /// All that can be known to be wrong before the volumes are read.
@@ -121,8 +121,8 @@ void check_options(const DiffOptions& o) {
         const bool png = has_extension(output, ".png");
         picture = picture || png;
         if (!png && !volume_format(output))
-            throw Error(ExitCode::usage,
-                        output + ": the name of an output ends in .vdb, .exr or .png");
+            throw Error(ExitCode::usage, output + ": the name of an output ends in "
+                                             + format_list(", ") + " or .png");
         for (const std::string& input : {o.a, o.b})
             if (identity(output) == identity(input))
                 throw Error(ExitCode::usage, output + ": would replace the input " + input);
@@ -181,7 +181,8 @@ void write_outputs(const DiffOptions& o, const Volume& a, const Volume& b,
         volume.metadata = {{"content", "difference of two volumes"},
                            {"minuend", base(o.a)},
                            {"subtrahend", base(o.b)}};
-        for (const std::string& warning : write_volume(output, volume, Precision::full).warnings)
+        for (const std::string& warning :
+             write_volume(output, std::move(volume), Precision::full).warnings)
             std::fprintf(stderr, "lpvbake: warning: %s\n", warning.c_str());
     }
 }
@@ -209,49 +210,6 @@ MetadataDifference metadata_difference(const Volume& a, const Volume& b) {
         if (!a.metadata.contains(key))
             result.only_b[key] = value;
     return result;
-}
-
-std::vector<std::string> grid_names(const Volume& volume) {
-    std::vector<std::string> names;
-    for (std::size_t k = 0; k < volume.sh.size(); ++k)
-        names.push_back(std::string("sh_") + coefficient_name(int(k)));
-    for (std::size_t k = 0; k < volume.occlusion.size(); ++k)
-        names.push_back(std::string("occlusion_") + coefficient_name(int(k)));
-    if (!volume.validity.empty())
-        names.push_back("validity");
-    for (std::size_t k = 0; k < volume.walls.size(); ++k)
-        names.push_back(wall_name(int(k)));
-    return names;
-}
-
-/// The names of `volume`'s grids that `other` lacks.
-std::vector<std::string> grids_missing(const Volume& volume, const Volume& other) {
-    const std::vector<std::string> there = grid_names(other);
-    std::vector<std::string> names = grid_names(volume);
-    std::erase_if(names, [&](const std::string& name) {
-        return std::ranges::find(there, name) != there.end();
-    });
-    return names;
-}
-
-struct NamedDifference {
-    std::string name;
-    GridDifference grid;
-    bool rgb = false;
-};
-
-std::vector<NamedDifference> named_differences(const Comparison& comparison) {
-    std::vector<NamedDifference> named;
-    for (std::size_t k = 0; k < comparison.sh.size(); ++k)
-        named.push_back({std::string("sh_") + coefficient_name(int(k)), comparison.sh[k], true});
-    for (std::size_t k = 0; k < comparison.occlusion.size(); ++k)
-        named.push_back(
-            {std::string("occlusion_") + coefficient_name(int(k)), comparison.occlusion[k], false});
-    if (comparison.validity)
-        named.push_back({"validity", *comparison.validity, false});
-    for (std::size_t k = 0; k < comparison.walls.size(); ++k)
-        named.push_back({wall_name(int(k)), comparison.walls[k], true});
-    return named;
 }
 
 /// Everything that the two forms of the result say.
@@ -282,9 +240,8 @@ Json to_json(const Threshold& threshold, uint64_t exceeding) {
             {"exceeding", exceeding}};
 }
 
-const char* channel_name(int channel) {
-    static const char* const names[] = {"r", "g", "b"};
-    return names[channel];
+std::string channel_name(int channel, const GridKind& kind = light_kind()) {
+    return kind.width() == 1 ? "" : std::string(1, kind.channels[channel]);
 }
 
 Json json_of(const DiffResult& result) {
@@ -318,8 +275,8 @@ Json json_of(const DiffResult& result) {
                   {"warn", to_json(o.warn, c.exceeding[1])},
                   {"worst", Json::array()},
                   {"grids", Json::array()},
-                  {"only_a", grids_missing(result.a, result.b)},
-                  {"only_b", grids_missing(result.b, result.a)},
+                  {"only_a", c.only_a},
+                  {"only_b", c.only_b},
                   {"metadata",
                    {{"only_a", result.metadata.only_a},
                     {"only_b", result.metadata.only_b},
@@ -334,8 +291,9 @@ Json json_of(const DiffResult& result) {
                                      {"a", sample.a},
                                      {"b", sample.b},
                                      {"difference", sample.difference}});
-    for (const auto& [name, of_grid, rgb] : named_differences(c)) {
-        Json entry{{"name", name},
+    for (const GridDifference& of_grid : c.grids) {
+        const std::string channel = channel_name(of_grid.channel, *of_grid.kind);
+        Json entry{{"name", of_grid.name},
                    {"cells", of_grid.cells},
                    {"cells_valid_both", of_grid.cells_valid_both},
                    {"max_abs", of_grid.max_abs},
@@ -343,12 +301,11 @@ Json json_of(const DiffResult& result) {
                    {"relative", of_grid.relative},
                    {"worst", nullptr}};
         if (of_grid.cells > 0)
-            entry["worst"] = {
-                {"cell", to_json(of_grid.cell)},
-                {"position", to_json(grid.center(of_grid.cell))},
-                {"channel", rgb ? Json(channel_name(of_grid.channel)) : Json(nullptr)},
-                {"a", of_grid.a},
-                {"b", of_grid.b}};
+            entry["worst"] = {{"cell", to_json(of_grid.cell)},
+                              {"position", to_json(grid.center(of_grid.cell))},
+                              {"channel", channel.empty() ? Json(nullptr) : Json(channel)},
+                              {"a", of_grid.a},
+                              {"b", of_grid.b}};
         document["grids"].push_back(entry);
     }
     if (!o.slice.empty())
@@ -421,24 +378,27 @@ void print_text(const DiffResult& result) {
         std::printf("  (%d, %d, %d) at (%.6g, %.6g, %.6g) m, normal (%.2g, %.2g, %.2g), %s: "
                     "A %.6g lx, B %.6g lx, %.4g %%\n",
                     sample.cell.x, sample.cell.y, sample.cell.z, p.x, p.y, p.z, n.x, n.y, n.z,
-                    channel_name(sample.channel), sample.a, sample.b, 100 * sample.difference);
+                    channel_name(sample.channel).c_str(), sample.a, sample.b,
+                    100 * sample.difference);
     }
-    for (const auto& [name, of_grid, rgb] : named_differences(c)) {
+    for (const GridDifference& of_grid : c.grids) {
+        const std::string channel = channel_name(of_grid.channel, *of_grid.kind);
         if (of_grid.cells == 0) {
-            std::printf("%-14s  same\n", name.c_str());
+            std::printf("%-14s  same\n", of_grid.name.c_str());
             continue;
         }
         const glm::dvec3 p = grid.center(of_grid.cell);
         std::printf("%-14s  max %.4g, RMS %.4g (%.4g %%); %llu cells, %llu of them valid in both\n",
-                    name.c_str(), of_grid.max_abs, of_grid.rms, 100 * of_grid.relative,
+                    of_grid.name.c_str(), of_grid.max_abs, of_grid.rms, 100 * of_grid.relative,
                     number(of_grid.cells), number(of_grid.cells_valid_both));
         std::printf("  max in (%d, %d, %d) at (%.6g, %.6g, %.6g) m%s%s: A %.9g, B %.9g\n",
-                    of_grid.cell.x, of_grid.cell.y, of_grid.cell.z, p.x, p.y, p.z, rgb ? ", " : "",
-                    rgb ? channel_name(of_grid.channel) : "", double(of_grid.a), double(of_grid.b));
+                    of_grid.cell.x, of_grid.cell.y, of_grid.cell.z, p.x, p.y, p.z,
+                    channel.empty() ? "" : ", ", channel.c_str(), double(of_grid.a),
+                    double(of_grid.b));
     }
-    for (const std::string& name : grids_missing(result.a, result.b))
+    for (const std::string& name : c.only_a)
         std::printf("%-14s  only in A\n", name.c_str());
-    for (const std::string& name : grids_missing(result.b, result.a))
+    for (const std::string& name : c.only_b)
         std::printf("%-14s  only in B\n", name.c_str());
     const MetadataDifference& metadata = result.metadata;
     std::printf("metadata   %s\n", metadata.any() ? "different" : "same");
@@ -490,12 +450,12 @@ std::optional<std::string> failure(const DiffResult& result) {
     const auto list = [&](const std::string& name, const char* where) {
         grids += (grids.empty() ? "" : ", ") + name + where;
     };
-    for (const auto& [name, grid, rgb] : named_differences(result.comparison))
+    for (const GridDifference& grid : result.comparison.grids)
         if (grid.cells > 0)
-            list(name, "");
-    for (const std::string& name : grids_missing(result.a, result.b))
+            list(grid.name, "");
+    for (const std::string& name : result.comparison.only_a)
         list(name, " (only in A)");
-    for (const std::string& name : grids_missing(result.b, result.a))
+    for (const std::string& name : result.comparison.only_b)
         list(name, " (only in B)");
     return " in " + grids;
 }
@@ -568,8 +528,9 @@ void add_diff(CLI::App& root, Action& action) {
 
     list.group("Output");
     list.list("-o,--output", o.outputs, "FILE",
-              "Volume of A - B (.vdb, .exr) or picture of a slice (.png)\n"
-              "to write; may be repeated");
+              ("Volume of A - B (" + format_list(", ")
+               + ") or picture of a slice (.png)\nto write; may be repeated")
+                  .c_str());
     list.text("--slice", o.slice, "AXIS=INDEX",
               "Layer of cells to draw, such as z=16; needs -o FILE.png");
     limit("--slice-max", o.slice_max,

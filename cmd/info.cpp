@@ -4,8 +4,8 @@
 #include "error.h"
 #include "image/image.h"
 #include "io/io.h"
-#include "io/layout.h"
 #include "io/slice.h"
+#include "result.h"
 #include "scene/gltf/load.h"
 #include "scene_options.h"
 #include "slice_option.h"
@@ -13,21 +13,14 @@
 #include "text.h"
 
 #include <CLI/CLI.hpp>
-#include <nlohmann/json.hpp>
 
 #include <algorithm>
-#include <cctype>
 #include <cstdio>
-#include <filesystem>
-#include <iostream>
-#include <limits>
 #include <memory>
 #include <optional>
 
 namespace lpvbake {
 namespace {
-
-using Json = nlohmann::ordered_json;
 
 const char summary[] = "Tells what a scene or a volume file holds.";
 
@@ -64,10 +57,6 @@ struct InfoOptions {
 
 Json to_json(glm::dvec3 v) {
     return {v.x, v.y, v.z};
-}
-
-void print_json(const Json& document) {
-    std::cout << document.dump(2, ' ', false, Json::error_handler_t::replace) << '\n';
 }
 
 // ---------------------------------------------------------------- scenes
@@ -232,45 +221,15 @@ void print_scene(const InfoOptions& o, const Scene& scene) {
 
 // ---------------------------------------------------------------- volumes
 
-/// Range of one grid, a channel at a time.
-struct Range {
+struct NamedRange {
     std::string name;
-    std::vector<double> min, max, mean;
-    std::size_t nonzero = 0; ///< cells with a channel other than 0
+    GridRange range;
 };
 
-/// `values` holds `channels` numbers a cell.
-Range range_of(std::string name, const float* values, std::size_t cells, std::size_t channels) {
-    constexpr double infinity = std::numeric_limits<double>::infinity();
-    Range range{std::move(name), std::vector(channels, infinity), std::vector(channels, -infinity),
-                std::vector(channels, 0.0)};
-    for (std::size_t cell = 0; cell < cells; ++cell) {
-        bool any = false;
-        for (std::size_t c = 0; c < channels; ++c) {
-            const double value = values[cell * channels + c];
-            range.min[c] = std::min(range.min[c], value);
-            range.max[c] = std::max(range.max[c], value);
-            range.mean[c] += value / double(cells);
-            any = any || value != 0;
-        }
-        range.nonzero += any;
-    }
-    return range;
-}
-
-std::vector<Range> ranges_of(const Volume& volume) {
-    std::vector<Range> ranges;
-    for (std::size_t k = 0; k < volume.sh.size(); ++k)
-        ranges.push_back(range_of(std::string("sh_") + coefficient_name(int(k)),
-                                  &volume.sh[k].data()->x, volume.sh[k].size(), 3));
-    for (std::size_t k = 0; k < volume.occlusion.size(); ++k)
-        ranges.push_back(range_of(std::string("occlusion_") + coefficient_name(int(k)),
-                                  volume.occlusion[k].data(), volume.occlusion[k].size(), 1));
-    if (!volume.validity.empty())
-        ranges.push_back(range_of("validity", volume.validity.data(), volume.validity.size(), 1));
-    for (std::size_t k = 0; k < volume.walls.size(); ++k)
-        ranges.push_back(
-            range_of(wall_name(int(k)), &volume.walls[k].data()->x, volume.walls[k].size(), 3));
+std::vector<NamedRange> ranges_of(const Volume& volume) {
+    std::vector<NamedRange> ranges;
+    for (const ConstGridView& grid : grids_of(volume))
+        ranges.push_back({grid.name(), range_of(grid)});
     return ranges;
 }
 
@@ -286,24 +245,20 @@ std::string channels_text(const std::vector<double>& values) {
 
 void print_volume(const InfoOptions& o, const Volume& volume) {
     const Grid& grid = volume.grid;
-    const std::vector<Range> ranges = ranges_of(volume);
+    const std::vector<NamedRange> ranges = ranges_of(volume);
     const double energy = total_energy(volume);
     if (o.format == "json") {
         Json document{{"command", "info"},
                       {"file", o.file},
                       {"kind", "volume"},
-                      {"grid",
-                       {{"dims", {grid.dims.x, grid.dims.y, grid.dims.z}},
-                        {"cell", grid.cell},
-                        {"origin", to_json(grid.origin)},
-                        {"cells", grid.size()}}},
+                      {"grid", grid_json(grid)},
                       {"sh_order", volume.sh_order},
                       {"grids", Json::array()},
                       {"energy", energy},
                       {"metadata", volume.metadata},
                       {"slice", o.output.empty() ? Json(nullptr) : Json(o.output)}};
-        for (const Range& range : ranges)
-            document["grids"].push_back({{"name", range.name},
+        for (const auto& [name, range] : ranges)
+            document["grids"].push_back({{"name", name},
                                          {"channels", range.min.size()},
                                          {"min", range.min},
                                          {"max", range.max},
@@ -319,8 +274,8 @@ void print_volume(const InfoOptions& o, const Volume& volume) {
                 grid.center({0, 0, 0}).x, grid.center({0, 0, 0}).y, grid.center({0, 0, 0}).z,
                 grid.cell);
     std::printf("energy     %.6g nit sr over all cells (luminance)\n", energy);
-    for (const Range& range : ranges) {
-        std::printf("%-14s  %5.1f %% of cells not zero\n", range.name.c_str(),
+    for (const auto& [name, range] : ranges) {
+        std::printf("%-14s  %5.1f %% of cells not zero\n", name.c_str(),
                     100.0 * double(range.nonzero) / double(grid.size()));
         std::printf("  min  %s\n", channels_text(range.min).c_str());
         std::printf("  max  %s\n", channels_text(range.max).c_str());
@@ -343,12 +298,9 @@ void draw_slice(const InfoOptions& o, const Volume& volume) {
 void run(const InfoOptions& o) {
     if (o.slice.empty() != o.output.empty())
         throw Error(ExitCode::usage, "--slice and -o belong together: --slice z=16 -o slice.png");
-    if (!o.output.empty() && !o.output.ends_with(".png"))
+    if (!o.output.empty() && !has_extension(o.output, ".png"))
         throw Error(ExitCode::usage, o.output + ": the name of a picture ends in .png");
-    std::string extension = std::filesystem::path(o.file).extension().string();
-    for (char& c : extension)
-        c = char(std::tolower(static_cast<unsigned char>(c)));
-    if (extension == ".gltf" || extension == ".glb") {
+    if (has_extension(o.file, ".gltf") || has_extension(o.file, ".glb")) {
         if (!o.slice.empty())
             throw Error(ExitCode::usage, "--slice: " + o.file + " is a scene, not a volume");
         ImageModulePreload preload;
@@ -362,15 +314,14 @@ void run(const InfoOptions& o) {
         for (const std::string& warning : scene.warnings)
             std::fprintf(stderr, "lpvbake: warning: %s\n", warning.c_str());
         print_scene(o, scene);
-    } else if (extension == ".vdb" || extension == ".exr" || extension == ".json") {
+    } else if (readable_format(o.file)) {
         const Volume volume = read_volume(o.file);
         if (!o.slice.empty())
             draw_slice(o, volume);
         print_volume(o, volume);
     } else {
-        throw Error(ExitCode::usage, o.file
-                                         + ": neither a scene (.gltf, .glb) nor a volume (.vdb, "
-                                           ".exr, .json)");
+        throw Error(ExitCode::usage, o.file + ": neither a scene (.gltf, .glb) nor a volume ("
+                                         + format_list(", ", true) + ")");
     }
 }
 

@@ -114,7 +114,7 @@ std::vector<std::string> all_outputs(const ReferenceOptions& o) {
 void check_options(const ReferenceOptions& o, bool cell_and_resolution) {
     check_paths("reference", o, all_outputs(o));
     if (o.outputs.paths.empty())
-        throw Error(ExitCode::usage, "no output: add -o FILE.vdb or -o FILE.exr");
+        throw Error(ExitCode::usage, "no output: add -o FILE" + format_list(" or -o FILE"));
     if (cell_and_resolution)
         throw Error(ExitCode::usage, "--cell-size and --resolution exclude each other");
 }
@@ -205,12 +205,11 @@ void run(const ReferenceOptions& o) {
     const std::vector<Setting> used = settings_of(o);
     fill_metadata(o, scene, used, reference.volume);
     fill_metadata(o, scene, used, reference.error);
-    std::vector<Written> written;
-    progress.begin("write", 0);
-    for (const std::string& output : o.outputs.paths)
-        written.push_back(write_output(o.outputs, output, reference.volume, progress));
+    std::vector<Written> written =
+        write_outputs(o.outputs, o.outputs.paths, reference.volume, progress);
     if (!o.error_output.empty())
-        written.push_back(write_output(o.outputs, o.error_output, reference.error, progress));
+        std::ranges::move(write_outputs(o.outputs, {o.error_output}, reference.error, progress),
+                          std::back_inserter(written));
     stages.push_back({"write", seconds_since(writing)});
     progress.clear();
     print_result(o, scene, reference, stages, written, seconds_since(begin), progress.warnings());
@@ -226,11 +225,9 @@ void add_reference(CLI::App& root, Action& action) {
 
     OptionList list(*app);
     list.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb");
-    list.list("-o,--output", o.outputs.paths, "FILE",
-              "Volume to write: NAME.vdb, or NAME.exr, which becomes\nNAME_sh_l0.exr, ... and "
-              "NAME.json; may be repeated");
+    list.list("-o,--output", o.outputs.paths, "FILE", outputs_help().c_str());
     list.text("-e,--error-output", o.error_output, "FILE",
-              "Volume of the standard errors to write, .vdb or .exr");
+              ("Volume of the standard errors to write, " + format_list()).c_str());
     CLI::Option* resolution = add_grid_options(list, o);
     add_light_options(list, o);
 

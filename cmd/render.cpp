@@ -331,7 +331,7 @@ void check_options(const RenderOptions& o) {
 // ---------------------------------------------------------------- what is drawn
 
 Volume read(const std::string& path) {
-    Volume volume = has_extension(path, ".json") ? read_exr(path) : read_volume(path);
+    Volume volume = read_volume(path);
     const auto content = volume.metadata.find("content");
     if (volume.metadata.contains("quantity")
         || (content != volume.metadata.end() && content->second.starts_with("difference")))
@@ -637,7 +637,8 @@ void add_render(CLI::App& root, Action& action) {
 
     OptionList list(*app);
     list.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb");
-    list.text("volume", o.volume, "VOLUME", "Volume of bake or reference, .vdb or .exr");
+    list.text("volume", o.volume, "VOLUME",
+              ("Volume of bake or reference, " + format_list()).c_str());
     list.list("-o,--output", o.outputs, "FILE", "Picture to write, .png or .exr; may be repeated");
     add_light_options(list, o);
 

@@ -322,15 +322,17 @@ void check_paths(const char* command, const SceneOptions& scene,
     std::vector<fs::path> names;
     for (const std::string& output : outputs) {
         if (!volume_format(output))
-            throw Error(ExitCode::usage, output + ": the name of an output ends in .vdb or .exr");
+            throw Error(ExitCode::usage,
+                        output + ": the name of an output ends in " + format_list());
         const fs::path name = fs::weakly_canonical(fs::absolute(output));
         for (const fs::path& other : names)
             if (other == name)
                 throw Error(ExitCode::usage, output + ": given twice as an output");
         names.push_back(name);
         for (const std::string& lights : scene.light_files)
-            if (has_extension(output, ".exr")
-                && fs::path(name).replace_extension(".json")
+            if (const std::string sidecar = volume_format(output)->sidecar;
+                !sidecar.empty()
+                && fs::path(name).replace_extension(sidecar)
                        == fs::weakly_canonical(fs::absolute(lights)))
                 throw Error(ExitCode::usage,
                             output + ": its sidecar would replace the light file " + lights);
@@ -409,12 +411,30 @@ void append_output_settings(const OutputOptions& o, std::vector<Setting>& settin
     settings.push_back({"exr-columns", std::to_string(o.exr_columns), false});
 }
 
-Written write_output(const OutputOptions& o, const std::string& path, const Volume& volume,
-                     TerminalProgress& progress) {
-    const WriteReport report = write_for(storage_of(o), path, volume);
-    for (const std::string& warning : report.warnings)
-        progress.warn(warning);
-    return {path, report.files};
+std::string outputs_help() {
+    std::string text = "Volume to write: ";
+    for (const VolumeFormat* format : volume_formats())
+        text += (format == volume_formats().front() ? "" : ", or ") + std::string(format->help);
+    return text + "; may be repeated";
+}
+
+std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std::string>& paths,
+                                   Volume& volume, TerminalProgress& progress) {
+    const Target storage = storage_of(o);
+    Volume whole = std::move(volume);
+    volume.metadata = whole.metadata; // lattice and order are no more than copied
+    std::vector<Written> written;
+    progress.begin("write", paths.size());
+    for (const std::string& path : paths) {
+        progress.advance(written.size());
+        const WriteReport report = &path == &paths.back()
+                                       ? write_for(storage, path, std::move(whole))
+                                       : write_for(storage, path, whole);
+        for (const std::string& warning : report.warnings)
+            progress.warn(warning);
+        written.push_back({path, report.files});
+    }
+    return written;
 }
 
 Json Written::json() const {

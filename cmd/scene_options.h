@@ -131,9 +131,13 @@ void probe_scene(const SceneOptions& o);
 void fill_metadata(const SceneOptions& o, const Scene& scene, const std::vector<Setting>& settings,
                    Volume& volume);
 
-/// Writes one volume and tells of warnings.
-Written write_output(const OutputOptions& o, const std::string& path, const Volume& volume,
-                     TerminalProgress& progress);
+/// What -o writes, for help.
+std::string outputs_help();
+
+/// Writes a volume to all paths, one after the other, and tells of warnings. Its grids are gone
+/// then; lattice, order and metadata stay.
+std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std::string>& paths,
+                                   Volume& volume, TerminalProgress& progress);
 
 /// Bounds the process's threads while the result lives; 0: one a core, null. Before any thread
 /// starts that would read the environment.

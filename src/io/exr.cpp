@@ -6,6 +6,7 @@
 #include "volume/sh.h"
 
 #include <nlohmann/json.hpp>
+#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -44,7 +45,7 @@ std::string sidecar_of(const std::string& path) {
     return beside().string();
 }
 
-constexpr const char* packing_names[] = {"band", "channel", "vrc", "cube", "atlas"};
+constexpr const char* names_of_packings[] = {"band", "channel", "vrc", "cube", "atlas"};
 
 // ---- layout ----
 
@@ -142,62 +143,67 @@ struct Texture {
     std::string suffix; ///< of the file's name: STEM_suffix.exr
     /// What the channels hold, block by block, all of as many channels.
     std::vector<std::vector<Component>> blocks;
+    const GridKind* kind = &light_kind();
 };
 
-/// The three scalars of a grid.
-std::vector<Component> components(const std::string& name, const std::vector<glm::vec3>& grid,
-                                  const char* letters = "rgb") {
+/// The scalars of a grid.
+std::vector<Component> components(const ConstGridView& grid) {
     std::vector<Component> all;
-    for (int c = 0; c < 3; ++c)
-        all.push_back({name + "." + letters[c], &grid[0].x + c, 3});
+    for (int c = 0; c < grid.kind->width(); ++c)
+        all.push_back({grid.channel_name(c), grid.data + c, size_t(grid.kind->width())});
     return all;
 }
 
-std::vector<Component> colours(const Volume& volume, size_t k) {
-    return components(std::string("sh_") + coefficient_name(int(k)), volume.sh[k]);
-}
-
-std::vector<Component> wall_axes(const Volume& volume, size_t k) {
-    return components(wall_name(int(k)), volume.walls[k], "xyz");
-}
-
-/// Irradiance over pi of each cell towards +x, -x, +y, ...; `volume` is canonical.
-std::vector<std::vector<glm::vec3>> ambient_cube(const Volume& volume) {
-    std::vector<std::vector<glm::vec3>> sides(6, std::vector<glm::vec3>(volume.grid.size()));
-    tbb::parallel_for(size_t(0), sides.size(), [&](size_t side) {
-        glm::vec3 normal(0.0f);
-        normal[int(side / 2)] = side % 2 == 0 ? 1.0f : -1.0f;
+/// Irradiance over pi of each cell towards a side of a cube, +x, -x, +y, ...; `volume` is
+/// canonical.
+std::vector<glm::vec3> cube_side(const Volume& volume, size_t side) {
+    std::vector<glm::vec3> values(volume.grid.size());
+    glm::vec3 normal(0.0f);
+    normal[int(side / 2)] = side % 2 == 0 ? 1.0f : -1.0f;
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, values.size()), [&](const auto& range) {
         std::vector<float> coefficients(volume.sh.size());
-        for (size_t cell = 0; cell < volume.grid.size(); ++cell)
+        for (size_t cell = range.begin(); cell < range.end(); ++cell)
             for (int c = 0; c < 3; ++c) {
                 for (size_t k = 0; k < coefficients.size(); ++k)
                     coefficients[k] = volume.sh[k][cell][c];
-                sides[side][cell][c] =
+                values[cell][c] =
                     std::max(0.0f, sh_irradiance(coefficients, normal)) / std::numbers::pi_v<float>;
             }
     });
-    return sides;
+    return values;
 }
 
-std::vector<Texture> cube_textures(const std::vector<std::vector<glm::vec3>>& sides) {
-    constexpr const char* names[] = {"cube_px", "cube_nx", "cube_py",
-                                     "cube_ny", "cube_pz", "cube_nz"};
+/// Names alone: see cube_picture.
+Texture cube_texture() {
     Texture cube{"cube", {}};
-    for (size_t side = 0; side < 6; ++side)
-        cube.blocks.push_back(components(names[side], sides[side]));
-    return {cube};
+    for (const char* side : {"px", "nx", "py", "ny", "pz", "nz"}) {
+        cube.blocks.emplace_back();
+        for (const char colour : {'r', 'g', 'b'})
+            cube.blocks.back().push_back({std::string("cube_") + side + "." + colour});
+    }
+    return cube;
+}
+
+/// How many of these share a picture, of one, three or four channels: those of one kind.
+size_t grids_in_picture(std::span<const ConstGridView> grids) {
+    size_t left = 1;
+    while (left < grids.size() && grids[left].kind == grids[0].kind)
+        ++left;
+    return grids[0].kind->width() == 3 || left < 3 ? 1 : std::min<size_t>(left, 4);
 }
 
 std::vector<Texture> textures_of(const Volume& volume, Packing packing, ShConvention convention) {
+    if (packing == Packing::cube)
+        return {cube_texture()};
+    const std::vector<ConstGridView> light = grids_of(volume, light_kind());
+    const auto colours = [&](size_t k) { return components(light[k]); };
     std::vector<Texture> textures;
-    const auto add_band = [&](size_t k) {
-        textures.push_back({std::string("sh_") + coefficient_name(int(k)), {colours(volume, k)}});
-    };
+    const auto add_band = [&](size_t k) { textures.push_back({light[k].name(), {colours(k)}}); };
     const auto add_channels = [&](const char* suffix, std::array<size_t, 4> order) {
         for (int c = 0; c < 3; ++c) {
             textures.push_back({"rgb"[c] + std::string(suffix), {{}}});
             for (const size_t k : order)
-                textures.back().blocks[0].push_back(colours(volume, k)[size_t(c)]);
+                textures.back().blocks[0].push_back(colours(k)[size_t(c)]);
         }
     };
     if (packing == Packing::vrc) {
@@ -205,7 +211,7 @@ std::vector<Texture> textures_of(const Volume& volume, Packing packing, ShConven
         for (int file = 0; file < 3; ++file) {
             add_band(bands[file]);
             textures.back().suffix = std::to_string(file);
-            textures.back().blocks[0].push_back(colours(volume, z)[size_t(file)]);
+            textures.back().blocks[0].push_back(colours(z)[size_t(file)]);
         }
         return textures;
     }
@@ -215,7 +221,7 @@ std::vector<Texture> textures_of(const Volume& volume, Packing packing, ShConven
             if (i % 4 == 0)
                 textures[0].blocks.emplace_back();
             const size_t k = i / 3;
-            textures[0].blocks.back().push_back(k < volume.sh.size() ? colours(volume, k)[i % 3]
+            textures[0].blocks.back().push_back(k < volume.sh.size() ? colours(k)[i % 3]
                                                                      : Component{});
         }
         return textures;
@@ -231,17 +237,17 @@ std::vector<Texture> textures_of(const Volume& volume, Packing packing, ShConven
             add_band(8);
         }
     }
-    if (!volume.occlusion.empty()) {
-        Texture texture{"occlusion", {{}}};
-        for (size_t k = 0; k < 4; ++k)
-            texture.blocks[0].push_back({std::string("occlusion_") + coefficient_name(int(k)),
-                                         volume.occlusion[k].data(), 1});
-        textures.push_back(texture);
+    const std::vector<ConstGridView> grids = grids_of(volume);
+    for (size_t g = light.size(), count; g < grids.size(); g += count) {
+        const ConstGridView& first = grids[g];
+        count = grids_in_picture(std::span(grids).subspan(g));
+        const bool whole = first.k == 0 && count > 1;
+        Texture& texture = textures.emplace_back(
+            Texture{whole ? first.kind->name : first.name(), {{}}, first.kind});
+        for (size_t i = 0; i < count; ++i)
+            for (const Component& component : components(grids[g + i]))
+                texture.blocks[0].push_back(component);
     }
-    if (!volume.validity.empty())
-        textures.push_back({"validity", {{{"validity", volume.validity.data(), 1}}}});
-    for (size_t k = 0; k < volume.walls.size(); ++k)
-        textures.push_back({wall_name(int(k)), {wall_axes(volume, k)}});
     return textures;
 }
 
@@ -256,6 +262,21 @@ Pixels picture_of(const Texture& texture, glm::ivec3 cells, const Stack& stack,
             if (const Component& from = texture.blocks[size_t(block)][c]; from.first)
                 pixels.samples[texel * n + c] = from.first[cell * from.stride];
     });
+    return pixels;
+}
+
+Pixels cube_picture(const Volume& volume, const Stack& stack, const Layout& layout) {
+    const glm::ivec3 dims = stack.dims(volume.grid.dims);
+    Pixels pixels{layout.columns * dims.x, layout.rows * dims.y, 3, {}};
+    pixels.samples.resize(size_t(pixels.width) * size_t(pixels.height) * 3);
+    for (int side = 0; side < stack.blocks; ++side) {
+        const std::vector<glm::vec3> values = cube_side(volume, size_t(side));
+        stack.for_each_texel(volume.grid.dims, layout,
+                             [&](size_t texel, int block, size_t cell, bool) {
+                                 if (block == side)
+                                     std::copy_n(&values[cell].x, 3, &pixels.samples[texel * 3]);
+                             });
+    }
     return pixels;
 }
 
@@ -289,6 +310,91 @@ void check_packing(const Volume& volume, Packing packing, ShConvention conventio
     }
 }
 
+// ---- what is said of the pictures ----
+
+using Header = std::map<std::string, std::string>;
+
+Json metadata_of(const Volume& volume) {
+    Json metadata = volume.metadata;
+    if (!metadata.contains("tool"))
+        metadata["tool"] = "lpvbake " LPVBAKE_VERSION;
+    return metadata;
+}
+
+/// The sidecar up to the list of files, which is empty.
+Json sidecar(const Stored& stored, Packing packing, const Stack& stack, const Layout& layout,
+             Precision precision) {
+    const Grid& grid = stored.volume().grid;
+    const glm::ivec3 dims = grid.dims, texture_dims = stack.dims(dims);
+    Json json = {
+        {"format", format_name},
+        {"version", format_version},
+        {"grid",
+         {{"dims", {dims.x, dims.y, dims.z}},
+          {"origin", {grid.origin.x, grid.origin.y, grid.origin.z}},
+          {"cell", grid.cell}}},
+        {"layout",
+         {{"columns", layout.columns},
+          {"rows", layout.rows},
+          {"tile", {texture_dims.x, texture_dims.y}},
+          {"slices", texture_dims.z}}},
+        {"packing", name_of(packing)},
+        {"precision", precision == Precision::half ? "half" : "float"},
+        {"sh_order", stored.volume().sh_order},
+    };
+    if (stack.padding > 0)
+        json["layout"]["padding"] = stack.padding;
+    for (const auto& [key, value] : field_facts(stored.encoding()))
+        json[key] = value;
+    if (packing == Packing::cube)
+        json["convention"] = "ambient cube";
+    json["files"] = Json::array();
+    return json;
+}
+
+/// What the headers of all pictures repeat of the metadata and the sidecar.
+Header common_header(const Stored& stored, const Json& json) {
+    Header header;
+    const Json metadata = metadata_of(stored.volume());
+    for (const auto& [key, value] : metadata.items())
+        header["lpv:" + key] = value.get<std::string>();
+    for (const auto& fact : field_facts(stored.encoding()))
+        header["lpv:" + fact.first] = json[fact.first].get<std::string>();
+    header["lpv:grid_dims"] = json["grid"]["dims"].dump();
+    header["lpv:grid_origin"] = json["grid"]["origin"].dump();
+    header["lpv:cell_size"] = json["grid"]["cell"].dump();
+    header["lpv:sh_order"] = json["sh_order"].dump();
+    header["lpv:columns"] = json["layout"]["columns"].dump();
+    header["lpv:rows"] = json["layout"]["rows"].dump();
+    return header;
+}
+
+Quantity quantity_in(const Texture& texture, Packing packing, const Stored& stored) {
+    if (packing == Packing::cube)
+        return {"irradiance / pi", "lx"};
+    return quantity_of(*texture.kind, stored.encoding().convention);
+}
+
+/// Adds to a picture's header, and fills its entry of the sidecar.
+void describe(const Texture& texture, const Quantity& quantity, const std::string& path,
+              Header& header, Json& entry) {
+    Json blocks = Json::array();
+    for (const std::vector<Component>& block : texture.blocks) {
+        blocks.push_back(Json::array());
+        for (const Component& channel : block)
+            blocks.back().push_back(channel.name);
+    }
+    const bool single = blocks.size() == 1;
+    const Json& channels = single ? blocks[0] : blocks;
+    header[single ? "lpv:channels" : "lpv:blocks"] = channels.dump();
+    header["lpv:quantity"] = quantity.name;
+    header["lpv:units"] = quantity.units;
+    entry = {{"file", std::filesystem::path(path).filename().string()},
+             {"quantity", quantity.name},
+             {"units", quantity.units},
+             {single ? "channels" : "blocks", channels}};
+}
+
 // ---- reading ----
 
 [[noreturn]] void reject(const std::string& path, const std::string& why) {
@@ -312,16 +418,9 @@ void expect(const Json& json, const char* key, const std::string& value) {
 /// Where a channel's values go: name -> component, of a volume whose grids have been sized.
 std::map<std::string, std::pair<float*, size_t>> destinations(Volume& volume) {
     std::map<std::string, std::pair<float*, size_t>> all;
-    for (size_t k = 0; k < volume.sh.size(); ++k)
-        for (int c = 0; c < 3; ++c)
-            all[colours(volume, k)[size_t(c)].name] = {&volume.sh[k][0].x + c, 3};
-    for (size_t k = 0; k < volume.occlusion.size(); ++k)
-        all[std::string("occlusion_") + coefficient_name(int(k))] = {volume.occlusion[k].data(), 1};
-    if (!volume.validity.empty())
-        all["validity"] = {volume.validity.data(), 1};
-    for (size_t k = 0; k < volume.walls.size(); ++k)
-        for (int axis = 0; axis < 3; ++axis)
-            all[wall_axes(volume, k)[size_t(axis)].name] = {&volume.walls[k][0].x + axis, 3};
+    for (const GridView& grid : grids_of(volume))
+        for (int c = 0; c < grid.kind->width(); ++c)
+            all[grid.channel_name(c)] = {grid.data + c, size_t(grid.kind->width())};
     return all;
 }
 
@@ -362,7 +461,70 @@ void read_texture(const std::string& path, const Names& blocks, glm::ivec3 cells
     });
 }
 
-Volume read_sidecar(const std::string& path, const Json& json) {
+/// A picture that a sidecar lists.
+struct Entry {
+    std::string file;
+    Names blocks;
+    Stack stack;
+};
+
+Layout layout_of(const Json& json, glm::ivec3 dims) {
+    return {integer(json.at("columns"), 1, max_side / std::min(dims.x, max_side)),
+            integer(json.at("rows"), 1, max_side / std::min(dims.y, max_side))};
+}
+
+std::vector<Entry> entries_of(const std::string& path, const Json& json, glm::ivec3 dims,
+                              const Layout& layout) {
+    const int padding =
+        json.at("layout").contains("padding") ? integer(json["layout"]["padding"], 0, 1) : 0;
+    std::vector<Entry> entries;
+    for (const Json& file : json.at("files")) {
+        Entry entry{file.at("file").get<std::string>(), {}, {}};
+        if (entry.file.empty() || entry.file.find('/') != std::string::npos)
+            reject(path,
+                   "file \"" + entry.file + "\" is not the name of a file beside the sidecar");
+        if (file.contains("blocks"))
+            entry.blocks = file["blocks"].get<Names>();
+        else
+            entry.blocks = {file.at("channels").get<std::vector<std::string>>()};
+        for (const std::vector<std::string>& block : entry.blocks)
+            if (block.size() > 4 || block.size() != entry.blocks[0].size())
+                reject(path, "lists too many channels, or blocks of different ones");
+        if (entry.blocks.empty() || entry.blocks.size() > 16 || entries.size() >= 64)
+            reject(path, "lists too many files or blocks, or none");
+        entry.stack = {int(entry.blocks.size()), 1, padding};
+        if (dims.x > max_side || dims.y > max_side
+            || int64_t(layout.columns) * layout.rows < entry.stack.dims(dims).z)
+            reject(path, "the layout does not hold all slices");
+        entries.push_back(entry);
+    }
+    return entries;
+}
+
+bool mentions(const std::vector<Entry>& entries, const GridKind& kind, int k) {
+    const std::string channel = ConstGridView{&kind, k, nullptr, 0}.channel_name(0);
+    for (const Entry& entry : entries)
+        for (const std::vector<std::string>& block : entry.blocks)
+            if (std::ranges::find(block, channel) != block.end())
+                return true;
+    return false;
+}
+
+/// Whether a channel is of one of these kinds, by its name.
+bool holds_any(const Entry& entry, GridKinds kinds) {
+    const auto is_of = [](const std::string& channel, const std::string& kind) {
+        return channel.starts_with(kind)
+               && (channel.size() == kind.size() || channel[kind.size()] == '_'
+                   || channel[kind.size()] == '.');
+    };
+    for (const std::vector<std::string>& block : entry.blocks)
+        for (const std::string& channel : block)
+            if (std::ranges::any_of(kinds, [&](auto* kind) { return is_of(channel, kind->name); }))
+                return true;
+    return false;
+}
+
+Volume read_sidecar(const std::string& path, const Json& json, GridKinds kinds) {
     expect(json, "format", format_name);
     integer(json.at("version"), format_version, format_version);
     if (json.at("packing") == name_of(Packing::cube))
@@ -379,182 +541,99 @@ Volume read_sidecar(const std::string& path, const Json& json) {
     const glm::ivec3 dims = volume.grid.dims;
     volume.grid.cell = grid.at("cell").get<double>();
     volume.sh_order = integer(json.at("sh_order"), 0, sh_max_order);
-    check_dims(dims, 3 * sh_count(volume.sh_order) + 5 + 3 * most_walls, path);
-    const Layout layout{
-        integer(json.at("layout").at("columns"), 1, max_side / std::min(dims.x, max_side)),
-        integer(json.at("layout").at("rows"), 1, max_side / std::min(dims.y, max_side))};
-    const int padding =
-        json.at("layout").contains("padding") ? integer(json["layout"]["padding"], 0, 1) : 0;
-
-    struct Entry {
-        std::string file;
-        Names blocks;
-        Stack stack;
-    };
-    std::vector<Entry> entries;
-    const auto mentions = [&](const std::string& channel) {
-        for (const Entry& entry : entries)
-            for (const std::vector<std::string>& block : entry.blocks)
-                if (std::ranges::find(block, channel) != block.end())
-                    return true;
-        return false;
-    };
-    for (const Json& file : json.at("files")) {
-        Entry entry{file.at("file").get<std::string>(), {}, {}};
-        if (entry.file.empty() || entry.file.find('/') != std::string::npos)
-            reject(path,
-                   "file \"" + entry.file + "\" is not the name of a file beside the sidecar");
-        if (file.contains("blocks"))
-            entry.blocks = file["blocks"].get<Names>();
-        else
-            entry.blocks = {file.at("channels").get<std::vector<std::string>>()};
-        for (const std::vector<std::string>& block : entry.blocks)
-            if (block.size() > 4 || block.size() != entry.blocks[0].size())
-                reject(path, "lists too many channels, or blocks of different ones");
-        if (entry.blocks.empty() || entry.blocks.size() > 16 || entries.size() >= 32)
-            reject(path, "lists too many files or blocks, or none");
-        entry.stack = {int(entry.blocks.size()), 1, padding};
-        if (dims.x > max_side || dims.y > max_side
-            || int64_t(layout.columns) * layout.rows < entry.stack.dims(dims).z)
-            reject(path, "the layout does not hold all slices");
-        entries.push_back(entry);
+    check_dims(dims, volume.sh_order, kinds, path);
+    const Layout layout = layout_of(json.at("layout"), dims);
+    const std::vector<Entry> entries = entries_of(path, json, dims, layout);
+    for (const GridKind* kind : kinds) {
+        int count = kind == &light_kind() ? sh_count(volume.sh_order) : 0;
+        if (count == 0 && mentions(entries, *kind, 0))
+            for (count = kind->fewest; count < kind->most && mentions(entries, *kind, count);)
+                ++count;
+        set_grids(volume, *kind, count);
     }
-    const size_t cells = volume.grid.size();
-    volume.sh.assign(size_t(sh_count(volume.sh_order)), std::vector<glm::vec3>(cells));
-    if (mentions("occlusion_l0"))
-        volume.occlusion.assign(4, std::vector<float>(cells));
-    if (mentions("validity"))
-        volume.validity.assign(cells, 0.0f);
-    while (volume.walls.size() < size_t(most_walls)
-           && mentions(wall_name(int(volume.walls.size())) + ".x"))
-        volume.walls.emplace_back(cells, glm::vec3(0.0f));
     auto wanted = destinations(volume);
     for (const Entry& entry : entries)
-        read_texture((std::filesystem::path(path).parent_path() / entry.file).string(),
-                     entry.blocks, dims, entry.stack, layout, wanted);
+        if (holds_any(entry, kinds))
+            read_texture((std::filesystem::path(path).parent_path() / entry.file).string(),
+                         entry.blocks, dims, entry.stack, layout, wanted);
     if (!wanted.empty())
         reject(path, "lists no file with \"" + wanted.begin()->first + "\"");
     for (const auto& [key, value] : json.at("metadata").items())
         volume.metadata[key] = value.get<std::string>();
-    return encoding == Encoding{} ? volume : decoded(std::move(volume), encoding, path);
+    decode(encoding, path, volume);
+    return volume;
 }
 
 } // namespace
 
 const char* name_of(Packing packing) {
-    return packing_names[size_t(packing)];
+    return names_of_packings[size_t(packing)];
 }
 
 std::optional<Packing> packing_named(std::string_view name) {
-    const auto found = std::ranges::find(packing_names, name);
-    if (found == std::end(packing_names))
+    const auto found = std::ranges::find(names_of_packings, name);
+    if (found == std::end(names_of_packings))
         return std::nullopt;
-    return Packing(found - std::begin(packing_names));
+    return Packing(found - std::begin(names_of_packings));
 }
 
-WriteReport write_exr(const std::string& path, const Volume& canonical, Precision precision,
+std::span<const char* const> packing_names() {
+    return names_of_packings;
+}
+
+constexpr VolumeFormat exr_format{
+    .extension = ".exr",
+    .sidecar = ".json",
+    .help = "NAME.exr, which becomes\nNAME_sh_l0.exr, ... and NAME.json",
+    .has_pictures = true,
+    .write = [](const std::string& path, const Stored& stored, Precision precision,
+                const Pictures& pictures) { return write_exr(path, stored, precision, pictures); },
+    .read = read_exr};
+
+WriteReport write_exr(const std::string& path, const Volume& volume, Precision precision,
                       const Pictures& pictures, const Encoding& encoding) {
-    check_volume(canonical, path, ExitCode::failure);
+    check_volume(volume, path, ExitCode::failure);
+    check_packing(volume, pictures.packing, encoding.convention, path);
+    return write_exr(path, Stored(volume, encoding, path), precision, pictures);
+}
+
+WriteReport write_exr(const std::string& path, const Stored& stored, Precision wanted,
+                      const Pictures& pictures) {
+    const Volume& volume = stored.volume();
     const Packing packing = pictures.packing;
-    check_packing(canonical, packing, encoding.convention, path);
-    std::optional<Volume> encoded_one;
-    const Volume& volume = encoding == Encoding{}
-                               ? canonical
-                               : encoded_one.emplace(encoded(canonical, encoding, path));
+    check_packing(volume, packing, stored.encoding().convention, path);
     WriteReport report;
-    if (precision == Precision::half)
-        if (const auto why = half_misfit(volume)) {
-            precision = Precision::full;
-            report.warnings.push_back(path + ": " + *why);
-        }
-    report.precision = precision;
-    const glm::ivec3 dims = volume.grid.dims;
+    const bool half = stored.precision(wanted, path, report) == Precision::half;
     const Stack stack = stack_of(packing);
-    const glm::ivec3 texture_dims = stack.dims(dims);
-    const Layout layout = choose_layout(texture_dims, pictures, path);
+    const Layout layout = choose_layout(stack.dims(volume.grid.dims), pictures, path);
     report.columns = layout.columns;
     report.rows = layout.rows;
-    const char* precision_name = precision == Precision::half ? "half" : "float";
+    const std::vector<Texture> textures =
+        textures_of(volume, packing, stored.encoding().convention);
+
+    Json json = sidecar(stored, packing, stack, layout, report.precision);
+    const Header common = common_header(stored, json);
     const std::string stem = stem_of(path);
-    std::vector<std::vector<glm::vec3>> cube;
-    if (packing == Packing::cube)
-        cube = ambient_cube(volume);
-    const std::vector<Texture> textures = packing == Packing::cube
-                                              ? cube_textures(cube)
-                                              : textures_of(volume, packing, encoding.convention);
-
-    Json json = {
-        {"format", format_name},
-        {"version", format_version},
-        {"grid",
-         {{"dims", {dims.x, dims.y, dims.z}},
-          {"origin", {volume.grid.origin.x, volume.grid.origin.y, volume.grid.origin.z}},
-          {"cell", volume.grid.cell}}},
-        {"layout",
-         {{"columns", layout.columns},
-          {"rows", layout.rows},
-          {"tile", {texture_dims.x, texture_dims.y}},
-          {"slices", texture_dims.z}}},
-        {"packing", name_of(packing)},
-        {"precision", precision_name},
-        {"sh_order", volume.sh_order},
-    };
-    if (stack.padding > 0)
-        json["layout"]["padding"] = stack.padding;
-    Json metadata = volume.metadata;
-    if (!metadata.contains("tool"))
-        metadata["tool"] = "lpvbake " LPVBAKE_VERSION;
-    std::map<std::string, std::string> common;
-    for (const auto& [key, value] : metadata.items())
-        common["lpv:" + key] = value.get<std::string>();
-    for (const auto& [key, value] : field_facts(encoding))
-        json[key] = common["lpv:" + key] = value;
-    if (packing == Packing::cube)
-        json["convention"] = common["lpv:convention"] = "ambient cube";
-    common["lpv:grid_dims"] = json["grid"]["dims"].dump();
-    common["lpv:grid_origin"] = json["grid"]["origin"].dump();
-    common["lpv:cell_size"] = json["grid"]["cell"].dump();
-    common["lpv:sh_order"] = std::to_string(volume.sh_order);
-    common["lpv:columns"] = std::to_string(layout.columns);
-    common["lpv:rows"] = std::to_string(layout.rows);
-    json["files"] = Json::array();
-
     std::deque<AtomicFile> files; // they do not move
-    std::vector<std::map<std::string, std::string>> headers;
+    std::vector<Header> headers;
     for (const Texture& texture : textures) {
-        const std::string file = stem + "_" + texture.suffix + ".exr";
-        const auto [quantity, units] =
-            packing == Packing::cube
-                ? std::pair<std::string, std::string>("irradiance / pi", "lx")
-                : grid_quantity(texture.blocks[0][0].name, encoding.convention);
-        Json blocks = Json::array();
-        for (const std::vector<Component>& block : texture.blocks) {
-            blocks.push_back(Json::array());
-            for (const Component& channel : block)
-                blocks.back().push_back(channel.name);
-        }
-        const bool single = blocks.size() == 1;
-        const Json& channels = single ? blocks[0] : blocks;
+        files.emplace_back(stem + "_" + texture.suffix + ".exr");
+        report.files.push_back({stem + "_" + texture.suffix + ".exr", 0});
         headers.push_back(common);
-        headers.back()[single ? "lpv:channels" : "lpv:blocks"] = channels.dump();
-        headers.back()["lpv:quantity"] = quantity;
-        headers.back()["lpv:units"] = units;
-        json["files"].push_back({{"file", std::filesystem::path(file).filename().string()},
-                                 {"quantity", quantity},
-                                 {"units", units},
-                                 {single ? "channels" : "blocks", channels}});
-        files.emplace_back(file);
-        report.files.push_back({file, 0});
+        describe(texture, quantity_in(texture, packing, stored), report.files.back().path,
+                 headers.back(), json["files"].emplace_back());
     }
-    json["metadata"] = metadata;
+    json["metadata"] = metadata_of(volume);
     files.emplace_back(stem + ".json");
     report.files.push_back({stem + ".json", 0});
     // Names and metadata may come from anywhere; what is not UTF-8 is replaced.
     files.back().write(json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 
     tbb::parallel_for(size_t(0), textures.size(), [&](size_t t) {
-        const auto bytes = encode_exr(picture_of(textures[t], dims, stack, layout),
-                                      precision == Precision::half, headers[t], path);
+        const auto bytes = encode_exr(
+            packing == Packing::cube ? cube_picture(volume, stack, layout)
+                                     : picture_of(textures[t], volume.grid.dims, stack, layout),
+            half, headers[t], path);
         files[t].write({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
     });
     tbb::parallel_for(size_t(0), files.size(),
@@ -564,13 +643,13 @@ WriteReport write_exr(const std::string& path, const Volume& canonical, Precisio
     return report;
 }
 
-Volume read_exr(const std::string& path) {
+Volume read_exr(const std::string& path, GridKinds kinds) {
     const std::string sidecar = sidecar_of(path);
     const std::string text = read_file(sidecar, uint64_t(16) << 20);
     Volume volume;
     try {
         const Json json = Json::parse(text);
-        volume = read_sidecar(sidecar, json);
+        volume = read_sidecar(sidecar, json, kinds);
         // A picture stands for its volume only while the sidecar is still that of its volume.
         const std::string name = std::filesystem::path(path).filename().string();
         if (stem_of(path) != stem_of(sidecar)

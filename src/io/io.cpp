@@ -1,13 +1,18 @@
 #include "io/io.h"
 
 #include "error.h"
+#include "io/exr.h"
+#include "io/vdb.h"
 
 #include <algorithm>
 #include <cctype>
 #include <filesystem>
+#include <vector>
 
 namespace lpvbake {
 namespace {
+
+constexpr const VolumeFormat* formats_known[] = {&vdb_format, &exr_format};
 
 std::string lower_extension(const std::string& path) {
     std::string extension = std::filesystem::path(path).extension().string();
@@ -16,34 +21,64 @@ std::string lower_extension(const std::string& path) {
     return extension;
 }
 
-VolumeFormat required_format(const std::string& path) {
-    if (const auto format = volume_format(path))
+const VolumeFormat& required(const VolumeFormat* format, const std::string& path,
+                             VolumeFormats formats) {
+    if (format)
         return *format;
-    throw Error(ExitCode::usage, path + ": unknown kind of volume file; use .vdb or .exr");
+    throw Error(ExitCode::usage,
+                path + ": unknown kind of volume file; use " + format_list(" or ", false, formats));
 }
 
 } // namespace
 
-std::optional<VolumeFormat> volume_format(const std::string& path) {
+VolumeFormats volume_formats() {
+    return formats_known;
+}
+
+const VolumeFormat* volume_format(const std::string& path, VolumeFormats formats) {
+    const auto found = std::ranges::find(formats, lower_extension(path), &VolumeFormat::extension);
+    return found == formats.end() ? nullptr : *found;
+}
+
+const VolumeFormat* readable_format(const std::string& path, VolumeFormats formats) {
+    if (const VolumeFormat* format = volume_format(path, formats))
+        return format;
     const std::string extension = lower_extension(path);
-    if (extension == ".vdb")
-        return VolumeFormat::vdb;
-    if (extension == ".exr")
-        return VolumeFormat::exr;
-    return {};
+    for (const VolumeFormat* format : formats)
+        if (!extension.empty() && extension == format->sidecar)
+            return format;
+    return nullptr;
+}
+
+std::string format_list(const char* last, bool sidecars, VolumeFormats formats) {
+    std::vector<std::string> all;
+    for (const VolumeFormat* format : formats)
+        all.emplace_back(format->extension);
+    for (const VolumeFormat* format : formats)
+        if (sidecars && format->sidecar[0] != '\0')
+            all.emplace_back(format->sidecar);
+    std::string text;
+    for (size_t i = 0; i < all.size(); ++i)
+        text += (i == 0 ? "" : i + 1 < all.size() ? ", " : last) + all[i];
+    return text;
 }
 
 WriteReport write_volume(const std::string& path, const Volume& volume, Precision precision,
-                         const Pictures& pictures, const Encoding& encoding) {
-    return required_format(path) == VolumeFormat::vdb
-               ? write_vdb(path, volume, precision, encoding)
-               : write_exr(path, volume, precision, pictures, encoding);
+                         const Pictures& pictures, const Encoding& encoding,
+                         VolumeFormats formats) {
+    const VolumeFormat& format = required(volume_format(path, formats), path, formats);
+    return format.write(path, Stored(volume, encoding, path), precision, pictures);
 }
 
-Volume read_volume(const std::string& path) {
-    if (lower_extension(path) == ".json") // of a flipbook
-        return read_exr(path);
-    return required_format(path) == VolumeFormat::vdb ? read_vdb(path) : read_exr(path);
+WriteReport write_volume(const std::string& path, Volume&& volume, Precision precision,
+                         const Pictures& pictures, const Encoding& encoding,
+                         VolumeFormats formats) {
+    const VolumeFormat& format = required(volume_format(path, formats), path, formats);
+    return format.write(path, Stored(std::move(volume), encoding, path), precision, pictures);
+}
+
+Volume read_volume(const std::string& path, GridKinds kinds, VolumeFormats formats) {
+    return required(readable_format(path, formats), path, formats).read(path, kinds);
 }
 
 } // namespace lpvbake

@@ -6,45 +6,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
-#include <iterator>
 #include <sstream>
 
 namespace lpvbake {
-namespace {
-
-constexpr const char* coefficient_names[] = {
-    "l0",    "l1_y",  "l1_z",  "l1_x",  "l2_xy", "l2_yz", "l2_z2", "l2_xz", "l2_x2y2",
-    "l3_n3", "l3_n2", "l3_n1", "l3_0",  "l3_p1", "l3_p2", "l3_p3", "l4_n4", "l4_n3",
-    "l4_n2", "l4_n1", "l4_0",  "l4_p1", "l4_p2", "l4_p3", "l4_p4"};
-static_assert(std::size(coefficient_names) == sh_count(sh_max_order));
-
-/// Calls visit(name, cells) for each grid of the volume; RGB cells come as three floats.
-template <typename Visit>
-void for_each_grid(const Volume& volume, const Visit& visit) {
-    for (size_t k = 0; k < volume.sh.size(); ++k)
-        visit(std::string("sh_") + coefficient_name(int(k)), volume.sh[k].size(), 3,
-              volume.sh[k].empty() ? nullptr : &volume.sh[k][0].x);
-    for (size_t k = 0; k < volume.occlusion.size(); ++k)
-        visit(std::string("occlusion_") + coefficient_name(int(k)), volume.occlusion[k].size(), 1,
-              volume.occlusion[k].data());
-    if (!volume.validity.empty())
-        visit(std::string("validity"), volume.validity.size(), 1, volume.validity.data());
-    for (size_t k = 0; k < volume.walls.size(); ++k)
-        visit(wall_name(int(k)), volume.walls[k].size(), 3,
-              volume.walls[k].empty() ? nullptr : &volume.walls[k][0].x);
-}
-
-} // namespace
-
-const char* coefficient_name(int k) {
-    return coefficient_names[k];
-}
-
-std::string wall_name(int k) {
-    return "wall_" + std::to_string(k);
-}
-
 std::vector<std::pair<std::string, std::string>> field_facts(const Encoding& encoding) {
     const bool travel = encoding.convention == ShConvention::lpv;
     return {
@@ -75,41 +39,6 @@ Encoding encoding_of(const std::function<std::string(const char*)>& fact, const 
     return encoding;
 }
 
-Volume encoded(const Volume& volume, const Encoding& encoding, const std::string& path) {
-    if (volume.sh_order > highest_order(encoding.convention))
-        throw Error(ExitCode::unsupported, path + ": the convention " + name_of(encoding.convention)
-                                               + " has a form for order "
-                                               + std::to_string(highest_order(encoding.convention))
-                                               + " at most; the volume has order "
-                                               + std::to_string(volume.sh_order)
-                                               + ": set --sh-order");
-    Volume stored = turned(volume, from_gltf(encoding.axes));
-    encode(encoding.convention, stored.sh_order, stored.sh);
-    return stored;
-}
-
-Volume decoded(Volume stored, const Encoding& encoding, const std::string& path) {
-    if (stored.sh_order > highest_order(encoding.convention))
-        throw Error(ExitCode::invalid, path + ": order " + std::to_string(stored.sh_order)
-                                           + " cannot be of the convention "
-                                           + name_of(encoding.convention));
-    decode(encoding.convention, stored.sh_order, stored.sh);
-    return turned(stored, glm::transpose(from_gltf(encoding.axes)));
-}
-
-std::pair<std::string, std::string> grid_quantity(const std::string& grid_name,
-                                                  ShConvention convention) {
-    if (grid_name.starts_with("sh_"))
-        return {quantity_of(convention).name, quantity_of(convention).units};
-    if (grid_name == "density")
-        return {"mean luminance over all directions", "cd/m^2"};
-    if (grid_name.starts_with("occlusion"))
-        return {"blocking potential", "1"};
-    if (grid_name.starts_with("wall_"))
-        return {"way to a plane that hides what is beyond", "cells"};
-    return {"validity", "1"};
-}
-
 void check_volume(const Volume& volume, const std::string& path, ExitCode code) {
     const auto reject = [&](const auto&... parts) {
         std::ostringstream text;
@@ -130,28 +59,30 @@ void check_volume(const Volume& volume, const std::string& path, ExitCode code) 
     if (volume.sh.size() != coefficients)
         reject(volume.sh.size(), " coefficients are given, SH order ", volume.sh_order, " has ",
                coefficients);
-    if (!volume.occlusion.empty() && volume.occlusion.size() != 4)
-        reject(volume.occlusion.size(), " occlusion grids are given, expected 4");
-    if (volume.walls.size() > size_t(most_walls))
-        reject(volume.walls.size(), " grids of walls are given, at most ", most_walls,
-               " are known");
-    for_each_grid(
-        volume, [&](const std::string& name, size_t cells, int floats, const float* data) {
-            if (cells != grid.size())
-                reject("grid ", name, " has ", cells, " cells, expected ", grid.size());
-            const size_t count = cells * size_t(floats);
-            const float* bad =
-                std::find_if_not(data, data + count, [](float x) { return std::isfinite(x); });
-            if (bad == data + count)
-                return;
-            const size_t i = size_t(bad - data) / size_t(floats);
-            const size_t nx = size_t(dims.x), ny = size_t(dims.y);
-            reject("grid ", name, " has a value that is not finite in cell (", i % nx, ", ",
-                   i / nx % ny, ", ", i / (nx * ny), "); such volumes are not stored");
-        });
+    for (const ConstGridView& view : grids_of(volume)) {
+        const GridKind& kind = *view.kind;
+        if (view.k == 0 && &kind != &light_kind())
+            if (const int count = int(grids_of(volume, kind).size());
+                count < kind.fewest || count > kind.most)
+                reject(count, " grids of ", kind.name, " are given, expected ", kind.fewest,
+                       kind.fewest < kind.most ? " to " + std::to_string(kind.most) : "");
+        if (view.cells != grid.size())
+            reject("grid ", view.name(), " has ", view.cells, " cells, expected ", grid.size());
+        const auto bad =
+            std::ranges::find_if_not(view.values(), [](float x) { return std::isfinite(x); });
+        if (bad == view.values().end())
+            continue;
+        const glm::ivec3 cell =
+            grid.cell_at(size_t(bad - view.values().begin()) / size_t(kind.width()));
+        reject("grid ", view.name(), " has a value that is not finite in cell (", cell.x, ", ",
+               cell.y, ", ", cell.z, "); such volumes are not stored");
+    }
 }
 
-void check_dims(glm::ivec3 dims, int floats, const std::string& path) {
+void check_dims(glm::ivec3 dims, int sh_order, GridKinds kinds, const std::string& path) {
+    int floats = 0;
+    for (const GridKind* kind : kinds)
+        floats += kind->width() * (kind == &light_kind() ? sh_count(sh_order) : kind->most);
     const auto text = [&](const char* why) {
         return path + ": the lattice of " + std::to_string(dims.x) + " x " + std::to_string(dims.y)
                + " x " + std::to_string(dims.z) + " cells " + why;
@@ -165,24 +96,23 @@ void check_dims(glm::ivec3 dims, int floats, const std::string& path) {
 
 std::optional<std::string> half_misfit(const Volume& volume) {
     constexpr float half_max = 65504, half_min = 1.0f / 16384;
-    std::optional<std::string> why;
-    for_each_grid(
-        volume, [&](const std::string& name, size_t cells, int floats, const float* data) {
-            float largest = 0;
-            for (size_t i = 0; i < cells * size_t(floats); ++i)
-                largest = std::max(largest, std::abs(data[i]));
-            const bool beyond = largest > half_max;
-            const bool below = name == "sh_l0" && largest > 0 && largest < half_min;
-            if (why || (!beyond && !below))
-                return;
-            std::ostringstream text;
-            text << name << (beyond ? " reaches " : " reaches only ") << largest
-                 << (beyond ? ", more than half precision's largest value "
-                            : ", less than half precision's smallest normal value ")
-                 << (beyond ? half_max : half_min) << "; full precision was written instead";
-            why = text.str();
-        });
-    return why;
+    for (const ConstGridView& grid : grids_of(volume)) {
+        float largest = 0;
+        for (const float value : grid.values())
+            largest = std::max(largest, std::abs(value));
+        const bool beyond = largest > half_max;
+        const bool below =
+            grid.kind == &light_kind() && grid.k == 0 && largest > 0 && largest < half_min;
+        if (!beyond && !below)
+            continue;
+        std::ostringstream text;
+        text << grid.name() << (beyond ? " reaches " : " reaches only ") << largest
+             << (beyond ? ", more than half precision's largest value "
+                        : ", less than half precision's smallest normal value ")
+             << (beyond ? half_max : half_min) << "; full precision was written instead";
+        return text.str();
+    }
+    return {};
 }
 
 } // namespace lpvbake

@@ -2,6 +2,8 @@
 
 #include "error.h"
 #include "io/atomic_file.h"
+#include "io/exr.h"
+#include "io/vdb.h"
 #include "volume/dilate.h"
 #include "volume/sh.h"
 
@@ -17,12 +19,12 @@ using Json = nlohmann::ordered_json;
 
 constexpr Pictures full_channel{.packing = Packing::channel, .no_empty_tiles = true};
 
-constexpr Target all_targets[] = {
+constexpr Target targets[] = {
     {.name = "generic"},
     {.name = "blender",
      .encoding = {.axes = Axes::blender, .corner_index = true},
-     .reads = VolumeFormat::vdb},
-    {.name = "houdini", .reads = VolumeFormat::vdb},
+     .reads = &vdb_format},
+    {.name = "houdini", .reads = &vdb_format},
     {.name = "unity",
      .encoding = {ShConvention::unity, Axes::unity},
      .pictures = full_channel,
@@ -30,7 +32,7 @@ constexpr Target all_targets[] = {
      .highest_order = 2,
      .dilate = 2,
      .notes = Notes::unity,
-     .reads = VolumeFormat::exr},
+     .reads = &exr_format},
     {.name = "unreal",
      .encoding = {ShConvention::unreal, Axes::unreal},
      .pictures = full_channel,
@@ -45,13 +47,13 @@ constexpr Target all_targets[] = {
      .highest_order = 2,
      .dilate = 2,
      .notes = Notes::godot,
-     .reads = VolumeFormat::exr},
+     .reads = &exr_format},
     {.name = "threejs",
      .pictures = {.packing = Packing::atlas},
      .precision = Precision::half,
      .highest_order = 2,
      .dilate = 2,
-     .reads = VolumeFormat::exr},
+     .reads = &exr_format},
     {.name = "vrc",
      .encoding = {ShConvention::unity, Axes::unity},
      .pictures = {.packing = Packing::vrc, .no_empty_tiles = true},
@@ -59,14 +61,14 @@ constexpr Target all_targets[] = {
      .highest_order = 1,
      .dilate = 2,
      .notes = Notes::unity,
-     .reads = VolumeFormat::exr},
+     .reads = &exr_format},
     {.name = "bevy",
      .pictures = {.packing = Packing::cube},
      .precision = Precision::half,
      .highest_order = 2,
      .dilate = 2,
      .notes = Notes::bevy,
-     .reads = VolumeFormat::exr},
+     .reads = &exr_format},
 };
 
 WriteReport::File write_text(const std::string& path, const std::string& text) {
@@ -167,51 +169,13 @@ Json bevy_notes(const Grid& grid, const WriteReport& report) {
     };
 }
 
-} // namespace
-
-const Target* target_named(std::string_view name) {
-    for (const Target& target : all_targets)
-        if (name == target.name)
-            return &target;
-    return nullptr;
-}
-
-WriteReport write_for(const Target& target, const std::string& path, const Volume& volume) {
-    const bool shortened = volume.sh_order > target.highest_order;
-    const auto fitted = volume.metadata.find("fit"); // its cells hold what is read, valid or not
-    const bool dilated =
-        target.dilate > 0 && !volume.validity.empty() && fitted == volume.metadata.end();
-    std::optional<Volume> changed;
-    if (shortened || dilated)
-        changed = volume;
-    if (shortened) {
-        changed->sh_order = target.highest_order;
-        changed->sh.resize(size_t(sh_count(target.highest_order)));
-    }
-    if (dilated)
-        dilate(*changed, target.dilate);
-    WriteReport report = write_volume(path, changed ? *changed : volume, target.precision,
-                                      target.pictures, target.encoding);
-    const std::string name = target.name;
-    if (shortened)
-        report.warnings.push_back(path + ": " + name + " has a form for order "
-                                  + std::to_string(target.highest_order)
-                                  + " at most: higher bands are left out");
-    if (fitted != volume.metadata.end() && target.dilate > 0 && fitted->second != name)
-        report.warnings.push_back(path + ": the volume is fitted to what " + fitted->second
-                                  + " reads, not " + name);
-    if (target.reads && volume_format(path) != target.reads)
-        report.warnings.push_back(path + ": " + name + " reads "
-                                  + (target.reads == VolumeFormat::exr ? ".exr" : ".vdb")
-                                  + "; this has its convention and axes, and no more");
-    if (target.notes == Notes::none || volume_format(path) != VolumeFormat::exr)
-        return report;
-
-    const Grid grid = turned_grid(volume.grid, from_gltf(target.encoding.axes));
+void write_notes(const Target& target, const std::string& path, const Grid& baked,
+                 WriteReport& report) {
+    const Grid grid = turned_grid(baked, from_gltf(target.encoding.axes));
     const std::string stem = fs::path(path).replace_extension().string();
     std::vector<WriteReport::File> notes;
-    const auto write_notes = [&](const char* program, const char* kind, const Json& own,
-                                 double units_a_metre = 1.0) {
+    const auto write = [&](const char* program, const char* kind, const Json& own,
+                           double units_a_metre = 1.0) {
         Json json = common_notes(program, stem, report, grid, target.encoding.axes, units_a_metre);
         json.update(own);
         notes.push_back(write_text(stem + "." + kind + ".json", json.dump(2) + "\n"));
@@ -223,20 +187,86 @@ WriteReport write_for(const Target& target, const std::string& path, const Volum
         for (const WriteReport::File& file : report.files)
             if (file.path.ends_with(".exr"))
                 notes.push_back(write_text(file.path + ".import", godot_import(report)));
-        write_notes("Godot 4", "godot", godot_notes());
+        write("Godot 4", "godot", godot_notes());
         break;
     case Notes::unity:
-        write_notes("Unity 2020.2 or later", "unity", unity_notes(report));
+        write("Unity 2020.2 or later", "unity", unity_notes(report));
         break;
     case Notes::unreal:
-        write_notes("Unreal Engine 5", "unreal", unreal_notes(grid), 100.0);
+        write("Unreal Engine 5", "unreal", unreal_notes(grid), 100.0);
         break;
     case Notes::bevy:
-        write_notes("Bevy", "bevy", bevy_notes(grid, report));
+        write("Bevy", "bevy", bevy_notes(grid, report));
         break;
     }
     report.files.insert(report.files.end(), notes.begin(), notes.end());
+}
+
+/// What the target does not take as it is.
+std::vector<std::string> warnings_of(const Target& target, const std::string& path,
+                                     const Volume& volume) {
+    const std::string name = target.name;
+    std::vector<std::string> warnings;
+    if (volume.sh_order > target.highest_order)
+        warnings.push_back(path + ": " + name + " has a form for order "
+                           + std::to_string(target.highest_order)
+                           + " at most: higher bands are left out");
+    if (const auto fit = volume.metadata.find("fit");
+        fit != volume.metadata.end() && target.dilate > 0 && fit->second != name)
+        warnings.push_back(path + ": the volume is fitted to what " + fit->second + " reads, not "
+                           + name);
+    if (target.reads && volume_format(path) != target.reads)
+        warnings.push_back(path + ": " + name + " reads " + target.reads->extension
+                           + "; this has its convention and axes, and no more");
+    return warnings;
+}
+
+/// The cells inside geometry of a volume that is fitted hold what is read already.
+bool is_dilated(const Target& target, const Volume& volume) {
+    return target.dilate > 0 && !volume.validity.empty() && !volume.metadata.contains("fit");
+}
+
+/// Either kind of volume, with all bands that the target has a form for and no more.
+template <class AnyVolume>
+WriteReport write(const Target& target, const std::string& path, AnyVolume&& volume,
+                  const std::vector<std::string>& warnings) {
+    const Grid grid = volume.grid;
+    WriteReport report = write_volume(path, std::forward<AnyVolume>(volume), target.precision,
+                                      target.pictures, target.encoding);
+    report.warnings.insert(report.warnings.end(), warnings.begin(), warnings.end());
+    if (volume_format(path)->has_pictures)
+        write_notes(target, path, grid, report);
     return report;
+}
+
+} // namespace
+
+std::span<const Target> all_targets() {
+    return targets;
+}
+
+const Target* target_named(std::string_view name) {
+    for (const Target& target : targets)
+        if (name == target.name)
+            return &target;
+    return nullptr;
+}
+
+WriteReport write_for(const Target& target, const std::string& path, const Volume& volume) {
+    if (volume.sh_order > target.highest_order || is_dilated(target, volume))
+        return write_for(target, path, Volume(volume));
+    return write(target, path, volume, warnings_of(target, path, volume));
+}
+
+WriteReport write_for(const Target& target, const std::string& path, Volume&& volume) {
+    const std::vector<std::string> warnings = warnings_of(target, path, volume);
+    if (volume.sh_order > target.highest_order) {
+        volume.sh_order = target.highest_order;
+        volume.sh.resize(size_t(sh_count(target.highest_order)));
+    }
+    if (is_dilated(target, volume))
+        dilate(volume, target.dilate);
+    return write(target, path, std::move(volume), warnings);
 }
 
 } // namespace lpvbake

@@ -3,6 +3,7 @@
 
 #include "io/io.h"
 
+#include <span>
 #include <string_view>
 
 namespace lpvbake {
@@ -27,14 +28,18 @@ struct Target {
     /// cells around a point, valid or not.
     int dilate = 0;
     Notes notes = Notes::none;
-    std::optional<VolumeFormat> reads = {}; ///< none: either
+    const VolumeFormat* reads = nullptr; ///< null: any
 };
 
-/// generic, blender, houdini, unity, unreal, godot, threejs, vrc, bevy; null for an unknown name.
+/// generic, blender, houdini, unity, unreal, godot, threejs, vrc, bevy.
+std::span<const Target> all_targets();
+/// Null for an unknown name.
 const Target* target_named(std::string_view name);
 
-/// Writes .vdb or .exr as the target wants it, and its notes, which come last. Notes are of .exr
-/// alone. Throws Error, as write_volume does.
+/// Writes a volume as the target wants it, and its notes, which come last. Notes are of formats
+/// with pictures alone. A volume that is given up is changed in place; of any other a copy is made
+/// where something changes. Throws Error, as write_volume does.
+WriteReport write_for(const Target& target, const std::string& path, Volume&& volume);
 WriteReport write_for(const Target& target, const std::string& path, const Volume& volume);
 
 } // namespace lpvbake

@@ -1,7 +1,6 @@
 // Everything that sees OpenVDB.
 #include "io/vdb.h"
 
-#include "colour/colour.h"
 #include "io/atomic_file.h"
 #include "io/layout.h"
 #include "io/vdb_grids.h"
@@ -25,6 +24,10 @@ using openvdb::Coord;
 using openvdb::FloatGrid;
 using openvdb::MetaMap;
 using openvdb::Vec3SGrid;
+
+/// Written for viewers, never read.
+constexpr GridKind density_kind{.name = "density",
+                                .quantity = {"mean luminance over all directions", "cd/m^2"}};
 
 void initialise() {
     static std::once_flag once;
@@ -111,15 +114,31 @@ Identity identify(const std::string& path, const std::string& name) {
 
 // ---- writing ----
 
-/// Writes to any stream with the table of offsets that lets readers open single grids. (io::File
-/// does so too, but to a file of its own, and it does not see a full disk.)
-class SeekableArchive : public openvdb::io::Archive {
+/// Writes grid after grid to any stream, with the offsets that let readers open single ones, as
+/// io::Archive::write does with a list of them. (io::File does so too, but to a file of its own,
+/// and it does not see a full disk.)
+class GridStream : openvdb::io::Archive {
 public:
-    using Archive::write;
-    void write(std::ostream& out, const openvdb::GridCPtrVec& grids,
-               const MetaMap& metadata) const {
-        Archive::write(out, grids, /*seekable=*/true, metadata);
+    GridStream(std::ostream& out, const MetaMap& metadata, size_t grids) : out_(out) {
+        openvdb::io::setStreamMetadataPtr(out_, stream_metadata_, /*transfer=*/false);
+        openvdb::io::setWriteGridStatsMetadata(out_, isGridStatsMetadataEnabled());
+        openvdb::io::setDataCompression(out_, compression());
+        writeHeader(out_, /*seekable=*/true);
+        metadata.writeMeta(out_);
+        const auto count = int32_t(grids);
+        out_.write(reinterpret_cast<const char*>(&count), sizeof count);
     }
+    void write(const openvdb::GridBase::ConstPtr& grid) {
+        openvdb::io::GridDescriptor descriptor(grid->getName(), grid->type(),
+                                               grid->saveFloatAsHalf());
+        writeGrid(descriptor, grid, out_, /*seekable=*/true);
+        openvdb::io::setDataCompression(out_, compression()); // each grid has set its own
+    }
+
+private:
+    std::ostream& out_;
+    openvdb::io::StreamMetadata::Ptr stream_metadata_ =
+        std::make_shared<openvdb::io::StreamMetadata>();
 };
 
 openvdb::math::Transform::Ptr transform_of(const Grid& grid, bool corner_index) {
@@ -147,20 +166,14 @@ void insert_lattice(MetaMap& metadata, const Volume& volume, const Encoding& enc
     metadata.insertMeta("lpv:sh_order", openvdb::Int32Metadata(volume.sh_order));
 }
 
-/// 1 where a cell carries meaning.
+/// 1 where a cell carries meaning: where any grid has a value that is not 0.
 std::vector<uint8_t> active_cells(const Volume& volume) {
     std::vector<uint8_t> active(volume.grid.size());
-    for (const auto& cells : volume.sh)
-        for (size_t i = 0; i < active.size(); ++i)
-            active[i] |= cells[i] != glm::vec3(0);
-    for (const auto& cells : volume.occlusion)
-        for (size_t i = 0; i < active.size(); ++i)
-            active[i] |= cells[i] != 0;
-    for (size_t i = 0; i < volume.validity.size(); ++i)
-        active[i] |= volume.validity[i] != 0;
-    for (const auto& cells : volume.walls)
-        for (size_t i = 0; i < active.size(); ++i)
-            active[i] |= cells[i] != glm::vec3(0);
+    for (const ConstGridView& grid : grids_of(volume)) {
+        const auto width = size_t(grid.kind->width());
+        for (size_t i = 0; i < grid.values().size(); ++i)
+            active[i / width] |= grid.data[i] != 0;
+    }
     return active;
 }
 
@@ -180,46 +193,12 @@ typename GridType::Ptr make_grid(const Grid& lattice, const std::vector<uint8_t>
     return grid;
 }
 
-/// A grid to come: its name and how it is made. They are made in parallel.
-struct Recipe {
-    std::string name;
-    std::function<openvdb::GridBase::Ptr()> make;
-};
-
-/// `volume` as it is stored; `turned` in the same axes, but with canonical coefficients.
-std::vector<Recipe> recipes(const Volume& volume, const Volume& turned,
-                            const std::vector<uint8_t>& active) {
-    const Grid& lattice = volume.grid;
-    const auto scalar = [&](const std::vector<float>& cells) {
-        return [&] {
-            return make_grid<FloatGrid>(lattice, active, [&](size_t i) { return cells[i]; });
-        };
-    };
-    const auto triple = [&](const std::vector<glm::vec3>& cells) {
-        return [&] {
-            return make_grid<Vec3SGrid>(lattice, active, [&](size_t i) {
-                const glm::vec3 c = cells[i];
-                return openvdb::Vec3s(c.r, c.g, c.b);
-            });
-        };
-    };
-    std::vector<Recipe> all;
-    for (size_t k = 0; k < volume.sh.size(); ++k)
-        all.push_back({std::string("sh_") + coefficient_name(int(k)), triple(volume.sh[k])});
-    for (size_t k = 0; k < volume.occlusion.size(); ++k)
-        all.push_back(
-            {std::string("occlusion_") + coefficient_name(int(k)), scalar(volume.occlusion[k])});
-    if (!volume.validity.empty())
-        all.push_back({"validity", scalar(volume.validity)});
-    for (size_t k = 0; k < volume.walls.size(); ++k)
-        all.push_back({wall_name(int(k)), triple(volume.walls[k])});
-    all.push_back({"density", [&] {
-                       return make_grid<FloatGrid>(lattice, active, [&](size_t i) {
-                           return sh_y0
-                                  * float(glm::dot(glm::dvec3(turned.sh[0][i]), rec709_luminance));
-                       });
-                   }});
-    return all;
+openvdb::GridBase::Ptr make_grid(const ConstGridView& grid, const Grid& lattice,
+                                 const std::vector<uint8_t>& active) {
+    if (grid.kind->width() == 1)
+        return make_grid<FloatGrid>(lattice, active, [&](size_t i) { return grid.data[i]; });
+    return make_grid<Vec3SGrid>(lattice, active,
+                                [&](size_t i) { return openvdb::Vec3s(grid.data + 3 * i); });
 }
 
 // ---- reading ----
@@ -242,10 +221,11 @@ Value required(const MetaMap& metadata, const char* key, const std::string& path
     return found->value();
 }
 
-/// Copies a grid's active values into cells; those without stay zero.
-template <typename GridType, typename Cells, typename Convert>
+/// Copies a grid's active values into cells; those without stay as they are. convert(value, cell)
+/// puts a value where the cell's floats begin.
+template <typename GridType, typename Convert>
 void copy_cells(const openvdb::GridBase::Ptr& base, const Grid& lattice, const std::string& path,
-                Cells& cells, const Convert& convert) {
+                const GridView& view, const Convert& convert) {
     const auto grid = openvdb::gridPtrCast<GridType>(base);
     if (!grid)
         reject(path, "grid " + base->getName() + " has the wrong type, " + base->type());
@@ -254,19 +234,31 @@ void copy_cells(const openvdb::GridBase::Ptr& base, const Grid& lattice, const s
     const openvdb::CoordBBox active = grid->evalActiveVoxelBoundingBox();
     if (!active.empty() && !whole.isInside(active))
         reject(path, "grid " + base->getName() + " has values outside lpv:grid_dims");
-    cells.resize(lattice.size());
+    const int width = view.kind->width();
     tbb::parallel_for(0, dims.z, [&](int z) {
         const auto accessor = grid->getConstAccessor();
-        size_t i = lattice.index({0, 0, z});
+        float* cell = view.data + lattice.index({0, 0, z}) * size_t(width);
         for (int y = 0; y < dims.y; ++y)
-            for (int x = 0; x < dims.x; ++x, ++i)
-                cells[i] = convert(accessor.getValue(Coord(x, y, z)));
+            for (int x = 0; x < dims.x; ++x, cell += width)
+                convert(accessor.getValue(Coord(x, y, z)), cell);
     });
+}
+
+void copy_grid(const openvdb::GridBase::Ptr& base, const Grid& lattice, const std::string& path,
+               const GridView& view) {
+    if (view.kind->width() == 1)
+        copy_cells<FloatGrid>(base, lattice, path, view,
+                              [](float value, float* cell) { *cell = value; });
+    else
+        copy_cells<Vec3SGrid>(base, lattice, path, view,
+                              [](const openvdb::Vec3s& value, float* cell) {
+                                  std::copy_n(value.asPointer(), 3, cell);
+                              });
 }
 
 } // namespace
 
-Volume volume_of(const VdbContent& content, const std::string& path) {
+Volume volume_of(const VdbContent& content, const std::string& path, GridKinds kinds) {
     Volume volume;
     const MetaMap::Ptr& metadata = content.metadata;
     const auto dims = required<openvdb::Vec3i>(*metadata, "lpv:grid_dims", path);
@@ -278,38 +270,26 @@ Volume volume_of(const VdbContent& content, const std::string& path) {
     if (volume.sh_order < 0 || volume.sh_order > sh_max_order)
         reject(path, "lpv:sh_order is " + std::to_string(volume.sh_order) + ", not 0 to "
                          + std::to_string(sh_max_order));
-    const int coefficients = sh_count(volume.sh_order);
-    check_dims(volume.grid.dims, 3 * coefficients + 5 + 3 * most_walls, path);
+    check_dims(volume.grid.dims, volume.sh_order, kinds, path);
     const Encoding encoding = encoding_of(
         [&](const char* key) {
             return required<std::string>(*metadata, (std::string("lpv:") + key).c_str(), path);
         },
         path);
 
-    const auto grid = [&](const std::string& name) {
-        const openvdb::GridBase::Ptr found = content.grid(name);
-        if (!found)
-            reject(path, "has no grid " + name);
-        return found;
-    };
-    volume.sh.resize(size_t(coefficients));
-    const auto triple = [](const openvdb::Vec3s& v) { return glm::vec3(v.x(), v.y(), v.z()); };
-    for (int k = 0; k < coefficients; ++k)
-        copy_cells<Vec3SGrid>(grid(std::string("sh_") + coefficient_name(k)), volume.grid, path,
-                              volume.sh[size_t(k)], triple);
-    const auto same = [](float v) { return v; };
-    if (const openvdb::GridBase::Ptr first = content.grid("occlusion_l0")) {
-        volume.occlusion.resize(4);
-        for (int k = 0; k < 4; ++k)
-            copy_cells<FloatGrid>(k == 0 ? first
-                                         : grid(std::string("occlusion_") + coefficient_name(k)),
-                                  volume.grid, path, volume.occlusion[size_t(k)], same);
+    for (const GridKind* kind : kinds) {
+        int count = kind == &light_kind() ? sh_count(volume.sh_order) : 0;
+        if (count == 0 && content.has(grid_name(*kind, 0)))
+            for (count = kind->fewest; count < kind->most && content.has(grid_name(*kind, count));)
+                ++count;
+        set_grids(volume, *kind, count);
+        for (const GridView& view : grids_of(volume, *kind)) {
+            const openvdb::GridBase::Ptr found = content.grid(view.name());
+            if (!found)
+                reject(path, "has no grid " + view.name());
+            copy_grid(found, volume.grid, path, view);
+        }
     }
-    if (const openvdb::GridBase::Ptr validity = content.grid("validity"))
-        copy_cells<FloatGrid>(validity, volume.grid, path, volume.validity, same);
-    for (int k = 0; k < most_walls; ++k)
-        if (const openvdb::GridBase::Ptr wall = content.grid(wall_name(k)))
-            copy_cells<Vec3SGrid>(wall, volume.grid, path, volume.walls.emplace_back(), triple);
 
     MetaMap ours;
     insert_lattice(ours, volume, encoding);
@@ -317,62 +297,65 @@ Volume volume_of(const VdbContent& content, const std::string& path) {
     for (auto entry = metadata->beginMeta(); entry != metadata->endMeta(); ++entry)
         if (entry->first.starts_with("lpv:") && !ours[entry->first])
             volume.metadata[entry->first.substr(4)] = entry->second->str();
-    return encoding == Encoding{} ? volume : decoded(std::move(volume), encoding, path);
+    decode(encoding, path, volume);
+    return volume;
 }
 
-WriteReport write_vdb(const std::string& path, const Volume& canonical, Precision precision,
-                      const Encoding& encoding) {
-    initialise();
-    check_volume(canonical, path, ExitCode::failure);
-    std::optional<Volume> turned_one, encoded_one;
-    const Volume& in_axes = encoding.axes == Axes::gltf
-                                ? canonical
-                                : turned_one.emplace(turned(canonical, from_gltf(encoding.axes)));
-    const Volume& volume =
-        encoding.convention == ShConvention::radiance
-            ? in_axes
-            : encoded_one.emplace(encoded(in_axes, {encoding.convention, Axes::gltf}, path));
-    WriteReport report;
-    if (precision == Precision::half)
-        if (const auto why = half_misfit(volume)) {
-            precision = Precision::full;
-            report.warnings.push_back(path + ": " + *why);
-        }
-    report.precision = precision;
+constexpr VolumeFormat vdb_format{
+    .extension = ".vdb",
+    .help = "NAME.vdb",
+    .write = [](const std::string& path, const Stored& stored, Precision precision,
+                const Pictures&) { return write_vdb(path, stored, precision); },
+    .read = read_vdb};
 
+WriteReport write_vdb(const std::string& path, const Volume& volume, Precision precision,
+                      const Encoding& encoding) {
+    return write_vdb(path, Stored(volume, encoding, path), precision);
+}
+
+WriteReport write_vdb(const std::string& path, const Stored& stored, Precision wanted) {
+    initialise();
+    const Volume& volume = stored.volume();
+    const Encoding& encoding = stored.encoding();
+    WriteReport report;
+    const bool half = stored.precision(wanted, path, report) == Precision::half;
     const std::vector<uint8_t> active = active_cells(volume);
-    const std::vector<Recipe> wanted = recipes(volume, in_axes, active);
-    openvdb::GridCPtrVec grids(wanted.size());
     const auto transform = transform_of(volume.grid, encoding.corner_index);
-    tbb::parallel_for(size_t(0), wanted.size(), [&](size_t g) {
-        const auto& [name, make] = wanted[g];
-        const openvdb::GridBase::Ptr grid = make();
-        grid->setName(name);
+    const auto make = [&](const ConstGridView& view, const Quantity& quantity) {
+        const openvdb::GridBase::Ptr grid = make_grid(view, volume.grid, active);
+        grid->setName(view.name());
         grid->setTransform(transform->copy());
-        grid->setSaveFloatAsHalf(precision == Precision::half);
+        grid->setSaveFloatAsHalf(half);
         grid->setVectorType(openvdb::VEC_INVARIANT); // colours do not turn with the transform
-        grid->setGridClass(name == "density" ? openvdb::GRID_FOG_VOLUME : openvdb::GRID_UNKNOWN);
+        grid->setGridClass(view.kind == &density_kind ? openvdb::GRID_FOG_VOLUME
+                                                      : openvdb::GRID_UNKNOWN);
         insert_lattice(*grid, volume, encoding);
-        insert_text(*grid, "quantity", grid_quantity(name, encoding.convention).first);
-        insert_text(*grid, "units", grid_quantity(name, encoding.convention).second);
-        grids[g] = grid;
-    });
+        insert_text(*grid, "quantity", quantity.name);
+        insert_text(*grid, "units", quantity.units);
+        return grid;
+    };
     MetaMap metadata;
     insert_text(metadata, "tool", "lpvbake " LPVBAKE_VERSION);
     for (const auto& [key, value] : volume.metadata)
         insert_text(metadata, key, value);
-    insert_text(metadata, "precision", precision == Precision::half ? "half" : "float");
+    insert_text(metadata, "precision", half ? "half" : "float");
     insert_lattice(metadata, volume, encoding);
 
+    std::vector<ConstGridView> views = grids_of(volume);
+    views.push_back({&density_kind, 0, stored.density().data(), stored.density().size()});
     AtomicFile file(path);
-    file.write([&](std::ostream& out) { SeekableArchive().write(out, grids, metadata); });
+    file.write([&](std::ostream& out) {
+        GridStream stream(out, metadata, views.size());
+        for (const ConstGridView& view : views)
+            stream.write(make(view, quantity_of(*view.kind, encoding.convention)));
+    });
     file.patch(uuid_offset, identify(file.temporary(), path).computed);
     report.files.push_back({path, file.seal()});
     file.publish();
     return report;
 }
 
-Volume read_vdb(const std::string& path) {
+Volume read_vdb(const std::string& path, GridKinds kinds) {
     initialise();
     // OpenVDB trusts what it reads, so damage has to be found before.
     const Identity identity = identify(path, path);
@@ -386,10 +369,11 @@ Volume read_vdb(const std::string& path) {
         openvdb::io::File file(path);
         file.open(/*delayLoad=*/false);
         volume = volume_of({file.getMetadata(),
+                            [&](const std::string& name) { return file.hasGrid(name); },
                             [&](const std::string& name) {
                                 return file.hasGrid(name) ? file.readGrid(name) : nullptr;
                             }},
-                           path);
+                           path, kinds);
     } catch (const openvdb::Exception& error) {
         reject(path, one_line(error.what()));
     }

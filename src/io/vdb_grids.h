@@ -1,7 +1,7 @@
 // What is made of a VDB file's grids once OpenVDB has read them.
 #pragma once
 
-#include "volume/volume.h"
+#include "volume/grids.h"
 
 #include <openvdb/openvdb.h>
 
@@ -11,13 +11,15 @@
 namespace lpvbake {
 
 struct VdbContent {
-    openvdb::MetaMap::Ptr metadata; ///< of the file
+    openvdb::MetaMap::Ptr metadata;              ///< of the file
+    std::function<bool(const std::string&)> has; ///< whether there is a grid of that name
     /// The grid of that name, null if there is none.
     std::function<openvdb::GridBase::Ptr(const std::string&)> grid;
 };
 
 /// The volume that the grids hold; its values may be anything. Throws Error (invalid, memory) that
 /// begins with `path`, and openvdb::Exception.
-Volume volume_of(const VdbContent& content, const std::string& path);
+Volume volume_of(const VdbContent& content, const std::string& path,
+                 GridKinds kinds = grid_kinds());
 
 } // namespace lpvbake

@@ -19,11 +19,6 @@ namespace {
 /// A field may call so large a share of the probes invalid: centres that lie on a surface.
 constexpr double most_missing = 0.02;
 
-glm::ivec3 cell_at(const Grid& grid, size_t index) {
-    const auto nx = size_t(grid.dims.x), ny = size_t(grid.dims.y);
-    return {int(index % nx), int(index / nx % ny), int(index / (nx * ny))};
-}
-
 /// True unless a surface passes the cell's centre within a thousandth of a cell: what light arrives
 /// there would not be defined.
 bool is_clear(const Visibility& visibility, glm::ivec3 cell) {
@@ -46,16 +41,9 @@ double mean_luminance(const Volume& volume, std::span<const size_t> cells) {
 
 uint64_t count_not_finite(const Volume& volume) {
     uint64_t count = 0;
-    const auto look = [&](float x) { count += !std::isfinite(x); };
-    for (const auto& grid : volume.sh)
-        for (const glm::vec3& c : grid) {
-            look(c.x);
-            look(c.y);
-            look(c.z);
-        }
-    for (const auto& grid : volume.occlusion)
-        std::ranges::for_each(grid, look);
-    std::ranges::for_each(volume.validity, look);
+    for (const ConstGridView& grid : grids_of(volume))
+        for (const float value : grid.values())
+            count += !std::isfinite(value);
     return count;
 }
 
@@ -82,9 +70,9 @@ SuiteCells choose_cells(const SuiteCase& c, const Visibility& visibility, const 
     const std::vector<float> validity = trace_validity(visibility, grid.dims);
     std::vector<size_t> valid, inside;
     for (size_t i = 0; i < validity.size(); ++i)
-        if (validity[i] > 0.0f && is_clear(visibility, cell_at(grid, i))) {
+        if (validity[i] > 0.0f && is_clear(visibility, grid.cell_at(i))) {
             valid.push_back(i);
-            const glm::dvec3 p = grid.center(cell_at(grid, i));
+            const glm::dvec3 p = grid.center(grid.cell_at(i));
             if (c.region && glm::all(glm::greaterThanEqual(p, c.region->box.lo))
                 && glm::all(glm::lessThanEqual(p, c.region->box.hi)))
                 inside.push_back(i);

@@ -16,18 +16,13 @@ double solid_angle(const glm::dvec3& a, const glm::dvec3& b, const glm::dvec3& c
                                                            + glm::dot(b, c) * la);
 }
 
-glm::ivec3 cell_of(const Grid& grid, size_t index) {
-    const auto nx = size_t(grid.dims.x), ny = size_t(grid.dims.y);
-    return {int(index % nx), int(index / nx % ny), int(index / (nx * ny))};
-}
-
 void trace(const Scene& scene, const Visibility& visibility, std::span<const size_t> cells,
            const SuiteTracing& settings, Progress& progress, TruthField& field) {
     const Grid& grid = field.volume.grid;
     std::vector<glm::vec3> points;
     std::vector<uint64_t> keys;
     for (const size_t cell : cells) {
-        points.push_back(glm::vec3(cell_of(grid, cell)) + 0.5f);
+        points.push_back(glm::vec3(grid.cell_at(cell)) + 0.5f);
         keys.push_back(cell);
     }
     ReferenceSettings reference;
@@ -101,13 +96,13 @@ TruthField find_truth(const SuiteTruth& truth, const Scene& scene, const Visibil
                              + 2.0f * float(std::max({grid.dims.x, grid.dims.y, grid.dims.z}));
         for (const size_t cell : cells) {
             const Hit hit = visibility.closest(
-                {glm::vec3(cell_of(grid, cell)) + 0.5f, {across, 0.0f, 0.0f}, 0.0f, 1.0f});
+                {glm::vec3(grid.cell_at(cell)) + 0.5f, {across, 0.0f, 0.0f}, 0.0f, 1.0f});
             if (hit.instance != no_hit && hit.facing != Facing::back)
                 volume.sh[0][cell] = glm::vec3(float(c0));
         }
     } else if (const auto* polygon = std::get_if<PolygonTruth>(&truth)) {
         for (const size_t cell : cells) {
-            const auto light = polygon_light(polygon->corners, grid.center(cell_of(grid, cell)));
+            const auto light = polygon_light(polygon->corners, grid.center(grid.cell_at(cell)));
             for (size_t k = 0; k < light.size(); ++k)
                 volume.sh[k][cell] = glm::vec3(float(polygon->luminance * light[k]));
         }

@@ -121,11 +121,6 @@ double mean_of(double sum, uint64_t count) {
     return count > 0 ? sum / double(count) : 0;
 }
 
-glm::ivec3 cell_at(const Grid& grid, size_t i) {
-    const size_t nx = size_t(grid.dims.x), ny = size_t(grid.dims.y);
-    return {int(i % nx), int(i / nx % ny), int(i / (nx * ny))};
-}
-
 /// The fewest digits that read back as the same number.
 template <typename Number>
 std::string shortest(Number value) {
@@ -143,10 +138,14 @@ void require_one_lattice(const Volume& a, const Volume& b) {
         throw Error(ExitCode::invalid, "the volumes are not on one grid: " + *why);
 }
 
-/// `x` and `y` are grids of A and B with `channels` numbers a cell.
-GridDifference grid_difference(const Volume& a, const Volume& b, const float* x, const float* y,
-                               size_t channels) {
+/// `of_a` and `of_b` are grids of A and B, of one kind.
+GridDifference grid_difference(const Volume& a, const Volume& b, const ConstGridView& of_a,
+                               const ConstGridView& of_b) {
+    const float *x = of_a.data, *y = of_b.data;
+    const auto channels = size_t(of_a.kind->width());
     GridDifference result;
+    result.kind = of_a.kind;
+    result.name = of_a.name();
     double squares = 0, reference = 0;
     struct {
         double max = 0;
@@ -175,7 +174,7 @@ GridDifference grid_difference(const Volume& a, const Volume& b, const float* x,
     result.relative = relative(result.rms, std::sqrt(mean_of(reference, valid * channels)));
     const auto& [max, at] = inside.max > 0 ? inside : outside;
     result.max_abs = max;
-    result.cell = cell_at(a.grid, at / channels);
+    result.cell = a.grid.cell_at(at / channels);
     result.channel = int(at % channels);
     result.a = x[at];
     result.b = y[at];
@@ -184,27 +183,29 @@ GridDifference grid_difference(const Volume& a, const Volume& b, const float* x,
 
 /// Fills in what concerns grids, and `identical`.
 void compare_grids(const Volume& a, const Volume& b, Comparison& result) {
-    result.sh.resize(std::min(a.sh.size(), b.sh.size()));
-    tbb::parallel_for(size_t(0), result.sh.size(), [&](size_t k) {
-        result.sh[k] = grid_difference(a, b, &a.sh[k].data()->x, &b.sh[k].data()->x, 3);
+    std::vector<std::pair<ConstGridView, ConstGridView>> pairs;
+    const std::vector<ConstGridView> of_a = grids_of(a);
+    std::vector<ConstGridView> of_b = grids_of(b);
+    for (const ConstGridView& grid : of_a) {
+        const auto twin = std::ranges::find_if(of_b, [&](const ConstGridView& other) {
+            return other.kind == grid.kind && other.k == grid.k;
+        });
+        if (twin == of_b.end()) {
+            result.only_a.push_back(grid.name());
+            continue;
+        }
+        pairs.emplace_back(grid, *twin);
+        of_b.erase(twin);
+    }
+    for (const ConstGridView& grid : of_b)
+        result.only_b.push_back(grid.name());
+    result.grids.resize(pairs.size());
+    tbb::parallel_for(size_t(0), pairs.size(), [&](size_t i) {
+        result.grids[i] = grid_difference(a, b, pairs[i].first, pairs[i].second);
     });
-    result.occlusion.resize(std::min(a.occlusion.size(), b.occlusion.size()));
-    tbb::parallel_for(size_t(0), result.occlusion.size(), [&](size_t k) {
-        result.occlusion[k] =
-            grid_difference(a, b, a.occlusion[k].data(), b.occlusion[k].data(), 1);
-    });
-    if (!a.validity.empty() && !b.validity.empty())
-        result.validity = grid_difference(a, b, a.validity.data(), b.validity.data(), 1);
-    for (size_t k = 0; k < std::min(a.walls.size(), b.walls.size()); ++k)
-        result.walls.push_back(
-            grid_difference(a, b, &a.walls[k].data()->x, &b.walls[k].data()->x, 3));
-
-    const auto same = [](const GridDifference& grid) { return grid.cells == 0; };
     result.identical =
-        a.sh.size() == b.sh.size() && a.occlusion.size() == b.occlusion.size()
-        && a.validity.empty() == b.validity.empty() && a.walls.size() == b.walls.size()
-        && std::ranges::all_of(result.sh, same) && std::ranges::all_of(result.occlusion, same)
-        && std::ranges::all_of(result.walls, same) && (!result.validity || same(*result.validity));
+        result.only_a.empty() && result.only_b.empty()
+        && std::ranges::all_of(result.grids, [](const auto& grid) { return grid.cells == 0; });
 }
 
 void count_validity(const Volume& a, const Volume& b, Comparison& result) {
@@ -333,9 +334,9 @@ void list_worst(const Samples& samples, const std::vector<float>& cell_max, int 
         size_t s = 0;
         while (absolute_difference(ea[s], eb[s]) < cell_max[cell])
             ++s;
-        result.worst.push_back({cell_at(samples.a.grid, cell),
-                                neighbour_normals()[s % normal_count], int(s / normal_count), ea[s],
-                                eb[s], relative(cell_max[cell], result.mean_b)});
+        result.worst.push_back({samples.a.grid.cell_at(cell), neighbour_normals()[s % normal_count],
+                                int(s / normal_count), ea[s], eb[s],
+                                relative(cell_max[cell], result.mean_b)});
     }
 }
 
@@ -397,10 +398,19 @@ Volume difference(const Volume& a, const Volume& b) {
     for (size_t k = 0; k < b.sh.size(); ++k)
         for (size_t i = 0; i < cells; ++i)
             result.sh[k][i] -= b.sh[k][i];
-    for (size_t k = 0; k < std::min(a.occlusion.size(), b.occlusion.size()); ++k) {
-        result.occlusion.push_back(a.occlusion[k]);
-        for (size_t i = 0; i < cells; ++i)
-            result.occlusion[k][i] -= b.occlusion[k][i];
+    const std::vector<ConstGridView> of_a = grids_of(a);
+    for (size_t i = 0; i < of_a.size(); ++i) {
+        const GridKind& kind = *of_a[i].kind;
+        if (!kind.subtracted || of_a[i].k > 0)
+            continue;
+        const std::vector<ConstGridView> of_b = grids_of(b, kind);
+        const size_t both = std::min(grids_of(a, kind).size(), of_b.size());
+        if (both == 0)
+            continue;
+        set_grids(result, kind, int(both));
+        for (const GridView& grid : grids_of(result, kind))
+            std::ranges::transform(of_a[i + size_t(grid.k)].values(), of_b[size_t(grid.k)].values(),
+                                   grid.data, std::minus<float>());
     }
     result.validity.resize(cells);
     for (size_t i = 0; i < cells; ++i)

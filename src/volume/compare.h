@@ -1,7 +1,7 @@
 // How far one volume is from another on the same lattice.
 #pragma once
 
-#include "volume/volume.h"
+#include "volume/grids.h"
 
 #include <array>
 #include <cstdint>
@@ -26,6 +26,8 @@ struct IrradianceSample {
 
 /// How one grid differs, in its unit.
 struct GridDifference {
+    const GridKind* kind = nullptr;
+    std::string name;
     uint64_t cells = 0;            ///< how many differ, valid or not
     uint64_t cells_valid_both = 0; ///< how many of these are valid in both volumes
     double rms = 0;                ///< root of the mean of (a - b)^2, over cells valid in both
@@ -80,10 +82,8 @@ struct Comparison {
     /// compared. Indexed by Grid::index.
     std::vector<float> cell_error;
 
-    std::vector<GridDifference> sh;        ///< of the coefficients that both have
-    std::vector<GridDifference> occlusion; ///< empty, or 4: both have it
-    std::optional<GridDifference> validity;
-    std::vector<GridDifference> walls; ///< of the planes that both have, channels x, y, z
+    std::vector<GridDifference> grids;       ///< that both have, as grids_of() has them
+    std::vector<std::string> only_a, only_b; ///< names of the others
 };
 
 /// Why the two are not one lattice, as "dims: 8 x 8 x 8 and 9 x 8 x 8 cells" (dims, cell or
@@ -95,9 +95,9 @@ std::optional<std::string> lattice_difference(const Grid& a, const Grid& b);
 /// finite.
 Comparison compare(const Volume& a, const Volume& b, const CompareSettings& settings);
 
-/// A - B, on A's lattice: the coefficients that either has (those of the other are 0), occlusion
-/// where both have it, validity 1 where both are valid; no metadata. Throws Error (invalid) for
-/// different lattices.
+/// A - B, on A's lattice: the coefficients that either has (those of the other are 0), what else is
+/// subtracted (GridKind) where both have it, validity 1 where both are valid; no metadata. Throws
+/// Error (invalid) for different lattices.
 Volume difference(const Volume& a, const Volume& b);
 
 /// True where both volumes hold light outside geometry.

@@ -2,8 +2,10 @@
 
 #include "volume/sh.h"
 
+#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <array>
 #include <cassert>
 #include <cmath>
@@ -93,6 +95,30 @@ void move_constant(std::vector<std::vector<glm::vec3>>& sh, double sign) {
         sh[0][cell] += glm::vec3(sign / 3.0 * glm::dvec3(sh[6][cell]));
 }
 
+void turn_harmonics(const glm::mat3& rotation, std::span<const GridView> grids) {
+    const auto width = size_t(grids[0].kind->width());
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, grids[0].values().size() / width),
+                      [&](const auto& range) {
+                          std::vector<float> channel(grids.size());
+                          for (size_t i = range.begin() * width; i < range.end() * width; ++i) {
+                              for (size_t k = 0; k < channel.size(); ++k)
+                                  channel[k] = grids[k].data[i];
+                              sh_rotate(rotation, channel);
+                              for (size_t k = 0; k < channel.size(); ++k)
+                                  grids[k].data[i] = channel[k];
+                          }
+                      });
+}
+
+void turn_vectors(const glm::mat3& rotation, const GridView& grid) {
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, grid.cells), [&](const auto& range) {
+        for (float* v = grid.data + 3 * range.begin(); v != grid.data + 3 * range.end(); v += 3) {
+            const glm::vec3 turned = rotation * glm::vec3(v[0], v[1], v[2]);
+            std::copy_n(&turned.x, 3, v);
+        }
+    });
+}
+
 } // namespace
 
 const char* name_of(ShConvention convention) {
@@ -122,6 +148,10 @@ Quantity quantity_of(ShConvention convention) {
         return {"irradiance / pi", "lx"};
     }
     return {"", ""};
+}
+
+Quantity quantity_of(const GridKind& kind, ShConvention convention) {
+    return &kind == &light_kind() ? quantity_of(convention) : kind.quantity;
 }
 
 int highest_order(ShConvention convention) {
@@ -173,14 +203,25 @@ Grid turned_grid(const Grid& grid, const glm::dmat3& turn) {
     return {glm::min(one, other), grid.cell, glm::ivec3(glm::abs(turn * glm::dvec3(grid.dims)))};
 }
 
-Volume turned(const Volume& volume, const glm::dmat3& turn) {
+void turn_axes(const glm::dmat3& turn, Volume& volume) {
     if (turn == glm::dmat3(1.0))
-        return volume;
-    Volume result;
-    result.sh_order = volume.sh_order;
-    result.metadata = volume.metadata;
-    const Grid& from = volume.grid;
-    const Grid& to = result.grid = turned_grid(from, turn);
+        return;
+    const Grid from = volume.grid;
+    const Grid to = volume.grid = turned_grid(from, turn);
+    const glm::mat3 rotation(turn);
+    const std::vector<GridView> grids = grids_of(volume);
+    for (size_t first = 0, last; first < grids.size(); first = last) {
+        const GridKind* kind = grids[first].kind;
+        last = first + 1;
+        while (last < grids.size() && grids[last].kind == kind)
+            ++last;
+        const std::span<const GridView> of_kind(&grids[first], last - first);
+        if (kind->turning == Turning::harmonics)
+            turn_harmonics(rotation, of_kind);
+        else if (kind->turning == Turning::vector)
+            for (const GridView& grid : of_kind)
+                turn_vectors(rotation, grid);
+    }
 
     // Cell c of the result comes from the one whose centre turns to its own.
     const glm::dmat3 back = glm::transpose(turn);
@@ -188,41 +229,17 @@ Volume turned(const Volume& volume, const glm::dmat3& turn) {
         const glm::dvec3 middle = glm::dvec3(c) + 0.5 - 0.5 * glm::dvec3(to.dims);
         return from.index(glm::ivec3(back * middle + 0.5 * glm::dvec3(from.dims)));
     };
-    const auto sized = [&](const auto& grids, auto& turned_grids) {
-        turned_grids = grids;
-        for (size_t k = 0; k < grids.size(); ++k)
-            turned_grids[k].resize(grids[k].empty() ? 0 : to.size());
-    };
-    sized(volume.sh, result.sh);
-    sized(volume.occlusion, result.occlusion);
-    sized(volume.walls, result.walls);
-    result.validity.resize(volume.validity.empty() ? 0 : to.size());
-    const glm::mat3 rotation(turn);
-    tbb::parallel_for(0, to.dims.z, [&](int z) {
-        std::vector<float> channel(volume.sh.size()), blocked(volume.occlusion.size());
-        for (int y = 0; y < to.dims.y; ++y)
-            for (int x = 0; x < to.dims.x; ++x) {
-                const size_t cell = to.index({x, y, z}), i = source({x, y, z});
-                for (int c = 0; c < 3; ++c) {
-                    for (size_t k = 0; k < channel.size(); ++k)
-                        channel[k] = volume.sh[k][i][c];
-                    sh_rotate(rotation, channel);
-                    for (size_t k = 0; k < channel.size(); ++k)
-                        result.sh[k][cell][c] = channel[k];
-                }
-                for (size_t k = 0; k < blocked.size(); ++k)
-                    blocked[k] = volume.occlusion[k][i];
-                if (!blocked.empty())
-                    sh_rotate(rotation, blocked);
-                for (size_t k = 0; k < blocked.size(); ++k)
-                    result.occlusion[k][cell] = blocked[k];
-                if (!volume.validity.empty())
-                    result.validity[cell] = volume.validity[i];
-                for (size_t k = 0; k < volume.walls.size(); ++k)
-                    result.walls[k][cell] = rotation * volume.walls[k][i];
-            }
-    });
-    return result;
+    std::vector<float> before;
+    for (const GridView& grid : grids) {
+        before.assign(grid.values().begin(), grid.values().end());
+        const auto width = size_t(grid.kind->width());
+        tbb::parallel_for(0, to.dims.z, [&](int z) {
+            float* value = grid.data + width * to.index({0, 0, z});
+            for (int y = 0; y < to.dims.y; ++y)
+                for (int x = 0; x < to.dims.x; ++x, value += width)
+                    std::copy_n(&before[width * source({x, y, z})], width, value);
+        });
+    }
 }
 
 } // namespace lpvbake

@@ -2,7 +2,7 @@
 // volume is always canonical (sh.h), in glTF's axes; files may differ.
 #pragma once
 
-#include "volume/volume.h"
+#include "volume/grids.h"
 
 #include <optional>
 #include <string_view>
@@ -49,12 +49,11 @@ const char* name_of(Axes axes);
 std::optional<ShConvention> convention_named(std::string_view name);
 std::optional<Axes> axes_named(std::string_view name);
 
-/// Quantity and unit of stored coefficients, as text.
-struct Quantity {
-    const char* name;
-    const char* units;
-};
+/// What stored coefficients are.
 Quantity quantity_of(ShConvention convention);
+
+/// What a grid of this kind holds in a file of this convention.
+Quantity quantity_of(const GridKind& kind, ShConvention convention);
 
 /// Highest band that a convention has a form for.
 int highest_order(ShConvention convention);
@@ -70,9 +69,9 @@ glm::dmat3 from_gltf(Axes axes);
 /// A lattice in axes that `turn` (a signed permutation) takes its own to.
 Grid turned_grid(const Grid& grid, const glm::dmat3& turn);
 
-/// The volume in axes that `turn` takes its own to (a signed permutation): its lattice, what
-/// directions its coefficients, its occlusion and its walls have, and its cells' order. Metadata
-/// stay. Exact up to band 1, beyond up to rounding.
-Volume turned(const Volume& volume, const glm::dmat3& turn);
+/// Turns a volume into axes that `turn` takes its own to (a signed permutation), in place and with
+/// the memory of one more grid: its lattice, the directions in its grids (see Turning), and its
+/// cells' order. Metadata stay. Exact up to band 1, beyond up to rounding.
+void turn_axes(const glm::dmat3& turn, Volume& volume);
 
 } // namespace lpvbake

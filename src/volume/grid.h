@@ -22,6 +22,11 @@ struct Grid {
         return std::size_t(c.x)
                + std::size_t(dims.x) * (std::size_t(c.y) + std::size_t(dims.y) * std::size_t(c.z));
     }
+    /// The cell of that index.
+    glm::ivec3 cell_at(std::size_t i) const {
+        const auto nx = std::size_t(dims.x), ny = std::size_t(dims.y);
+        return {int(i % nx), int(i / nx % ny), int(i / (nx * ny))};
+    }
     bool contains(glm::ivec3 c) const {
         return c.x >= 0 && c.y >= 0 && c.z >= 0 && c.x < dims.x && c.y < dims.y && c.z < dims.z;
     }

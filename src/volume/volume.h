@@ -12,7 +12,16 @@ namespace lpvbake {
 inline constexpr int most_walls = 3;       ///< planes a cell
 inline constexpr float walls_reach = 2.0f; ///< cells; planes farther from a cell are not kept
 
-/// Everything is indexed by Grid::index. Empty vectors are absent grids.
+struct GridKind; // grids.h
+
+/// Grids of a kind that has no member in Volume.
+struct OtherGrids {
+    const GridKind* kind;
+    std::vector<std::vector<float>> grids; ///< [k][width * Grid::index + channel]
+};
+
+/// Everything is indexed by Grid::index. Empty vectors are absent grids. What kinds of grids there
+/// are, and what each is, says the table of grids.h.
 struct Volume {
     Grid grid;
     int sh_order = 1;
@@ -27,6 +36,7 @@ struct Volume {
     /// planes: from the cell's centre to the plane's nearest point, in cells; 0: no plane. A point
     /// x (from the centre, in cells) is before it, and may be read from the cell, where x.w < w.w.
     std::vector<std::vector<glm::vec3>> walls; ///< at most most_walls
+    std::vector<OtherGrids> others;            ///< a kind each
     /// Written to every file, keys without the `lpv:` prefix: solver, settings, scene hash, ...
     std::map<std::string, std::string> metadata;
 

@@ -59,7 +59,7 @@ openvdb::GridBase::Ptr grid_from(FuzzedDataProvider& data, glm::ivec3 dims) {
 /// A file's content: mostly what a volume has, each part now and then missing or of another kind.
 VdbContent content_from(FuzzedDataProvider& data) {
     const auto odd = [&] { return data.ConsumeIntegralInRange(0, 31) == 31; };
-    VdbContent content{std::make_shared<openvdb::MetaMap>(), {}};
+    VdbContent content{std::make_shared<openvdb::MetaMap>(), {}, {}};
     openvdb::MetaMap& metadata = *content.metadata;
     const glm::ivec3 dims(size_from(data), size_from(data), size_from(data));
     const int order = data.ConsumeIntegralInRange(odd() ? -1 : 0, odd() ? 9 : 4);
@@ -97,9 +97,10 @@ VdbContent content_from(FuzzedDataProvider& data) {
     if (data.ConsumeBool())
         add("validity", false);
     for (int k = data.ConsumeIntegralInRange(0, 3); k-- > 0;)
-        add(wall_name(k), true);
+        add("wall_" + std::to_string(k), true);
     if (odd())
         grids["validity"] = openvdb::BoolGrid::create();
+    content.has = [grids](const std::string& name) { return grids.contains(name); };
     content.grid = [grids](const std::string& name) {
         const auto found = grids.find(name);
         return found == grids.end() ? nullptr : found->second;

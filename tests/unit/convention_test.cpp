@@ -129,7 +129,8 @@ TEST(Turned, LatticeAndDirectionsTurnTogether) {
     const Volume volume = random_volume({3, 4, 5}, 4, true, 7);
     for (const Axes axes : all_axes) {
         const glm::dmat3 turn = from_gltf(axes);
-        const Volume other = turned(volume, turn);
+        Volume other = volume;
+        turn_axes(turn, other);
         EXPECT_EQ(other.metadata, volume.metadata);
         for (int z = 0; z < 5; ++z)
             for (int y = 0; y < 4; ++y)
@@ -157,7 +158,8 @@ TEST(Turned, LatticeAndDirectionsTurnTogether) {
                         EXPECT_EQ(glm::dvec3(other.walls[k][i]),
                                   turn * glm::dvec3(volume.walls[k][here]));
                 }
-        const Volume back = turned(other, glm::transpose(turn));
+        Volume back = other;
+        turn_axes(glm::transpose(turn), back);
         EXPECT_EQ(back.grid.dims, volume.grid.dims);
         for (int a = 0; a < 3; ++a)
             EXPECT_NEAR(back.grid.origin[a], volume.grid.origin[a], 1e-12);

@@ -1,0 +1,37 @@
+// The table of formats: what kinds of volume files there are.
+//
+// A new format is a pair of files with a `const VolumeFormat`, and its place in the list of io.cpp.
+// Whatever names formats, writes or reads goes by the rows.
+#pragma once
+
+#include "io/pictures.h"
+#include "io/stored.h"
+
+#include <span>
+#include <string>
+
+namespace lpvbake {
+
+/// A kind of volume file. Functions may not be null.
+struct VolumeFormat {
+    const char* extension; ///< ".vdb", lower case; unique, also among sidecars
+    /// Extension of a file beside it by which it may be read too; empty: there is none.
+    const char* sidecar = "";
+    const char* help; ///< what is written for NAME, as "NAME.vdb"
+    /// It stores cells as Pictures says, for programs that are told how by the notes of a Target.
+    bool has_pictures = false;
+    /// Writes all grids of the volume, atomically. Throws Error: file; unsupported (it has no form
+    /// for such a volume).
+    WriteReport (*write)(const std::string& path, const Stored& stored, Precision precision,
+                         const Pictures& pictures);
+    /// The canonical volume with its grids of these kinds. Throws Error (file, invalid, memory,
+    /// unsupported).
+    Volume (*read)(const std::string& path, GridKinds kinds);
+};
+
+using VolumeFormats = std::span<const VolumeFormat* const>;
+
+/// OpenVDB, then OpenEXR.
+VolumeFormats volume_formats();
+
+} // namespace lpvbake

@@ -1,0 +1,78 @@
+#include "io/stored.h"
+
+#include "colour/colour.h"
+#include "io/layout.h"
+#include "volume/sh.h"
+
+namespace lpvbake {
+namespace {
+
+void check(const Volume& canonical, const Encoding& encoding, const std::string& path) {
+    check_volume(canonical, path, ExitCode::failure);
+    const int highest = highest_order(encoding.convention);
+    if (canonical.sh_order > highest)
+        throw Error(ExitCode::unsupported, path + ": the convention " + name_of(encoding.convention)
+                                               + " has a form for order " + std::to_string(highest)
+                                               + " at most; the volume has order "
+                                               + std::to_string(canonical.sh_order)
+                                               + ": set --sh-order");
+}
+
+bool changes(const Encoding& encoding) {
+    return encoding.convention != ShConvention::radiance || encoding.axes != Axes::gltf;
+}
+
+std::vector<float> density_of(const Volume& canonical) {
+    std::vector<float> density(canonical.grid.size());
+    for (size_t i = 0; i < density.size(); ++i)
+        density[i] = sh_y0 * float(glm::dot(glm::dvec3(canonical.sh[0][i]), rec709_luminance));
+    return density;
+}
+
+} // namespace
+
+Stored::Stored(const Volume& canonical, const Encoding& encoding, const std::string& path)
+    : encoding_(encoding) {
+    check(canonical, encoding, path);
+    if (!changes(encoding)) {
+        shared_ = &canonical;
+        density_ = density_of(canonical);
+        return;
+    }
+    own_ = canonical;
+    encode_own();
+}
+
+Stored::Stored(Volume&& canonical, const Encoding& encoding, const std::string& path)
+    : encoding_(encoding) {
+    check(canonical, encoding, path);
+    own_ = std::move(canonical);
+    encode_own();
+}
+
+void Stored::encode_own() {
+    turn_axes(from_gltf(encoding_.axes), *own_);
+    density_ = density_of(*own_);
+    encode(encoding_.convention, own_->sh_order, own_->sh);
+}
+
+Precision Stored::precision(Precision wanted, const std::string& path, WriteReport& report) const {
+    report.precision = wanted;
+    if (wanted == Precision::half)
+        if (const auto why = half_misfit(volume())) {
+            report.precision = Precision::full;
+            report.warnings.push_back(path + ": " + *why);
+        }
+    return report.precision;
+}
+
+void decode(const Encoding& encoding, const std::string& path, Volume& stored) {
+    if (stored.sh_order > highest_order(encoding.convention))
+        throw Error(ExitCode::invalid, path + ": order " + std::to_string(stored.sh_order)
+                                           + " cannot be of the convention "
+                                           + name_of(encoding.convention));
+    decode(encoding.convention, stored.sh_order, stored.sh);
+    turn_axes(glm::transpose(from_gltf(encoding.axes)), stored);
+}
+
+} // namespace lpvbake
