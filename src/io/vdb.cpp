@@ -128,7 +128,7 @@ public:
         const auto count = int32_t(grids);
         out_.write(reinterpret_cast<const char*>(&count), sizeof count);
     }
-    void write(const openvdb::GridBase::ConstPtr& grid) {
+    void add(const openvdb::GridBase::ConstPtr& grid) {
         openvdb::io::GridDescriptor descriptor(grid->getName(), grid->type(),
                                                grid->saveFloatAsHalf());
         writeGrid(descriptor, grid, out_, /*seekable=*/true);
@@ -347,7 +347,7 @@ WriteReport write_vdb(const std::string& path, const Stored& stored, Precision w
     file.write([&](std::ostream& out) {
         GridStream stream(out, metadata, views.size());
         for (const ConstGridView& view : views)
-            stream.write(make(view, quantity_of(*view.kind, encoding.convention)));
+            stream.add(make(view, quantity_of(*view.kind, encoding.convention)));
     });
     file.patch(uuid_offset, identify(file.temporary(), path).computed);
     report.files.push_back({path, file.seal()});
