@@ -115,7 +115,14 @@ std::string explain(const CLI::App& root, const CLI::ParseError& error,
     return text + " (see lpvbake --help)";
 }
 
-CLI::Validator one_of(const char* choices) {
+std::string choices_of(const std::vector<const char*>& names) {
+    std::string choices;
+    for (const char* name : names)
+        choices += (choices.empty() ? "" : "|") + std::string(name);
+    return choices;
+}
+
+CLI::Validator one_of(const std::string& choices) {
     return {[choices](std::string& text) -> std::string {
                 for (const std::string& choice : CLI::detail::split(choices, '|'))
                     if (choice == text)

@@ -13,7 +13,10 @@
 namespace lpvbake {
 
 /// Accepts one of the choices in "a|b|c".
-CLI::Validator one_of(const char* choices);
+CLI::Validator one_of(const std::string& choices);
+
+/// The names as choices: "a|b|c".
+std::string choices_of(const std::vector<const char*>& names);
 
 /// A finite number in [lo, hi], written in digits alone if `whole`.
 CLI::Validator within(double lo, double hi, bool whole);
@@ -48,9 +51,11 @@ public:
         constexpr bool whole = std::is_integral_v<T>;
         return text(names, value, whole ? "N" : "X", help)->check(within(lo, hi, whole));
     }
-    CLI::Option* choice(const char* names, std::string& value, const char* choices,
+    CLI::Option* choice(const char* names, std::string& value, const std::string& choices,
                         const char* help) {
-        return text(names, value, choices, help)->check(one_of(choices))->capture_default_str();
+        return text(names, value, choices.c_str(), help)
+            ->check(one_of(choices))
+            ->capture_default_str();
     }
     CLI::Option* flag(const char* names, bool& value, const char* help) {
         return app_.add_flag(names, value, help)->group(group_);

@@ -20,9 +20,9 @@ namespace {
 const char summary[] = "Writes a volume in another format, convention or order.";
 
 const char manual[] =
-    R"(Reads .vdb, .exr or the .json of a flipbook, as bake, reference and convert write them, in any
-convention, and writes .vdb and .exr. What is not asked for becomes the default: canonical
-coefficients of luminance in glTF's axes, in float.
+    R"(Reads what bake, reference and convert write, in any convention, a flipbook also by its .json, and
+writes it anew. What is not asked for becomes the default: canonical coefficients of luminance in
+glTF's axes, in float.
 
 Conventions, of canonical coefficients c (basis 1, y, z, x, xy, yz, 3z^2-1, xz, x^2-y^2; nits),
 and the source of each program's formula:

@@ -25,7 +25,7 @@ namespace {
 const char summary[] = "Tells what a scene or a volume file holds.";
 
 const char manual[] =
-    R"(A scene is .gltf or .glb; a volume .vdb, or .exr or .json of a flipbook.
+    R"(A scene is .gltf or .glb; a volume what bake writes, a flipbook also by its .json.
 Of a scene: triangles, bounds, materials, textures, lights, cameras. Of a volume: the lattice, the
 ranges of its grids, its energy and its metadata; with --slice also a picture of one layer.
 

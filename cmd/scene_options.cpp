@@ -159,15 +159,15 @@ CLI::Option* add_grid_options(OptionList& list, SceneOptions& o) {
 
 void add_output_options(OptionList& list, OutputOptions& o) {
     list.group("Output");
-    list.choice("--target", o.target, "generic|blender|houdini|unity|unreal|godot|threejs|vrc|bevy",
+    list.choice("--target", o.target, choices_of(target_names()),
                 "Program that reads the files: sets the options below that are not\ngiven, see "
                 "lpvbake convert --help, and writes what it needs beside them");
     list.choice("--precision", o.precision, "float|half", "Type of the stored numbers");
-    list.choice("--sh-convention", o.sh_convention, "radiance|irradiance|lpv|godot|unity|unreal",
+    list.choice("--sh-convention", o.sh_convention, choices_of(convention_names()),
                 "Signs and factors of the stored coefficients");
-    list.choice("--axes", o.axes, "gltf|unity|unreal|blender",
+    list.choice("--axes", o.axes, choices_of(axes_names()),
                 "Axes of cells, directions and positions");
-    list.choice("--exr-packing", o.exr_packing, "band|channel|vrc|cube|atlas",
+    list.choice("--exr-packing", o.exr_packing, choices_of(packing_names()),
                 "One RGB file per coefficient, one RGBA file per colour channel, or as\nVRC Light "
                 "Volumes, Bevy and three.js have it");
     list.number("--exr-columns", o.exr_columns, 0, 16384,

@@ -67,7 +67,7 @@ void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan)
             format("--bounds do not meet the scene's, %.6g,%.6g,%.6g to %.6g,%.6g,%.6g", lo.x, lo.y,
                    lo.z, hi.x, hi.y, hi.z));
     plan.grid = fit_grid(box.lo, box.hi, settings.grid);
-    plan.frame = {plan.grid.origin, plan.grid.cell, glm::dvec3(plan.grid.dims)};
+    plan.frame = frame_of(plan.grid);
     plan.device_bytes = solver.kind().device_bytes(plan.grid, solver);
     if (plan.device_bytes > device.memory)
         throw Error(ExitCode::memory,

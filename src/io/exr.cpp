@@ -577,8 +577,8 @@ std::optional<Packing> packing_named(std::string_view name) {
     return Packing(found - std::begin(names_of_packings));
 }
 
-std::span<const char* const> packing_names() {
-    return names_of_packings;
+std::vector<const char*> packing_names() {
+    return {std::begin(names_of_packings), std::end(names_of_packings)};
 }
 
 constexpr VolumeFormat exr_format{

@@ -2,8 +2,8 @@
 #pragma once
 
 #include <optional>
-#include <span>
 #include <string_view>
+#include <vector>
 
 namespace lpvbake {
 
@@ -31,7 +31,7 @@ const char* name_of(Packing packing);
 std::optional<Packing> packing_named(std::string_view name);
 
 /// The names of all packings.
-std::span<const char* const> packing_names();
+std::vector<const char*> packing_names();
 
 struct Pictures {
     Packing packing = Packing::band;

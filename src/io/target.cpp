@@ -245,6 +245,13 @@ std::span<const Target> all_targets() {
     return targets;
 }
 
+std::vector<const char*> target_names() {
+    std::vector<const char*> names;
+    for (const Target& target : targets)
+        names.push_back(target.name);
+    return names;
+}
+
 const Target* target_named(std::string_view name) {
     for (const Target& target : targets)
         if (name == target.name)

@@ -33,6 +33,7 @@ struct Target {
 
 /// generic, blender, houdini, unity, unreal, godot, threejs, vrc, bevy.
 std::span<const Target> all_targets();
+std::vector<const char*> target_names();
 /// Null for an unknown name.
 const Target* target_named(std::string_view name);
 

@@ -92,10 +92,6 @@ void set_pixel(Pixels& picture, int column, int row, glm::dvec3 colour) {
 
 } // namespace
 
-Frame frame_of(const Grid& grid) {
-    return {grid.origin, grid.cell, glm::dvec3(grid.dims)};
-}
-
 Rendering render(const LitScene& lit, const Volume& volume, const Raster& raster,
                  const readers::Reader& reader, const ViewSettings& settings, Progress& progress) {
     const auto& [scene, frame, visibility, paths] = lit;

@@ -31,9 +31,6 @@ struct Rendering {
     double noise = 0;
 };
 
-/// The frame of a volume's grid.
-Frame frame_of(const Grid& grid);
-
 /// Draws the scene on the device, sample by sample, and lights what is seen: punctual lights by
 /// shadow rays, the field as `reader` shows it, and dark where that is negative. Backs of
 /// single-sided materials are not drawn. The same bits for any number of threads. Throws Error:

@@ -88,7 +88,7 @@ glm::vec2 barycentric(glm::dvec3 p, const std::array<glm::dvec3, 3>& triangle) {
 }
 
 /// True if most of what a front sees are the backs of single-sided surfaces.
-bool is_buried(const Visibility& visibility, const Frame& frame, const SurfacePoint& point,
+bool is_buried(const Visibility& visibility, const Frame& frame, const FrontPoint& point,
                PathSampler& sampler) {
     constexpr int looks = 9;
     // Clear of the surface itself, by 64 steps of single precision.
@@ -116,11 +116,11 @@ std::vector<std::size_t> draw_cells(std::span<const float> validity, uint64_t co
     return sample_cells(valid_cells(validity), count, mix_bits(seed));
 }
 
-std::vector<SurfacePoint> draw_surface_points(const Scene& scene, const Visibility& visibility,
-                                              const Frame& frame, const Bounds& box, uint64_t count,
-                                              uint64_t seed) {
+std::vector<FrontPoint> draw_surface_points(const Scene& scene, const Visibility& visibility,
+                                            const Frame& frame, const Bounds& box, uint64_t count,
+                                            uint64_t seed) {
     const std::vector<Piece> pieces = pieces_in(scene, box);
-    std::vector<SurfacePoint> points;
+    std::vector<FrontPoint> points;
     if (pieces.empty())
         return points;
     for (uint64_t draw = 0; points.size() < count && draw < 100 * count; ++draw) {
@@ -132,7 +132,7 @@ std::vector<SurfacePoint> draw_surface_points(const Scene& scene, const Visibili
                      pieces.end() - 1);
         const glm::dvec2 sample = sampler.pair();
         const double root = std::sqrt(sample.x); // uniform over the triangle
-        SurfacePoint point;
+        FrontPoint point;
         point.position =
             (1 - root) * piece->a + root * (1 - sample.y) * piece->b + root * sample.y * piece->c;
         const auto triangle = corners(scene, piece->instance, piece->triangle);

@@ -16,7 +16,7 @@ namespace lpvbake {
 std::vector<std::size_t> draw_cells(std::span<const float> validity, uint64_t count, uint64_t seed);
 
 /// A point on the side of a surface that light can reach.
-struct SurfacePoint {
+struct FrontPoint {
     glm::dvec3 position{0.0}; ///< metres
     glm::dvec3 normal{0.0};   ///< unit, out of the triangle's front
 };
@@ -25,8 +25,8 @@ struct SurfacePoint {
 /// Passed over are points whose front lies inside geometry (most of what it sees are backs) and
 /// points that are not there (masked; blended by alpha). Fewer, or none, where a hundred draws a
 /// point were not enough. `frame` is that of `visibility`.
-std::vector<SurfacePoint> draw_surface_points(const Scene& scene, const Visibility& visibility,
-                                              const Frame& frame, const Bounds& box, uint64_t count,
-                                              uint64_t seed);
+std::vector<FrontPoint> draw_surface_points(const Scene& scene, const Visibility& visibility,
+                                            const Frame& frame, const Bounds& box, uint64_t count,
+                                            uint64_t seed);
 
 } // namespace lpvbake

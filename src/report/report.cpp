@@ -48,9 +48,7 @@ private:
 
 /// What is needed to trace in a grid's frame.
 struct Place {
-    Place(const Scene& scene, const Grid& grid)
-        : frame{grid.origin, grid.cell, glm::dvec3(grid.dims)},
-          visibility(scene, frame) {}
+    Place(const Scene& scene, const Grid& grid) : frame(frame_of(grid)), visibility(scene, frame) {}
     Frame frame;
     Visibility visibility;
 };
@@ -60,7 +58,7 @@ constexpr uint32_t peer_rays_each[] = {16, 64, 256, 1024, 4096};
 
 /// Surface points and what truly arrives there.
 struct SurfaceTruth {
-    std::vector<SurfacePoint> points;
+    std::vector<FrontPoint> points;
     Truth truth;
 };
 
@@ -73,7 +71,7 @@ SurfaceTruth trace_surfaces(const Scene& scene, const Grid& grid, const Bounds& 
                                           settings.probes, settings.seed);
     std::vector<glm::vec3> points;
     std::vector<glm::dvec3> normals;
-    for (const SurfacePoint& point : surfaces.points) {
+    for (const FrontPoint& point : surfaces.points) {
         const glm::dvec3 at = place.frame.from_world(point.position);
         // Off the surface by 64 steps of single precision.
         const double lift =
@@ -133,7 +131,7 @@ void measure(const std::vector<std::vector<glm::vec3>>& sh, int order, const Tru
 FieldError surface_error(const readers::Reader& reader, const Volume& volume,
                          const SurfaceTruth& surfaces) {
     std::vector<glm::dvec3> estimate;
-    for (const SurfacePoint& point : surfaces.points)
+    for (const FrontPoint& point : surfaces.points)
         estimate.push_back(readers::irradiance(reader, volume, point.position, point.normal));
     return error_of(estimate, surfaces.truth.irradiance);
 }

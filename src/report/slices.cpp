@@ -75,7 +75,7 @@ std::optional<Volume> trace_layer(const Scene& scene, const Visibility& visibili
         points.push_back(glm::vec3(whole) + 0.5f);
         keys.push_back(own);
     });
-    const Frame frame{grid.origin, grid.cell, glm::dvec3(grid.dims)};
+    const Frame frame = frame_of(grid);
     ReferenceSettings settings;
     settings.sh_order = order;
     settings.rays = usual_rays;

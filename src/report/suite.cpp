@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <memory>
 
 namespace lpvbake {
 namespace {
@@ -86,7 +87,42 @@ SuiteCells choose_cells(const SuiteCase& c, const Visibility& visibility, const 
                                        : sample_cells(std::move(inside), c.options.probes, 1)};
 }
 
-/// Bakes and finds truths of the cases, each once.
+/// A case's scene, and what its fields are judged by: made once for all solvers.
+struct Ground {
+    Ground(const SuiteCase& c, Scene loaded) : of(&c), scene(std::move(loaded)) {}
+
+    /// Where a field of this grid is looked at, and the truth there; made anew for another grid.
+    void find_truth_on(const Grid& other, Progress& progress) {
+        if (visibility && grid == other)
+            return;
+        visibility.reset(); // what is left of a failure is no truth
+        auto seen = std::make_unique<Visibility>(scene, frame_of(other));
+        cells = choose_cells(*of, *seen, other);
+        truth = find_truth(of->truth, scene, *seen, other, wanted(),
+                           SuiteTracing{of->options.bounces, of->options.rays, of->options.noise},
+                           progress);
+        grid = other;
+        visibility = std::move(seen);
+    }
+
+    const SuiteCase* of;
+    Scene scene;
+    Grid grid;
+    std::unique_ptr<Visibility> visibility;
+    SuiteCells cells;
+    TruthField truth;
+
+private:
+    std::vector<size_t> wanted() const {
+        if (!of->region || of->region->dark)
+            return cells.probes;
+        std::vector<size_t> both;
+        std::ranges::set_union(cells.probes, cells.region, std::back_inserter(both));
+        return both;
+    }
+};
+
+/// Bakes cases with solvers, and judges them; quickest where rows of a case follow each other.
 class Runner {
 public:
     Runner(const Suite& suite, Progress& progress) : suite_(suite), progress_(progress) {}
@@ -94,22 +130,19 @@ public:
     SuiteRow run(const SuiteCase& c, const SuiteSolver& solver) {
         SuiteRow row;
         try {
-            const Scene scene = load(c);
-            const Baked& baked = field(c, scene, solver);
-            const Grid& grid = baked.volume.grid;
-            const Visibility visibility(scene,
-                                        Frame{grid.origin, grid.cell, glm::dvec3(grid.dims)});
-            const SuiteCells cells = choose_cells(c, visibility, grid);
-            const TruthField truth = find_truth(
-                c.truth, scene, visibility, grid, wanted(c, cells),
-                SuiteTracing{c.options.bounces, c.options.rays, c.options.noise}, progress_);
+            if (!ground_ || ground_->of != &c)
+                ground_ = std::make_unique<Ground>(c, load(c));
+            const Baked& baked = field(c, solver, ground_->scene);
+            ground_->find_truth_on(baked.volume.grid, progress_);
             const Volume* other = nullptr;
             if (c.same_as) {
                 const SuiteCase& twin =
                     *std::ranges::find(suite_.cases, c.same_as->name, &SuiteCase::name);
-                other = &field(twin, load(twin), solver).volume;
+                const bool is_there = baked_.contains({twin.name, solver.name});
+                other = &field(twin, solver, is_there ? Scene() : load(twin)).volume;
             }
-            row = judge(c, c.limits.at(solver.name), baked.volume, truth, cells, other);
+            row = judge(c, c.limits.at(solver.name), baked.volume, ground_->truth, ground_->cells,
+                        other);
             row.seconds = baked.seconds;
             if (std::ranges::none_of(suite_.cases, [&](const SuiteCase& each) {
                     return each.same_as && each.same_as->name == c.name;
@@ -140,15 +173,8 @@ private:
         return load_gltf(c.scene, {.rules = rules});
     }
 
-    static std::vector<size_t> wanted(const SuiteCase& c, const SuiteCells& cells) {
-        if (!c.region || c.region->dark)
-            return cells.probes;
-        std::vector<size_t> both;
-        std::ranges::set_union(cells.probes, cells.region, std::back_inserter(both));
-        return both;
-    }
-
-    const Baked& field(const SuiteCase& c, const Scene& scene, const SuiteSolver& solver) {
+    /// `scene` is the case's; it is not looked at where the field is there.
+    const Baked& field(const SuiteCase& c, const SuiteSolver& solver, const Scene& scene) {
         const auto [found, is_new] = baked_.try_emplace({c.name, solver.name});
         if (is_new) {
             try {
@@ -166,6 +192,7 @@ private:
 
     const Suite& suite_;
     Progress& progress_;
+    std::unique_ptr<Ground> ground_;
     std::map<std::pair<std::string, std::string>, Baked> baked_;
 };
 

@@ -31,8 +31,7 @@ void trace(const Scene& scene, const Visibility& visibility, std::span<const siz
     reference.rays = settings.rays;
     reference.noise = settings.noise;
     const ProbeField traced =
-        trace_probes(scene, visibility, {grid.origin, grid.cell, glm::dvec3(grid.dims)}, points,
-                     keys, reference, progress);
+        trace_probes(scene, visibility, frame_of(grid), points, keys, reference, progress);
     for (size_t k = 0; k < traced.sh.size(); ++k)
         for (size_t i = 0; i < cells.size(); ++i)
             field.volume.sh[k][cells[i]] = traced.sh[k][i];

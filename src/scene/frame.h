@@ -16,6 +16,12 @@ struct Frame {
     glm::dvec3 to_world(glm::dvec3 p) const { return origin + p * unit; }
 };
 
+/// The frame of a grid (volume/grid.h, which this room does not know).
+template <class Grid>
+Frame frame_of(const Grid& grid) {
+    return {grid.origin, grid.cell, glm::dvec3(grid.dims)};
+}
+
 /// A placed mesh's vertex positions in the frame: world transform and frame are joined in double,
 /// then rounded once.
 std::vector<glm::vec3> positions_in_frame(const Scene& scene, const Instance& instance,

@@ -46,6 +46,14 @@ std::optional<Value> find_value(const Named<Value> (&table)[n], std::string_view
     return std::nullopt;
 }
 
+template <class Table>
+std::vector<const char*> names_in(const Table& table) {
+    std::vector<const char*> names;
+    for (const auto& row : table)
+        names.push_back(row.name);
+    return names;
+}
+
 int band_of(int k) {
     return int(std::sqrt(double(k)));
 }
@@ -132,6 +140,13 @@ std::optional<ShConvention> convention_named(std::string_view name) {
 }
 std::optional<Axes> axes_named(std::string_view name) {
     return find_value(all_axes, name);
+}
+
+std::vector<const char*> convention_names() {
+    return names_in(conventions);
+}
+std::vector<const char*> axes_names() {
+    return names_in(all_axes);
 }
 
 Quantity quantity_of(ShConvention convention) {

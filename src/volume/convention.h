@@ -49,6 +49,10 @@ const char* name_of(Axes axes);
 std::optional<ShConvention> convention_named(std::string_view name);
 std::optional<Axes> axes_named(std::string_view name);
 
+/// The names of all, in the order of the enumerations.
+std::vector<const char*> convention_names();
+std::vector<const char*> axes_names();
+
 /// What stored coefficients are.
 Quantity quantity_of(ShConvention convention);
 

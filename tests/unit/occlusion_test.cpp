@@ -13,10 +13,6 @@ namespace {
 Grid grid_of(glm::ivec3 dims) {
     return {glm::dvec3(0.0), 1.0, dims};
 }
-Frame frame_of(const Grid& grid) {
-    return {grid.origin, grid.cell, glm::dvec3(grid.dims)};
-}
-
 /// Cells that light from `start` can reach over open links.
 std::vector<uint8_t> flood(const Links& links, const Grid& grid, glm::ivec3 start) {
     std::vector<uint8_t> reached(grid.size(), 0);

@@ -182,7 +182,7 @@ public:
           points(draw_surface_points(scene, visibility, frame, box, count, 7)) {}
     Frame frame;
     Visibility visibility;
-    std::vector<SurfacePoint> points;
+    std::vector<FrontPoint> points;
 };
 
 TEST(Points, SurfacesInsideARoomCountByTheirArea) {
@@ -194,7 +194,7 @@ TEST(Points, SurfacesInsideARoomCountByTheirArea) {
     const Drawn drawn(scene, bounds_of(scene), 4000);
     ASSERT_EQ(drawn.points.size(), 4000u);
     double floor = 0, block = 0;
-    for (const SurfacePoint& p : drawn.points) {
+    for (const FrontPoint& p : drawn.points) {
         EXPECT_NEAR(glm::length(p.normal), 1, 1e-12);
         const bool below = p.position.x > 0.251 && p.position.x < 0.749 && p.position.z > 0.251
                            && p.position.z < 0.749 && p.position.y < 1e-6 && p.normal.y > 0;
@@ -217,7 +217,7 @@ TEST(Points, OnlyThePartInsideTheBoxCounts) {
     const Drawn drawn(scene, box, 500);
     ASSERT_EQ(drawn.points.size(), 500u);
     glm::dvec3 mean(0);
-    for (const SurfacePoint& p : drawn.points) {
+    for (const FrontPoint& p : drawn.points) {
         EXPECT_TRUE(glm::all(glm::greaterThanEqual(p.position, box.lo - 1e-9)));
         EXPECT_TRUE(glm::all(glm::lessThanEqual(p.position, box.hi + 1e-9)));
         EXPECT_GT(p.normal.y, 0.99);

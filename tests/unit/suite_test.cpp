@@ -380,6 +380,31 @@ TEST_F(SuiteFile, WhatGoesWrongInOneRowIsThatRowsFailure) {
     EXPECT_THROW(run(suite, {failing}), Error);
 }
 
+TEST_F(SuiteFile, TruthIsTracedOnceACase) {
+    struct Counter : Progress {
+        void begin(std::string_view stage, uint64_t) override {
+            traced += stage.starts_with("trace");
+        }
+        int traced = 0;
+    };
+    first()["truth"] = "reference";
+    first()["limits"]["sn"] = first()["limits"]["lpv"];
+    json later = first();
+    later["name"] = "later";
+    document_["cases"] = {first(), later};
+    const auto traced = [&](const std::vector<SuiteSolver>& solvers) {
+        Counter counter;
+        const std::vector<SuiteRow> rows = run_suite(load(), {}, solvers, counter, [](auto&) {});
+        EXPECT_EQ(rows.size(), 2 * solvers.size());
+        for (const SuiteRow& row : rows)
+            EXPECT_EQ(row.error, rows[0].error);
+        return counter.traced;
+    };
+    const int once = traced({exact("lpv", 1.0f, {})});
+    EXPECT_GE(once, 2);
+    EXPECT_EQ(traced({exact("lpv", 1.0f, {}), exact("sn", 1.0f, {})}), once);
+}
+
 TEST_F(SuiteFile, RowsCanBeSelected) {
     json later = first();
     later["name"] = "later";
