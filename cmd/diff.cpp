@@ -9,6 +9,7 @@
 #include "slice_option.h"
 #include "terminal.h"
 #include "volume/compare.h"
+#include "volume/light_content.h"
 #include "volume/sh.h"
 
 #include <CLI/CLI.hpp>
@@ -31,7 +32,7 @@ namespace fs = std::filesystem;
 const char summary[] = "Tells how far volume A is from the reference B on the same grid.";
 
 const char manual[] =
-    R"(A and B are .vdb, or .exr or .json of a flipbook. Their grids must have the same dims, cell and
+    R"(A and B are volumes, flipbooks also by their .json. Their grids must have the same dims, cell and
 origin, each corner within a millionth of a cell (else exit code 3); order of SH, grids present and
 valid cells may differ and are reported.
 
@@ -460,6 +461,20 @@ std::optional<std::string> failure(const DiffResult& result) {
     return " in " + grids;
 }
 
+/// Warns where both are known to hold light, or a quantity, that the other does not.
+void warn_of_light(const Volume& a, const Volume& b) {
+    const auto warn = [](const std::string& of_a, const std::string& of_b) {
+        std::fprintf(stderr, "lpvbake: warning: the two hold different light: %s against %s\n",
+                     of_a.c_str(), of_b.c_str());
+    };
+    const auto light_a = content_in(a.metadata), light_b = content_in(b.metadata);
+    if (light_a && light_b && *light_a != *light_b)
+        warn(sentence_of(*light_a), sentence_of(*light_b));
+    const auto of_a = a.metadata.find("quantity"), of_b = b.metadata.find("quantity");
+    if (of_a != a.metadata.end() && of_b != b.metadata.end() && of_a->second != of_b->second)
+        warn(of_a->second, of_b->second);
+}
+
 void run(const DiffOptions& o) {
     check_options(o);
     const Volume a = read_volume(o.a), b = read_volume(o.b);
@@ -468,12 +483,7 @@ void run(const DiffOptions& o) {
         throw Error(ExitCode::invalid,
                     both + " are not on one grid: " + *why
                         + "; bake both with the same --bounds, --resolution and --margin");
-    for (const char* key : {"content", "quantity"}) {
-        const auto of_a = a.metadata.find(key), of_b = b.metadata.find(key);
-        if (of_a != a.metadata.end() && of_b != b.metadata.end() && of_a->second != of_b->second)
-            std::fprintf(stderr, "lpvbake: warning: the two hold different light: %s against %s\n",
-                         of_a->second.c_str(), of_b->second.c_str());
-    }
+    warn_of_light(a, b);
     const Comparison comparison = compare(a, b, {{o.fail.limit, o.warn.limit}, o.worst});
     if (comparison.samples == 0 && !comparison.identical)
         throw Error(ExitCode::invalid,

@@ -15,6 +15,7 @@
 #include "scene_options.h"
 #include "text.h"
 #include "volume/dilate.h"
+#include "volume/light_content.h"
 
 #include <glm/gtc/constants.hpp>
 
@@ -332,19 +333,18 @@ void check_options(const RenderOptions& o) {
 
 Volume read(const std::string& path) {
     Volume volume = read_volume(path);
-    const auto content = volume.metadata.find("content");
-    if (volume.metadata.contains("quantity")
-        || (content != volume.metadata.end() && content->second.starts_with("difference")))
+    const bool is_difference = volume.metadata.contains("minuend");
+    if (is_difference || volume.metadata.contains("quantity"))
         throw Error(ExitCode::invalid,
-                    path + ": holds "
-                        + (content != volume.metadata.end() ? content->second : "errors")
+                    path + ": holds " + (is_difference ? "the difference of two volumes" : "errors")
                         + ", not light; give a volume of bake or reference");
     return volume;
 }
 
-bool holds(const Volume& volume, const char* light) {
-    const auto content = volume.metadata.find("content");
-    return content == volume.metadata.end() || content->second.find(light) != std::string::npos;
+/// Whether the volume holds light of a kind of source; where that is unknown it is taken to.
+bool holds(const Volume& volume, std::optional<Reflections> LightContent::*source) {
+    const std::optional<LightContent> content = content_in(volume.metadata);
+    return !content || (*content).*source;
 }
 
 /// What makes the volume one of another scene or other lights, if it is looked at.
@@ -368,20 +368,21 @@ void warn_of_mismatch(const RenderOptions& o, const Scene& scene, const Volume& 
         progress.warn(o.volume
                       + ": ends inside the scene, beyond it its outermost cells are read; bake "
                         "with larger --bounds");
-    const auto miss = [&](bool present, const char* key, const char* name) {
-        if (present && !holds(volume, key))
+    const auto miss = [&](bool present, std::optional<Reflections> LightContent::*source,
+                          const char* name) {
+        if (present && !holds(volume, source))
             progress.warn(o.volume + ": holds no light of " + name
                           + ", which the picture lacks; bake with it");
     };
-    miss(!o.no_emitters && has_emitters(scene), "emitters", "emitters");
-    miss(has_sky(scene), "sky", "the sky");
-    miss(!scene.lights.empty(), "punctual", "punctual lights");
+    miss(!o.no_emitters && has_emitters(scene), &LightContent::emitters, "emitters");
+    miss(has_sky(scene), &LightContent::sky, "the sky");
+    miss(!scene.lights.empty(), &LightContent::punctual, "punctual lights");
 }
 
 /// Which light the volume holds, as its metadata say.
 PathRules rules_of(const RenderOptions& o, const Volume& volume) {
     PathRules rules;
-    rules.emitters = !o.no_emitters && holds(volume, "emitters");
+    rules.emitters = !o.no_emitters && holds(volume, &LightContent::emitters);
     const auto bounces = volume.metadata.find("bounces");
     rules.bounces = bounces == volume.metadata.end() ? std::nullopt : bounces_of(bounces->second);
     return rules;

@@ -7,6 +7,7 @@
 #include "visibility/backs.h"
 #include "visibility/visibility.h"
 #include "visibility/walls.h"
+#include "volume/light_content.h"
 
 #include <algorithm>
 
@@ -36,29 +37,6 @@ std::string share_with_walls(const std::vector<std::vector<glm::vec3>>& walls) {
     const auto without = std::ranges::count(walls[0], glm::vec3(0.0f));
     return format("beside %.1f %% of the cells",
                   100.0 * (1.0 - double(without) / double(walls[0].size())));
-}
-
-/// As a reference of the same light says it: "punctual lights after one reflection; emitters and
-/// sky direct and after one reflection".
-std::string content_of(const Scene& scene, const BakePlan& plan, std::optional<int> bounces) {
-    std::string content;
-    if (!scene.lights.empty() && bounces != 0)
-        content = "punctual lights after "
-                  + (!bounces       ? "one reflection and more"
-                     : bounces == 1 ? "one reflection"
-                                    : format("1 to %d reflections", *bounces));
-    if (plan.emitters || has_sky(scene)) {
-        content += content.empty() ? "" : "; ";
-        content += plan.emitters && has_sky(scene) ? "emitters and sky direct"
-                   : plan.emitters                 ? "emitters direct"
-                                                   : "sky direct";
-        if (plan.lit && bounces != 0)
-            content += " and after "
-                       + (!bounces       ? "any number of reflections"
-                          : bounces == 1 ? "one reflection"
-                                         : format("up to %d reflections", *bounces));
-    }
-    return content;
 }
 
 /// Where maps hold some of the light, surfaces are lit anew for all of it.
@@ -122,7 +100,9 @@ Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
         fit_volume(scene, plan, visibility, std::move(lit), stages, volume);
 
     volume.metadata["solver"] = kind.name;
-    volume.metadata["content"] = content_of(scene, plan, plan.settings.bounces);
+    set_content(
+        content_of(!scene.lights.empty(), plan.emitters, has_sky(scene), plan.settings.bounces),
+        volume.metadata);
     volume.metadata["bounces"] =
         plan.settings.bounces ? std::to_string(*plan.settings.bounces) : "inf";
     volume.metadata["device"] = device.info().name;

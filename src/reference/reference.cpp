@@ -5,6 +5,7 @@
 #include "visibility/validity.h"
 #include "visibility/walls.h"
 #include "volume/compare.h"
+#include "volume/light_content.h"
 #include "volume/sh.h"
 
 #include <glm/gtc/constants.hpp>
@@ -131,28 +132,6 @@ void add_pass(std::span<const glm::dvec3> rows, double rays,
 /// Mean over all normals and RGB: only the constant band does not cancel.
 double mean_irradiance(glm::dvec3 c0) {
     return 0.5 * std::sqrt(glm::pi<double>()) * (c0.x + c0.y + c0.z) / 3.0;
-}
-
-/// Which light the field holds, as metadata say it.
-std::string content_of(const Scene& scene, const PathRules& rules) {
-    const std::optional<int> limit = rules.bounces;
-    std::string content;
-    if (!scene.lights.empty() && limit != 0)
-        content = "punctual lights after "
-                  + (!limit       ? std::string("one reflection and more")
-                     : limit == 1 ? std::string("one reflection")
-                                  : "1 to " + std::to_string(*limit) + " reflections");
-    const bool emitters = rules.emitters && has_emitters(scene), sky = has_sky(scene);
-    if (emitters || sky)
-        content += std::string(content.empty() ? "" : "; ")
-                   + (emitters && sky ? "emitters and sky direct"
-                      : sky           ? "sky direct"
-                                      : "emitters direct")
-                   + (!limit       ? std::string(" and after any number of reflections")
-                      : limit == 0 ? std::string()
-                      : limit == 1 ? std::string(" and after one reflection")
-                                   : " and after up to " + std::to_string(*limit) + " reflections");
-    return content;
 }
 
 /// Throws Error (memory) unless what is kept of the cells fits this machine.
@@ -385,16 +364,15 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
     check_memory(grid, settings);
 
     progress.begin("visibility", 0);
-    const Frame frame{grid.origin, grid.cell, glm::dvec3(grid.dims)};
+    const Frame frame = frame_of(grid);
     const Visibility visibility(scene, frame);
     const std::vector<float> validity = trace_validity(visibility, grid.dims);
 
     const std::vector<size_t> cells = probe_cells(scene, validity, settings);
     std::vector<glm::vec3> points;
     std::vector<uint64_t> keys;
-    const auto nx = size_t(grid.dims.x), ny = size_t(grid.dims.y);
     for (const size_t cell : cells) {
-        points.push_back(glm::vec3(cell % nx, cell / nx % ny, cell / (nx * ny)) + 0.5f);
+        points.push_back(glm::vec3(grid.cell_at(cell)) + 0.5f);
         keys.push_back(cell);
     }
     const ProbeField field =
@@ -416,12 +394,14 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
         volume.validity[cell] = validity[cell];
     volume.metadata = {
         {"solver", "reference"},
-        {"content", content_of(scene, settings.paths)},
         {"bounces", settings.paths.bounces ? std::to_string(*settings.paths.bounces) : "inf"},
         {"rays", std::to_string(field.rays)},
         {"seed", std::to_string(settings.seed)},
         {"noise", short_number(field.noise)},
     };
+    set_content(content_of(!scene.lights.empty(), settings.paths.emitters && has_emitters(scene),
+                           has_sky(scene), settings.paths.bounces),
+                volume.metadata);
     if (settings.probes > 0)
         volume.metadata["probes"] = std::to_string(cells.size());
     reference.error = volume;

@@ -5,6 +5,7 @@
 #include "cli/run.h"
 #include "image/image.h"
 #include "io/io.h"
+#include "volume/light_content.h"
 
 #include <nlohmann/json.hpp>
 
@@ -294,6 +295,26 @@ TEST_F(Diff, MetadataAreToldAndDecideNothingUnlessAsked) {
         EXPECT_EQ(asked.err, "lpvbake: error: a.vdb differs from b.vdb in its metadata\n");
     }
     EXPECT_EQ(run("a.vdb a.vdb --metadata").status, 0);
+}
+
+TEST_F(Diff, WarnsWhereLightIsKnownToBeOfOtherSources) {
+    Volume a = even_light(), b = even_light();
+    set_content(content_of(true, true, false, 1), a.metadata);
+    set_content(content_of(true, false, false, 1), b.metadata);
+    write("a.vdb", a);
+    write("b.vdb", b);
+    EXPECT_NE(run("a.vdb b.vdb")
+                  .err.find("hold different light: punctual lights after one "
+                            "reflection; emitters direct and after one reflection "
+                            "against punctual lights after one reflection\n"),
+              std::string::npos);
+    a.metadata.erase("sky_reflections"); // as files were once written: unknown, whatever it says
+    write("old.vdb", a);
+    EXPECT_EQ(run("old.vdb b.vdb").err, "");
+    a = b;
+    a.metadata["content"] = "otherwise said";
+    write("said.vdb", a);
+    EXPECT_EQ(run("said.vdb b.vdb").err, "");
 }
 
 TEST_F(Diff, ABlackReferenceIsNoDivisionByZero) {

@@ -2,6 +2,7 @@
 #include "cli/run.h"
 #include "image/image.h"
 #include "io/io.h"
+#include "volume/light_content.h"
 
 #include <nlohmann/json.hpp>
 
@@ -22,8 +23,8 @@ protected:
         volume_.sh.assign(4, std::vector<glm::vec3>(1000, glm::vec3(0)));
         volume_.sh[0].assign(1000, glm::vec3(10 / 0.28209479f));
         volume_.validity.assign(1000, 1);
-        volume_.metadata = {{"content", "punctual lights after one reflection; emitters direct"},
-                            {"bounces", "1"}};
+        volume_.metadata = {{"bounces", "1"}};
+        set_content(content_of(true, true, false, 1), volume_.metadata);
         write_volume(folder_ / "v.vdb", volume_, Precision::full);
     }
     CliResult run(const std::string& arguments) {
@@ -116,7 +117,7 @@ TEST_F(RenderCli, DryRunDrawsNothing) {
 
 TEST_F(RenderCli, WarnsOfAVolumeThatDoesNotBelong) {
     volume_.grid.origin.x = -0.5;
-    volume_.metadata["content"] = "punctual lights after one reflection";
+    set_content(content_of(true, false, false, 1), volume_.metadata);
     volume_.metadata["scene_hash"] = "0123456789abcdef";
     volume_.metadata["settings"] = "sun = [\"1,2,3\"]";
     write_volume(folder_ / "w.vdb", volume_, Precision::full);
@@ -126,6 +127,15 @@ TEST_F(RenderCli, WarnsOfAVolumeThatDoesNotBelong) {
          {"ends inside the scene", "another scene or other lights", "holds no light of emitters"})
         EXPECT_NE(result.err.find(text), std::string::npos) << text << "\n" << result.err;
     EXPECT_EQ(run("\"$ROOM\" w.vdb -o a.png --size 8x8 --samples 1 --show albedo").err, "");
+    volume_.metadata.erase("emitter_reflections"); // as files were once written
+    write_volume(folder_ / "old.vdb", volume_, Precision::full);
+    const CliResult old = run("\"$ROOM\" old.vdb -o a.png --size 8x8 --samples 1");
+    EXPECT_EQ(old.status, 0);
+    EXPECT_EQ(old.err.find("holds no light"), std::string::npos) << old.err;
+    volume_.metadata["minuend"] = "x.vdb";
+    write_volume(folder_ / "d.vdb", volume_, Precision::full);
+    expect_error("\"$ROOM\" d.vdb -o a.png", ExitCode::invalid, "difference of two volumes");
+    volume_.metadata.erase("minuend");
     volume_.metadata["quantity"] = "standard error";
     write_volume(folder_ / "e.vdb", volume_, Precision::full);
     expect_error("\"$ROOM\" e.vdb -o a.png", ExitCode::invalid, "e.vdb");
