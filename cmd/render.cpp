@@ -542,11 +542,23 @@ readers::Reader sampler_of(const std::string& name) {
     return {.name = "trilinear", .highest_order = sh_max_order, .clamped = true};
 }
 
-/// The volume as the sampler's target writes it: filled, unless it is fitted.
-Volume as_read(const std::string& sampler, Volume volume) {
-    if (const Target* target = target_named(sampler); target && !volume.metadata.contains("fit"))
-        dilate(volume, target->dilate);
-    return volume;
+/// The volume as the sampler's target writes it, where that fills cells; a fitted one is filled.
+std::optional<Volume> filled_for(const std::string& sampler, const Volume& volume) {
+    const Target* target = target_named(sampler);
+    if (!target || target->dilate == 0 || volume.metadata.contains("fit"))
+        return {};
+    std::optional<Volume> filled = volume;
+    dilate(*filled, target->dilate);
+    return filled;
+}
+
+/// What --sampler takes: our own two, then the programs and formulas that readers know.
+std::string sampler_choices() {
+    std::vector<const char*> names{"facing", "trilinear"};
+    for (const readers::Reader& reader : readers::all_readers())
+        if (&reader != readers::reader_named("lpvbake"))
+            names.push_back(reader.name);
+    return choices_of(names);
 }
 
 void run(const RenderOptions& o) {
@@ -594,8 +606,9 @@ void run(const RenderOptions& o) {
         const Raster raster(*device, scene, frame);
         end_stage("prepare");
         const LitScene lit{scene, frame, visibility, paths};
+        const std::optional<Volume> filled = filled_for(o.sampler, volume);
         result.rendering =
-            render(lit, as_read(o.sampler, volume), raster, sampler_of(o.sampler), view, progress);
+            render(lit, filled ? *filled : volume, raster, sampler_of(o.sampler), view, progress);
         end_stage("render");
         result.exposure = o.exposure == "auto"
                               ? automatic_exposure(result.rendering.picture, view.show)
@@ -652,10 +665,8 @@ void add_render(CLI::App& root, Action& action) {
     list.choice("--show", o.show,
                 "final|direct|indirect|albedo|normal|irradiance|occlusion|validity|cells",
                 "See below");
-    list.choice(
-        "--sampler", o.sampler,
-        "facing|trilinear|blender|houdini|unity|unreal|godot|threejs|vrc|bevy|\ngeomerics|zh3",
-        "How the volume is read, or by which program");
+    list.choice("--sampler", o.sampler, sampler_choices(),
+                "How the volume is read, or by which program");
 
     list.group("Picture");
     list.text("--exposure", o.exposure, "EV|auto", "Of a .png")->capture_default_str();

@@ -156,6 +156,15 @@ TEST_F(RenderCli, ConfigFileRoundTrips) {
         EXPECT_NE(second.out.find(line), std::string::npos) << line << second.out;
 }
 
+TEST_F(RenderCli, TakesEveryReaderThatItNames) {
+    for (const char* name : {"facing", "trilinear", "blender", "houdini", "unity", "unreal",
+                             "godot", "threejs", "vrc", "bevy", "geomerics", "zh3"}) {
+        const CliResult result =
+            run("\"$ROOM\" v.vdb -o a.png --dry-run --sampler " + std::string(name));
+        EXPECT_EQ(result.status, 0) << name << result.err;
+    }
+}
+
 TEST_F(RenderCli, WrongCommandLinesAreRefused) {
     expect_error("", ExitCode::usage, "no scene");
     expect_error("\"$ROOM\"", ExitCode::usage, "no volume");
