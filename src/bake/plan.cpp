@@ -212,7 +212,8 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     for (const StageReport& stage : plan.stages)
         plan.seconds += stage.seconds;
 
-    // The volume itself takes 12 bytes a coefficient and a wall, and a copy while it is written.
+    // The volume itself takes 12 bytes a coefficient and a wall, and a copy while it is fitted, or
+    // written more than once.
     plan.host_bytes +=
         models::bytes::triangle * plan.triangles + models::bytes::fixed
         + plan.grid.size()

@@ -581,21 +581,13 @@ std::vector<const char*> packing_names() {
     return {std::begin(names_of_packings), std::end(names_of_packings)};
 }
 
-constexpr VolumeFormat exr_format{
-    .extension = ".exr",
-    .sidecar = ".json",
-    .help = "NAME.exr, which becomes\nNAME_sh_l0.exr, ... and NAME.json",
-    .has_pictures = true,
-    .write = [](const std::string& path, const Stored& stored, Precision precision,
-                const Pictures& pictures) { return write_exr(path, stored, precision, pictures); },
-    .read = read_exr};
-
-WriteReport write_exr(const std::string& path, const Volume& volume, Precision precision,
-                      const Pictures& pictures, const Encoding& encoding) {
-    check_volume(volume, path, ExitCode::failure);
-    check_packing(volume, pictures.packing, encoding.convention, path);
-    return write_exr(path, Stored(volume, encoding, path), precision, pictures);
-}
+constexpr VolumeFormat exr_format{.extension = ".exr",
+                                  .sidecar = ".json",
+                                  .help =
+                                      "NAME.exr, which becomes\nNAME_sh_l0.exr, ... and NAME.json",
+                                  .has_pictures = true,
+                                  .write = write_exr,
+                                  .read = read_exr};
 
 WriteReport write_exr(const std::string& path, const Stored& stored, Precision wanted,
                       const Pictures& pictures) {

@@ -39,8 +39,6 @@ extern const VolumeFormat exr_format;
 /// form for the order or for each other, or the picture would have more than 16384 texels a side).
 WriteReport write_exr(const std::string& path, const Stored& stored, Precision precision,
                       const Pictures& pictures);
-WriteReport write_exr(const std::string& path, const Volume& volume, Precision precision,
-                      const Pictures& pictures = {}, const Encoding& encoding = {});
 
 /// Reads what write_exr made, through its sidecar (STEM.json; STEM.exr and every picture name the
 /// same). Throws Error (file, invalid, memory; unsupported: Packing::cube).

@@ -308,11 +308,6 @@ constexpr VolumeFormat vdb_format{
                 const Pictures&) { return write_vdb(path, stored, precision); },
     .read = read_vdb};
 
-WriteReport write_vdb(const std::string& path, const Volume& volume, Precision precision,
-                      const Encoding& encoding) {
-    return write_vdb(path, Stored(volume, encoding, path), precision);
-}
-
 WriteReport write_vdb(const std::string& path, const Stored& stored, Precision wanted) {
     initialise();
     const Volume& volume = stored.volume();

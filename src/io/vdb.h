@@ -24,8 +24,6 @@ extern const VolumeFormat vdb_format;
 /// a hash of everything else in the file. Atomic. Throws Error: failure (a value is not finite),
 /// unsupported (the encoding has no form for the order), file.
 WriteReport write_vdb(const std::string& path, const Stored& stored, Precision precision);
-WriteReport write_vdb(const std::string& path, const Volume& volume, Precision precision,
-                      const Encoding& encoding = {});
 
 /// Reads a file that write_vdb made (in full or half, whatever its encoding: the result is
 /// canonical). Grids of other kinds are left out. A file that was changed since, by accident or by

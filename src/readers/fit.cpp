@@ -16,10 +16,6 @@ namespace {
 
 using Row = std::array<double, sh_count(sh_max_order)>;
 
-bool is_valid(const Volume& volume, std::size_t cell) {
-    return volume.validity.empty() || volume.validity[cell] != 0;
-}
-
 /// Mean of a cell's light over directions, up to a factor.
 double light_of(const Volume& volume, std::size_t cell) {
     const glm::vec3 l0 = volume.sh[0][cell];
@@ -29,7 +25,7 @@ double light_of(const Volume& volume, std::size_t cell) {
 /// Of the valid cells.
 double mean_light(const Volume& volume) {
     const auto sums = ordered_sum<glm::dvec2>(volume.grid.size(), [&](std::size_t cell) {
-        return is_valid(volume, cell) ? glm::dvec2(light_of(volume, cell), 1.0) : glm::dvec2(0.0);
+        return volume.is_valid(cell) ? glm::dvec2(light_of(volume, cell), 1.0) : glm::dvec2(0.0);
     });
     return sums.y > 0 ? sums.x / sums.y : 0;
 }
@@ -46,23 +42,25 @@ double all_normals(std::span<const glm::dvec3> coefficients, const std::vector<R
     return sum;
 }
 
+using Coefficients = std::vector<std::vector<glm::vec3>>; // Volume::sh
+
 /// FitReport::moved and moved_dark, of the bands that the reader has.
-void tell_moved(const Reader& reader, const Volume& before, const Volume& after,
+void tell_moved(const Reader& reader, const Coefficients& before, const Volume& after,
                 FitReport& report) {
-    const int order = order_of(reader, before);
+    const int order = order_of(reader, after);
     const std::size_t count = std::size_t(sh_count(order));
     constexpr Reader plain{.name = "", .highest_order = sh_max_order};
     std::vector<Row> transfer;
     for (const glm::dvec3& n : neighbour_normals())
         transfer.push_back(transfer_of(plain, order, n));
-    std::vector<double> was(before.grid.size()), moved(before.grid.size());
+    std::vector<double> was(after.grid.size()), moved(after.grid.size());
     tbb::parallel_for(std::size_t(0), was.size(), [&](std::size_t cell) {
-        if (!is_valid(before, cell))
+        if (!after.is_valid(cell))
             return;
         std::array<glm::dvec3, sh_count(sh_max_order)> c, change;
         bool same = true;
         for (std::size_t k = 0; k < count; ++k) {
-            c[k] = glm::dvec3(before.sh[k][cell]);
+            c[k] = glm::dvec3(before[k][cell]);
             change[k] = glm::dvec3(after.sh[k][cell]) - c[k];
             same = same && change[k] == glm::dvec3(0.0);
         }
@@ -71,7 +69,7 @@ void tell_moved(const Reader& reader, const Volume& before, const Volume& after,
     });
     double cells = 0; // that are valid
     for (std::size_t i = 0; i < was.size(); ++i)
-        cells += is_valid(before, i);
+        cells += after.is_valid(i);
     const double whole = ordered_sum<double>(was.size(), [&](std::size_t i) { return was[i]; });
     if (!(whole > 0))
         return;
@@ -209,7 +207,6 @@ FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitS
               Volume& volume) {
     assert(is_linear(reader));
     FitReport report;
-    report.before = report.after = error_of(reader, volume, points);
     const Unknowns unknowns(reader, volume);
     const std::size_t count = unknowns.count();
     const Lookups lookups(reader, volume, points, count,
@@ -226,8 +223,8 @@ FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitS
         const std::size_t cell = lookups.cells[u];
         const double light = light_of(volume, cell);
         const double held =
-            !is_valid(volume, cell) ? settings.hold_other
-            : light >= bright       ? settings.hold_valid
+            !volume.is_valid(cell) ? settings.hold_other
+            : light >= bright      ? settings.hold_valid
                               : settings.hold_valid * std::max(settings.hold_dark, light / bright);
         for (std::size_t k = 0; k < count; ++k)
             equations.hold[u * count + k] = held * unknowns.share(k);
@@ -244,12 +241,11 @@ FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitS
         for (const glm::dvec3& value : before)
             least.push_back(-value);
     const Values change = solve(equations, lacking, least, settings, report);
-    const Volume given = volume;
+    const Coefficients given = volume.sh;
     for (std::size_t i = 0; i < before.size(); ++i)
         before[i] += change[i];
     for (std::size_t u = 0; u < lookups.cells.size(); ++u)
         unknowns.set(std::span(before).subspan(u * count, count), volume, lookups.cells[u]);
-    report.after = error_of(reader, volume, points);
     tell_moved(reader, given, volume, report);
     return report;
 }

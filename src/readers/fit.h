@@ -39,7 +39,6 @@ struct SurfaceError {
 };
 
 struct FitReport {
-    SurfaceError before, after;
     /// How far irradiance at the valid cells moved: sum of |E - E before| over the sum of E before,
     /// over 26 normals, RGB and cells; of cells that had 1 % of the mean at least.
     double moved = 0;

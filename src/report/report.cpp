@@ -273,9 +273,8 @@ GridTruth trace_grid(const Scene& scene, GridResult& grid, const std::set<int>& 
         throw Error(ExitCode::invalid,
                     scene.path + ": no cell of the grid has its centre outside geometry");
     std::vector<glm::vec3> points;
-    const auto nx = std::size_t(grid.grid.dims.x), ny = std::size_t(grid.grid.dims.y);
     for (const std::size_t cell : kept.cells)
-        points.push_back(glm::vec3(cell % nx, cell / nx % ny, cell / (nx * ny)) + 0.5f);
+        points.push_back(glm::vec3(grid.grid.cell_at(cell)) + 0.5f);
 
     kept.truth = trace_truth(scene, place.visibility, place.frame, points, {}, grid.rules,
                              settings.truth, progress);

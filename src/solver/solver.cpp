@@ -5,15 +5,21 @@
 #include <algorithm>
 
 namespace lpvbake {
+
+const Parameter* find_parameter(const SolverKind& kind, std::string_view name) {
+    const auto found = std::ranges::find(kind.parameters, name, &Parameter::name);
+    return found == kind.parameters.end() ? nullptr : &*found;
+}
+
 namespace {
 
 /// Where it stands among the kind's parameters. Throws Error (usage) where it does not.
 std::size_t index_of(const SolverKind& kind, std::string_view name) {
-    const auto found = std::ranges::find(kind.parameters, name, &Parameter::name);
-    if (found == kind.parameters.end())
+    const Parameter* found = find_parameter(kind, name);
+    if (!found)
         throw Error(ExitCode::usage,
                     std::string(kind.name) + " has no parameter '" + std::string(name) + "'");
-    return std::size_t(found - kind.parameters.begin());
+    return std::size_t(found - kind.parameters.data());
 }
 
 } // namespace
@@ -57,11 +63,6 @@ void SolverSettings::set(Quality quality) {
     for (const Rung& rung : kind_->ladder)
         if (rung.preset == quality)
             set(rung);
-}
-
-const Parameter* find_parameter(const SolverKind& kind, std::string_view name) {
-    const auto found = std::ranges::find(kind.parameters, name, &Parameter::name);
-    return found == kind.parameters.end() ? nullptr : &*found;
 }
 
 bool is_on_ladder(const SolverKind& kind, std::string_view parameter) {

@@ -5,6 +5,7 @@
 #include "scene/photometry.h"
 #include "scene/sky.h"
 #include "surface/emitter_sampling.h"
+#include "surface/halton.h"
 #include "visibility/tangents.h"
 
 #include <glm/gtc/constants.hpp>
@@ -28,12 +29,8 @@ public:
     glm::vec2 operator()(uint32_t i, uint32_t d) const {
         static constexpr uint32_t base[] = {2, 3, 5, 7};
         const auto coordinate = [&](uint32_t n) {
-            double inverse = 0.0, scale = 1.0;
-            for (uint32_t k = i; k > 0; k /= base[n]) {
-                scale /= base[n];
-                inverse += scale * (k % base[n]);
-            }
-            const double shifted = inverse + double(mix_word(key_ + n) >> 8) * 0x1p-24;
+            const double shifted =
+                radical_inverse(i, base[n]) + double(mix_word(key_ + n) >> 8) * 0x1p-24;
             return float(std::min(shifted - std::floor(shifted), 1.0 - 0x1p-24));
         };
         return {coordinate(2 * d), coordinate(2 * d + 1)};

@@ -1,6 +1,7 @@
 #include "surface/side_points.h"
 
 #include "mix_word.h"
+#include "surface/halton.h"
 #include "visibility/tangents.h"
 
 #include <glm/gtc/constants.hpp>
@@ -15,13 +16,8 @@ namespace {
 constexpr uint32_t looks = 32; ///< rays that tell how open a point is
 
 /// Element i of Van der Corput's sequence, moved around the unit interval.
-double van_der_corput(uint64_t i, uint64_t base, uint32_t key) {
-    double inverse = 0.0, scale = 1.0;
-    for (uint64_t k = i; k > 0; k /= base) {
-        scale /= double(base);
-        inverse += scale * double(k % base);
-    }
-    const double moved = inverse + double(mix_word(key)) * 0x1p-32;
+double van_der_corput(uint64_t i, uint32_t base, uint32_t key) {
+    const double moved = radical_inverse(i, base) + double(mix_word(key)) * 0x1p-32;
     return moved - std::floor(moved);
 }
 

@@ -2,6 +2,7 @@
 #include "io/exr.h"
 
 #include "image/image.h"
+#include "io/io.h"
 #include "unit/volumes.h"
 
 #include <nlohmann/json.hpp>
@@ -42,7 +43,7 @@ TEST(Exr, FullPrecisionRoundTripsExactly) {
                 const TemporaryFolder folder;
                 const Volume volume = random_volume(dims, order, dims.x != 1, 1);
                 const WriteReport report =
-                    write_exr(folder / "a.exr", volume, Precision::full, {packing});
+                    write_volume(folder / "a.exr", volume, Precision::full, {packing});
                 expect_equal(read_exr(folder / "a.exr"), volume);
                 expect_equal(read_exr(folder / "a.json"), volume);
                 if (order == 1 && dims.x == 2)
@@ -59,7 +60,7 @@ TEST(Exr, HalfRoundTripsWithinHalfOrIsFull) {
     const TemporaryFolder folder;
     Volume volume = random_volume({7, 6, 5}, 1, true, 2);
     EXPECT_TRUE(
-        write_exr(folder / "a.exr", volume, Precision::half, {Packing::band}).warnings.empty());
+        write_volume(folder / "a.exr", volume, Precision::half, {Packing::band}).warnings.empty());
     const Volume back = read_exr(folder / "a.exr");
     for (size_t k = 0; k < 4; ++k)
         for (size_t i = 0; i < volume.grid.size(); ++i)
@@ -67,8 +68,9 @@ TEST(Exr, HalfRoundTripsWithinHalfOrIsFull) {
                 EXPECT_NEAR(back.sh[k][i][c], volume.sh[k][i][c],
                             std::abs(volume.sh[k][i][c]) / 2048 + 1e-7);
     volume.sh[0][3].x = 1e6f;
-    EXPECT_EQ(write_exr(folder / "a.exr", volume, Precision::half, {Packing::band}).warnings.size(),
-              1u);
+    EXPECT_EQ(
+        write_volume(folder / "a.exr", volume, Precision::half, {Packing::band}).warnings.size(),
+        1u);
     expect_equal(read_exr(folder / "a.exr"), volume);
     EXPECT_EQ(json::parse(slurp(folder / "a.json"))["precision"], "float");
 }
@@ -77,7 +79,7 @@ TEST(Exr, FilesAndLayout) {
     const TemporaryFolder folder;
     const glm::ivec3 dims(4, 5, 11);
     const Volume volume = random_volume(dims, 1, true, 3);
-    write_exr(folder / "scene.v2.exr", volume, Precision::full, {Packing::band});
+    write_volume(folder / "scene.v2.exr", volume, Precision::full, {Packing::band});
     const json sidecar = json::parse(slurp(folder / "scene.v2.json"));
     const int columns = sidecar["layout"]["columns"], rows = sidecar["layout"]["rows"];
     EXPECT_EQ(columns, 4); // 16 x 15 texels
@@ -105,7 +107,7 @@ TEST(Exr, FilesAndLayout) {
     // The twelfth tile holds no slice.
     EXPECT_EQ(l1z.samples.back(), 0.0f);
 
-    write_exr(folder / "c.exr", volume, Precision::full, {Packing::channel});
+    write_volume(folder / "c.exr", volume, Precision::full, {Packing::channel});
     const Pixels green = read_pixels(folder / "c_g.exr");
     EXPECT_EQ(green.channels, 4);
     const Pixels occlusion = read_pixels(folder / "c_occlusion.exr");
@@ -124,7 +126,7 @@ TEST(Exr, PicturesAreNearSquareAndFitEngines) {
         volume.grid = {{0, 0, 0}, 1, dims};
         volume.sh_order = 0;
         volume.sh.assign(1, std::vector<glm::vec3>(volume.grid.size()));
-        write_exr(folder / "a.exr", volume, Precision::half, {Packing::band});
+        write_volume(folder / "a.exr", volume, Precision::half, {Packing::band});
         const json sidecar = json::parse(slurp(folder / "a.json"))["layout"];
         return glm::ivec2(sidecar["columns"], sidecar["rows"]);
     };
@@ -137,7 +139,7 @@ TEST(Exr, PicturesAreNearSquareAndFitEngines) {
     wide.sh_order = 0;
     wide.sh.assign(1, std::vector<glm::vec3>(16385));
     const Error error = error_of(
-        "b.exr", [&] { write_exr(folder / "b.exr", wide, Precision::half, {Packing::band}); });
+        "b.exr", [&] { write_volume(folder / "b.exr", wide, Precision::half, {Packing::band}); });
     EXPECT_EQ(error.code, ExitCode::unsupported);
     EXPECT_NE(std::string(error.what()).find("write .vdb"), std::string::npos);
 }
@@ -149,7 +151,7 @@ TEST(Exr, AtlasIsThatOfThreeJs) {
         Volume volume = random_volume(dims, order, false, 9);
         volume.validity.clear(); // which has no place in it
         volume.walls.clear();
-        write_exr(folder / "a.exr", volume, Precision::full, {Packing::atlas, 5});
+        write_volume(folder / "a.exr", volume, Precision::full, {Packing::atlas, 5});
         const Pixels atlas = read_pixels(folder / "a_atlas.exr");
         ASSERT_EQ(atlas.width, 5 * 3); // 7 (4 + 2) slices, five in a row
         ASSERT_EQ(atlas.height, 9 * 2);
@@ -174,8 +176,8 @@ TEST(Exr, AtlasIsThatOfThreeJs) {
 TEST(Exr, PacksForVrcLightVolumes) {
     const TemporaryFolder folder;
     const Volume volume = random_volume({3, 2, 4}, 1, false, 10);
-    write_exr(folder / "a.exr", volume, Precision::full, {Packing::vrc, 0, true},
-              {.convention = ShConvention::unity});
+    write_volume(folder / "a.exr", volume, Precision::full, {Packing::vrc, 0, true},
+                 {.convention = ShConvention::unity});
     const json sidecar = json::parse(slurp(folder / "a.json"));
     const auto channels = [&](size_t file) { return sidecar["files"][file]["channels"]; };
     EXPECT_EQ(channels(0), (json{"sh_l0.r", "sh_l0.g", "sh_l0.b", "sh_l1_z.r"}));
@@ -195,7 +197,7 @@ TEST(Exr, CubeHoldsIrradianceOverPiOfSixSides) {
     Volume volume = random_volume(dims, 1, false, 11);
     for (glm::vec3& c : volume.sh[0])
         c = glm::vec3(4000.0f); // so that no side is dark
-    write_exr(folder / "a.exr", volume, Precision::full, {Packing::cube, 3});
+    write_volume(folder / "a.exr", volume, Precision::full, {Packing::cube, 3});
     const Pixels cube = read_pixels(folder / "a_cube.exr");
     ASSERT_EQ(cube.width, 3 * 3);
     ASSERT_EQ(cube.height, 4 * 2 * 2);
@@ -219,8 +221,8 @@ TEST(Exr, CubeHoldsIrradianceOverPiOfSixSides) {
 TEST(Exr, LeavesNoTileEmptyWhereThatIsAskedFor) {
     const TemporaryFolder folder;
     for (const int slices : {12, 13}) {
-        write_exr(folder / "a.exr", random_volume({4, 4, slices}, 1, false, 12), Precision::half,
-                  {.no_empty_tiles = true});
+        write_volume(folder / "a.exr", random_volume({4, 4, slices}, 1, false, 12), Precision::half,
+                     {.no_empty_tiles = true});
         const json layout = json::parse(slurp(folder / "a.json"))["layout"];
         EXPECT_EQ(int(layout["columns"]) * int(layout["rows"]), slices);
     }
@@ -228,8 +230,8 @@ TEST(Exr, LeavesNoTileEmptyWhereThatIsAskedFor) {
 
 TEST(Exr, OpensInOiiotool) {
     const TemporaryFolder folder;
-    write_exr(folder / "a.exr", random_volume({7, 6, 5}, 1, true, 4), Precision::half,
-              {Packing::channel});
+    write_volume(folder / "a.exr", random_volume({7, 6, 5}, 1, true, 4), Precision::half,
+                 {Packing::channel});
     const std::string text = output_of("oiiotool --info -v " + folder / "a_r.exr");
     for (const char* expected :
          {"14 x   18, 4 channel, half openexr", "channel list: R, G, B, A", "compression: \"zip\"",
@@ -247,7 +249,7 @@ TEST(Exr, BytesDependOnContentAlone) {
     const Volume volume = random_volume({40, 17, 23}, 1, true, 5);
     const auto bytes = [&](size_t threads) {
         const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-        write_exr(folder / "a.exr", volume, Precision::half, {Packing::channel});
+        write_volume(folder / "a.exr", volume, Precision::half, {Packing::channel});
         std::vector<std::string> all;
         for (const char* name :
              {"a.json", "a_r.exr", "a_g.exr", "a_b.exr", "a_occlusion.exr", "a_validity.exr"})
@@ -268,13 +270,13 @@ TEST(Exr, RefusesToWrite) {
     volume.sh[0][0].x = std::nanf("");
     EXPECT_EQ(
         error_of("a.exr",
-                 [&] { write_exr(folder / "a.exr", volume, Precision::half, {Packing::band}); })
+                 [&] { write_volume(folder / "a.exr", volume, Precision::half, {Packing::band}); })
             .code,
         ExitCode::failure);
     EXPECT_EQ(error_of("a.exr",
                        [&] {
-                           write_exr(folder / "a.exr", random_volume({3, 3, 3}, 4, false, 6),
-                                     Precision::half, {Packing::channel});
+                           write_volume(folder / "a.exr", random_volume({3, 3, 3}, 4, false, 6),
+                                        Precision::half, {Packing::channel});
                        })
                   .code,
               ExitCode::unsupported);
@@ -286,8 +288,8 @@ TEST(Exr, RefusesToWrite) {
     for (const auto& [packing, encoding] : unfit)
         EXPECT_EQ(error_of("a.exr",
                            [&] {
-                               write_exr(folder / "a.exr", volume, Precision::half, {packing},
-                                         encoding);
+                               write_volume(folder / "a.exr", volume, Precision::half, {packing},
+                                            encoding);
                            })
                       .code,
                   ExitCode::unsupported);
@@ -297,8 +299,8 @@ TEST(Exr, RefusesToWrite) {
 TEST(Exr, LeftoversOfAnotherVolumeAreNotRead) {
     const TemporaryFolder folder;
     const Volume volume = random_volume({4, 5, 6}, 1, true, 7);
-    write_exr(folder / "a.exr", volume, Precision::full, {Packing::band});
-    write_exr(folder / "a.exr", volume, Precision::full, {Packing::channel});
+    write_volume(folder / "a.exr", volume, Precision::full, {Packing::band});
+    write_volume(folder / "a.exr", volume, Precision::full, {Packing::channel});
     expect_equal(read_exr(folder / "a_r.exr"), volume);
     EXPECT_EQ(error_of("a", [&] { read_exr(folder / "a_sh_l0.exr"); }).code, ExitCode::invalid);
 }
@@ -306,8 +308,8 @@ TEST(Exr, LeftoversOfAnotherVolumeAreNotRead) {
 TEST(Exr, RejectsDamagedFiles) {
     const TemporaryFolder folder;
     const std::string path = folder / "a.json";
-    write_exr(folder / "a.exr", random_volume({4, 5, 6}, 1, true, 7), Precision::full,
-              {Packing::band});
+    write_volume(folder / "a.exr", random_volume({4, 5, 6}, 1, true, 7), Precision::full,
+                 {Packing::band});
     const json good = json::parse(slurp(path));
     const auto code = [&](const std::string& bytes) {
         spill(path, bytes);

@@ -41,7 +41,7 @@ TEST(Vdb, FullPrecisionRoundTripsExactly) {
                 const Volume volume =
                     random_volume(dims, order, occlusion, unsigned(order + dims.x));
                 const std::string path = folder / "a.vdb";
-                const WriteReport report = write_vdb(path, volume, Precision::full);
+                const WriteReport report = write_volume(path, volume, Precision::full);
                 EXPECT_TRUE(report.warnings.empty());
                 EXPECT_EQ(report.bytes(), std::filesystem::file_size(path));
                 expect_equal(read_vdb(path), volume);
@@ -53,15 +53,15 @@ TEST(Vdb, AbsentValidityStaysAbsent) {
     const TemporaryFolder folder;
     Volume volume = random_volume({4, 5, 6}, 1, false, 1);
     volume.validity.clear();
-    write_vdb(folder / "a.vdb", volume, Precision::full);
+    write_volume(folder / "a.vdb", volume, Precision::full);
     expect_equal(read_vdb(folder / "a.vdb"), volume);
 }
 
 TEST(Vdb, HalfRoundTripsWithinHalf) {
     const TemporaryFolder folder;
     const Volume volume = random_volume({33, 40, 29}, 1, true, 2);
-    const WriteReport full = write_vdb(folder / "full.vdb", volume, Precision::full);
-    const WriteReport half = write_vdb(folder / "half.vdb", volume, Precision::half);
+    const WriteReport full = write_volume(folder / "full.vdb", volume, Precision::full);
+    const WriteReport half = write_volume(folder / "half.vdb", volume, Precision::half);
     EXPECT_TRUE(half.warnings.empty());
     EXPECT_LT(double(half.bytes()), 0.7 * double(full.bytes()));
     const Volume back = read_vdb(folder / "half.vdb");
@@ -79,15 +79,15 @@ TEST(Vdb, HalfThatDoesNotFitIsWrittenInFull) {
     const TemporaryFolder folder;
     Volume volume = random_volume({5, 5, 5}, 1, false, 3);
     volume.sh[2][17] = {0, -65505, 0};
-    const WriteReport report = write_vdb(folder / "a.vdb", volume, Precision::half);
+    const WriteReport report = write_volume(folder / "a.vdb", volume, Precision::half);
     ASSERT_EQ(report.warnings.size(), 1u);
     EXPECT_NE(report.warnings[0].find("sh_l1_z reaches 65505"), std::string::npos)
         << report.warnings[0];
     expect_equal(read_vdb(folder / "a.vdb"), volume);
     volume.sh[2][17] = {0, -65504, 0};
-    EXPECT_TRUE(write_vdb(folder / "a.vdb", volume, Precision::half).warnings.empty());
+    EXPECT_TRUE(write_volume(folder / "a.vdb", volume, Precision::half).warnings.empty());
     const Volume dim = random_volume({5, 5, 5}, 1, false, 3, 1e-7f);
-    EXPECT_EQ(write_vdb(folder / "dim.vdb", dim, Precision::half).warnings.size(), 1u);
+    EXPECT_EQ(write_volume(folder / "dim.vdb", dim, Precision::half).warnings.size(), 1u);
     expect_equal(read_vdb(folder / "dim.vdb"), dim);
 }
 
@@ -98,7 +98,7 @@ TEST(Vdb, BytesDependOnContentAlone) {
         const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
                                         size_t(threads));
         const std::string path = folder / ("t" + std::to_string(threads) + ".vdb");
-        write_vdb(path, what, Precision::full);
+        write_volume(path, what, Precision::full);
         return slurp(path);
     };
     const std::string one = bytes(1, volume);
@@ -119,7 +119,7 @@ TEST(Vdb, BytesDependOnContentAlone) {
 TEST(Vdb, OpensInVdbPrint) {
     const TemporaryFolder folder;
     const std::string path = folder / "a.vdb";
-    write_vdb(path, random_volume({7, 13, 9}, 1, true, 5), Precision::full);
+    write_volume(path, random_volume({7, 13, 9}, 1, true, 5), Precision::full);
     const std::string text = output_of("vdb_print -l -m " + path);
     for (const char* expected : {"sh_l0",
                                  "sh_l1_y",
@@ -166,7 +166,7 @@ TEST(Vdb, OpensInPython) {
     volume.sh[3][lit] = {0, 0, 4};
     volume.sh[0][volume.grid.index({2, 3, 4})] = {1, 2, 3};
     const std::string path = folder / "a.vdb";
-    write_vdb(path, volume, Precision::full);
+    write_volume(path, volume, Precision::full);
     EXPECT_EQ(output_of(reader + R"(
 grids = {g.name: g for g in vdb.readAllGridMetadata(file)}
 print(sorted(grids))
@@ -202,12 +202,12 @@ TEST(Vdb, EmptySpaceCostsNothing) {
     volume.grid = {{0, 0, 0}, 1, {64, 64, 64}};
     volume.sh.assign(4, std::vector<glm::vec3>(volume.grid.size()));
     volume.validity.assign(volume.grid.size(), 0);
-    const uint64_t none = write_vdb(folder / "a.vdb", volume, Precision::full).bytes();
+    const uint64_t none = write_volume(folder / "a.vdb", volume, Precision::full).bytes();
     EXPECT_LT(none, 20000u);
     expect_equal(read_vdb(folder / "a.vdb").sh == volume.sh ? volume : Volume(), volume);
     // Uniform space becomes tiles.
     volume.validity.assign(volume.grid.size(), 1);
-    EXPECT_LT(write_vdb(folder / "a.vdb", volume, Precision::full).bytes(), 2 * none + 100000);
+    EXPECT_LT(write_volume(folder / "a.vdb", volume, Precision::full).bytes(), 2 * none + 100000);
     EXPECT_EQ(read_vdb(folder / "a.vdb").validity, volume.validity);
 }
 
@@ -215,7 +215,7 @@ TEST(Vdb, RefusesWhatIsNotAVolume) {
     const TemporaryFolder folder;
     const std::string path = folder / "a.vdb";
     const auto refused = [&](const Volume& volume) {
-        const Error error = error_of(path, [&] { write_vdb(path, volume, Precision::full); });
+        const Error error = error_of(path, [&] { write_volume(path, volume, Precision::full); });
         EXPECT_EQ(error.code, ExitCode::failure);
         EXPECT_EQ(folder.count(), 0);
         return std::string(error.what());
@@ -260,7 +260,7 @@ TEST(Vdb, RefusesWhatIsNotAVolume) {
 TEST(Vdb, RejectsDamagedFiles) {
     const TemporaryFolder folder;
     const std::string path = folder / "a.vdb";
-    write_vdb(path, random_volume({5, 6, 7}, 1, false, 8), Precision::full);
+    write_volume(path, random_volume({5, 6, 7}, 1, false, 8), Precision::full);
     const std::string good = slurp(path);
     const auto code = [&](const std::string& bytes) {
         spill(path, bytes);
@@ -280,12 +280,13 @@ TEST(Vdb, RejectsDamagedFiles) {
     EXPECT_EQ(error_of(path, [&] { read_vdb(path); }).code, ExitCode::file);
     std::filesystem::create_directory(path);
     EXPECT_EQ(error_of(path, [&] { read_vdb(path); }).code, ExitCode::file);
-    EXPECT_EQ(error_of(path,
-                       [&] {
-                           write_vdb(path, random_volume({2, 2, 2}, 0, false, 1), Precision::full);
-                       })
-                  .code,
-              ExitCode::file);
+    EXPECT_EQ(
+        error_of(path,
+                 [&] {
+                     write_volume(path, random_volume({2, 2, 2}, 0, false, 1), Precision::full);
+                 })
+            .code,
+        ExitCode::file);
 }
 
 TEST(Vdb, RejectsFilesOfOthers) {

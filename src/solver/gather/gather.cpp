@@ -172,10 +172,7 @@ private:
         return packets;
     }
 
-    glm::ivec3 base_of(size_t zone) const {
-        const int x = int(zone) % zone_grid_.dims.x, rest = int(zone) / zone_grid_.dims.x;
-        return zone_edge * glm::ivec3(x, rest % zone_grid_.dims.y, rest / zone_grid_.dims.y);
-    }
+    glm::ivec3 base_of(size_t zone) const { return zone_edge * zone_grid_.cell_at(zone); }
 
     /// Runs `program` on what `list` lists for each packet.
     template <class List>

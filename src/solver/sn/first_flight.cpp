@@ -41,11 +41,10 @@ float mean_luminance(const SnLight& light, const Grid& grid, std::span<const flo
         for (size_t i = 0; i < block; ++i) {
             const size_t sample = part * block + i;
             const uint32_t cell = cells[sample * cells.size() / mean_rays];
-            const auto nx = uint32_t(grid.dims.x), ny = uint32_t(grid.dims.y);
             const glm::vec2 u = spread(uint32_t(sample));
             const float z = 2.0f * u.x - 1.0f, angle = 2.0f * glm::pi<float>() * u.y;
             const float radius = std::sqrt(1.0f - z * z);
-            rays[i] = {glm::vec3(cell % nx, cell / nx % ny, cell / (nx * ny)) + 0.5f,
+            rays[i] = {glm::vec3(grid.cell_at(cell)) + 0.5f,
                        {radius * std::cos(angle), radius * std::sin(angle), z},
                        0.0f,
                        HUGE_VALF};
