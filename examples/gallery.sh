@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Makes examples/gallery.jpg: the Cornell box, a room and a street, lit directly, with the classic
-# propagation, with the default solver, and path-traced; and examples/fit.jpg: a room as Godot would
-# show it, with the field as it is, fitted to surfaces, and path-traced. Takes some minutes on two cores.
+# propagation, with the default solver, and path-traced; examples/before_after.jpg, the room alone; and
+# examples/fit.jpg: a room as Godot would show it, with the field as it is, fitted to surfaces, and
+# path-traced. Takes some minutes on two cores.
 #
 #   examples/gallery.sh [PATHS]     paths a pixel of the path-traced pictures, 256 by default
 set -euo pipefail
@@ -38,6 +39,10 @@ row() {
 
 row cornell_box 4 0,1,3.9:0,1,0:39 "" --resolution 48
 row room 8.5 0.4,1.5,1.9:-0.2,1.0,-2:70 0.6:0.8:1,4000 --resolution 48
+for show in direct final; do
+    "$lpvbake" render room.gltf room.vdb -o "before_after.$show.png" --show "$show" --size 600x450 \
+        --exposure 9 --camera 0.4,1.5,1.9:-0.2,1.0,-2:70 --sky 0.6:0.8:1,4000 --progress none >/dev/null
+done
 row street 12.5 -2,1.7,27:0.5,2.5,0:55 0.5:0.7:1,6000 --resolution 64 --bounds -16,-1,-30,16,10,30
 
 "$lpvbake" bake sheets.gltf -o sheets.vdb --resolution 32 >/dev/null
@@ -51,5 +56,7 @@ done
 cd - >/dev/null
 oiiotool "${pictures[@]/#/$folder/}" --mosaic:pad=4 4x3 --compression jpeg:88 -o examples/gallery.jpg
 echo "wrote examples/gallery.jpg"
+oiiotool "$folder"/before_after.{direct,final}.png --mosaic:pad=4 2x1 --compression jpeg:88 -o examples/before_after.jpg
+echo "wrote examples/before_after.jpg"
 oiiotool "$folder"/sheets{,.fit,.reference}.png --mosaic:pad=4 3x1 --compression jpeg:88 -o examples/fit.jpg
 echo "wrote examples/fit.jpg"

@@ -14,6 +14,10 @@ import re
 import sys
 import tempfile
 
+sys.dont_write_bytecode = True
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "src"))
+from architecture import folders
+
 EVERYWHERE = ["error.h", "mix_word.h", "progress.h", "text.h"]  # at the top of src/
 
 PACKAGES = {  # start of the header's name -> where it may be included
@@ -31,21 +35,6 @@ VULKAN_NAME = re.compile(r"\bvk::|\bVK_[A-Z]|\bVk[A-Z]")
 VULKAN_STAGES = ("src/raster/", "src/solver/", "src/render/")
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
-
-
-def folders(root):
-    """Folder of src/ -> the folders that it builds on; what those build on counts too."""
-    calls = re.findall(r"^lpvbake_folder\(([^)]*)\)", (root / "CMakeLists.txt").read_text(), re.M)
-    table = {"colour": []}  # headers alone: an interface library of its own
-    names = {"colour": "colour"}
-    for call in calls:
-        folder, *rest = call.split()
-        names[folder.replace("/", "_")] = folder
-        depends = rest[1:] if rest[:1] == ["DEPENDS"] else []
-        if "LIBRARIES" in depends:
-            depends = depends[:depends.index("LIBRARIES")]
-        table[folder] = [names[d] for d in depends]  # KeyError: not to the left of it
-    return table
 
 
 def reachable(folder, builds_on):
@@ -116,7 +105,7 @@ def offences(root):
 
 
 PLANTED = {
-    "CMakeLists.txt": "lpvbake_folder(scene)\nlpvbake_folder(gpu LIBRARIES Vulkan::Vulkan)\n"
+    "CMakeLists.txt": "add_library(lpvbake_colour INTERFACE)\nlpvbake_folder(scene)\nlpvbake_folder(gpu LIBRARIES Vulkan::Vulkan)\n"
                       "lpvbake_folder(volume DEPENDS colour)\nlpvbake_folder(raster DEPENDS scene gpu)\n"
                       "lpvbake_folder(solver/lpv DEPENDS volume raster)\nlpvbake_folder(io DEPENDS volume)\n"
                       "lpvbake_folder(bake DEPENDS solver_lpv io\n               LIBRARIES json)\n",
