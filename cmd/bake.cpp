@@ -142,7 +142,7 @@ std::string names_of(const std::vector<const SolverKind*>& solvers) {
 }
 
 /// The solvers that may be taken, best first: --solver, or those that have all options that are
-/// given. Throws Error (usage) that names the option that none of them has.
+/// given. Throws Error (argument) that names the option that none of them has.
 std::vector<const SolverKind*> solvers_of(const BakeOptions& o) {
     std::vector<const SolverKind*> solvers = Wish().solvers;
     if (o.solver != "auto")
@@ -153,8 +153,9 @@ std::vector<const SolverKind*> solvers_of(const BakeOptions& o) {
         std::erase_if(left,
                       [&](const SolverKind* solver) { return !std::ranges::count(with, solver); });
         if (left.empty())
-            throw Error(ExitCode::usage, "--" + option + " is an option of " + names_of(with)
-                                             + ", not of " + names_of(solvers) + " (" + why + ")");
+            throw Error(ErrorKind::argument, "--" + option + " is an option of " + names_of(with)
+                                                 + ", not of " + names_of(solvers) + " (" + why
+                                                 + ")");
         if (left.size() < solvers.size())
             why = "--" + option;
         solvers = left;
@@ -215,18 +216,19 @@ std::vector<Setting> settings_of(const BakeOptions& o) {
 void check_options(const BakeOptions& o, bool cell_and_resolution) {
     check_paths("bake", o, o.outputs.paths);
     if (o.outputs.paths.empty() && !o.dry_run)
-        throw Error(ExitCode::usage, "no output: add -o FILE" + format_list(" or -o FILE"));
+        throw Error(ErrorKind::argument, "no output: add -o FILE" + format_list(" or -o FILE"));
     if (cell_and_resolution)
-        throw Error(ExitCode::usage, "--cell-size and --resolution exclude each other");
+        throw Error(ErrorKind::argument, "--cell-size and --resolution exclude each other");
     if (solvers_of(o).front() == find_solver("lpv") && o.tolerance && *o.tolerance < 1e-7)
-        throw Error(ExitCode::usage, "--tolerance: the lpv solver needs at least 1e-7");
+        throw Error(ErrorKind::argument, "--tolerance: the lpv solver needs at least 1e-7");
     if (o.fit == "surfaces" && o.dilate > 0)
-        throw Error(ExitCode::usage, "--fit surfaces and --dilate exclude each other: fitted cells "
-                                     "are filled already");
+        throw Error(ErrorKind::argument,
+                    "--fit surfaces and --dilate exclude each other: fitted cells "
+                    "are filled already");
     if (!o.quality.empty() && (o.error || !o.time_budget.empty()))
-        throw Error(ExitCode::usage, std::string("--quality and ")
-                                         + (o.error ? "--error" : "--time-budget")
-                                         + " exclude each other");
+        throw Error(ErrorKind::argument, std::string("--quality and ")
+                                             + (o.error ? "--error" : "--time-budget")
+                                             + " exclude each other");
 }
 
 /// What is given of the options of solvers.

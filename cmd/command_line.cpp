@@ -181,14 +181,14 @@ void apply_config(CLI::App& app, const std::string& path) {
         if (!option)
             option = app.get_option_no_throw("--" + entry.key);
         if (!option || !option->get_configurable())
-            throw Error(ExitCode::usage, place + "'" + entry.key + "' is not an option of "
-                                             + app.get_name() + " that a file can set"
-                                             + did_you_mean(entry.key, long_names(app)));
+            throw Error(ErrorKind::argument, place + "'" + entry.key + "' is not an option of "
+                                                 + app.get_name() + " that a file can set"
+                                                 + did_you_mean(entry.key, long_names(app)));
         if (option->count() > 0)
             continue;
         const bool many = option->get_items_expected_max() > 1;
         if (entry.values.size() != 1 && !many)
-            throw Error(ExitCode::usage, place + entry.key + " takes one value");
+            throw Error(ErrorKind::argument, place + entry.key + " takes one value");
         try {
             for (const std::string& value : entry.values)
                 option->add_result(option->get_expected_max() == 0
@@ -197,7 +197,7 @@ void apply_config(CLI::App& app, const std::string& path) {
             if (!entry.values.empty())
                 option->run_callback();
         } catch (const CLI::ParseError& error) {
-            throw Error(ExitCode::usage, place + error.what());
+            throw Error(ErrorKind::argument, place + error.what());
         }
     }
 }

@@ -70,7 +70,7 @@ private:
 std::string explain(const CLI::App& root, const CLI::ParseError& error,
                     const std::vector<std::string>& arguments);
 
-/// Applies what the command line did not set. Throws Error (file, usage: names file and line).
+/// Applies what the command line did not set. Throws Error (file, argument: names file and line).
 void apply_config(CLI::App& app, const std::string& path);
 
 /// What becomes of an option outside the process: all in --print-config, `shapes_result` alone in

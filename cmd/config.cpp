@@ -50,7 +50,7 @@ public:
 
 private:
     [[noreturn]] void fail(const std::string& text) const {
-        throw Error(ExitCode::usage, path_ + ":" + std::to_string(line_) + ": " + text);
+        throw Error(ErrorKind::argument, path_ + ":" + std::to_string(line_) + ": " + text);
     }
 
     bool accept(char c) {
@@ -140,12 +140,12 @@ Reader open_config(const std::string& path) {
     std::string text(limit + 1, '\0');
     // A folder opens, but does not read.
     if (!file || (!file.read(text.data(), std::streamsize(text.size())) && file.bad()))
-        throw Error(ExitCode::file, path + ": cannot be read");
+        throw Error(ErrorKind::file, path + ": cannot be read");
     text.resize(std::size_t(file.gcount()));
     if (text.size() > limit)
-        throw Error(ExitCode::file, path + ": more than 1 MiB, not an option file");
+        throw Error(ErrorKind::file, path + ": more than 1 MiB, not an option file");
     if (const std::size_t nul = text.find('\0'); nul != std::string::npos)
-        throw Error(ExitCode::usage,
+        throw Error(ErrorKind::argument,
                     path + ":"
                         + std::to_string(
                             1 + std::count(text.begin(), text.begin() + std::ptrdiff_t(nul), '\n'))

@@ -15,7 +15,7 @@ struct ConfigEntry {
 
 /// Reads `key = value` with strings ("..." with \" \\ \n \t, '...'), numbers, booleans, arrays of
 /// them on one line or several, comments, and the table header [command]; another table is an
-/// error. Throws Error (file: cannot be read or above 1 MiB; usage: names file and line).
+/// error. Throws Error (file: cannot be read or above 1 MiB; argument: names file and line).
 std::vector<ConfigEntry> read_config(const std::string& path, const std::string& command);
 
 /// Reads the arrays of tables [[name]] of such a file: one list of entries a header, in order. What

@@ -72,12 +72,12 @@ struct ConvertOptions {
     std::string format = "text";
 };
 
-/// The volume without the bands above `order`. Throws Error (usage) if it has not got so many.
+/// The volume without the bands above `order`. Throws Error (argument) if it has not got so many.
 void limit_order(Volume& volume, int order, const std::string& path) {
     if (order > volume.sh_order)
-        throw Error(ExitCode::usage, "--sh-order: " + path + " has order "
-                                         + std::to_string(volume.sh_order) + ", not "
-                                         + std::to_string(order));
+        throw Error(ErrorKind::argument, "--sh-order: " + path + " has order "
+                                             + std::to_string(volume.sh_order) + ", not "
+                                             + std::to_string(order));
     volume.sh_order = order;
     volume.sh.resize(std::size_t(sh_count(order)));
 }
@@ -86,11 +86,11 @@ void run(const ConvertOptions& o) {
     namespace fs = std::filesystem;
     for (const std::string& path : o.outputs.paths) {
         if (!volume_format(path))
-            throw Error(ExitCode::usage,
+            throw Error(ErrorKind::argument,
                         path + ": unknown kind of volume file; use " + format_list());
         std::error_code none;
         if (fs::weakly_canonical(path, none) == fs::weakly_canonical(o.file, none))
-            throw Error(ExitCode::usage, path + ": is what is read; give another name");
+            throw Error(ErrorKind::argument, path + ": is what is read; give another name");
     }
     Volume volume = read_volume(o.file);
     if (o.sh_order >= 0)

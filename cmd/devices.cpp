@@ -31,7 +31,7 @@ JSON: {"command": "devices", "devices": [{"index", "name", "type", "uuid", "driv
 void list(const std::string& format) {
     const std::vector<gpu::DeviceInfo> devices = gpu::list_devices();
     if (devices.empty())
-        throw Error(ExitCode::device,
+        throw Error(ErrorKind::device,
                     "no Vulkan 1.2 device with graphics and compute; on Debian the package "
                     "mesa-vulkan-drivers has one that runs on any CPU");
     if (format == "json") {

@@ -122,20 +122,20 @@ void check_options(const DiffOptions& o) {
         const bool png = has_extension(output, ".png");
         picture = picture || png;
         if (!png && !volume_format(output))
-            throw Error(ExitCode::usage, output + ": the name of an output ends in "
-                                             + format_list(", ") + " or .png");
+            throw Error(ErrorKind::argument, output + ": the name of an output ends in "
+                                                 + format_list(", ") + " or .png");
         for (const std::string& input : {o.a, o.b})
             if (identity(output) == identity(input))
-                throw Error(ExitCode::usage, output + ": would replace the input " + input);
+                throw Error(ErrorKind::argument, output + ": would replace the input " + input);
         if (std::ranges::find(names, identity(output)) != names.end())
-            throw Error(ExitCode::usage, output + ": given twice as an output");
+            throw Error(ErrorKind::argument, output + ": given twice as an output");
         names.push_back(identity(output));
     }
     if (o.slice.empty() == picture)
-        throw Error(ExitCode::usage,
+        throw Error(ErrorKind::argument,
                     "--slice and a picture belong together: --slice z=16 -o error.png");
     if (o.slice_max > 0 && o.slice.empty())
-        throw Error(ExitCode::usage, "--slice-max needs --slice");
+        throw Error(ErrorKind::argument, "--slice-max needs --slice");
 }
 
 // ---------------------------------------------------------------- outputs
@@ -480,13 +480,13 @@ void run(const DiffOptions& o) {
     const Volume a = read_volume(o.a), b = read_volume(o.b);
     const std::string both = o.a + " and " + o.b;
     if (const auto why = lattice_difference(a.grid, b.grid))
-        throw Error(ExitCode::invalid,
+        throw Error(ErrorKind::invalid,
                     both + " are not on one grid: " + *why
                         + "; bake both with the same --bounds, --resolution and --margin");
     warn_of_light(a, b);
     const Comparison comparison = compare(a, b, {{o.fail.limit, o.warn.limit}, o.worst});
     if (comparison.samples == 0 && !comparison.identical)
-        throw Error(ExitCode::invalid,
+        throw Error(ErrorKind::invalid,
                     both + " have no cell that is valid in both: there is nothing to compare");
     DiffResult result{o, a, b, comparison, metadata_difference(a, b), 0, ""};
     write_outputs(o, a, b, comparison, result.slice_max);
@@ -502,7 +502,7 @@ void run(const DiffOptions& o) {
     o.format == "json" ? print_json(json_of(result)) : print_text(result);
     finish_stdout();
     if (failed)
-        throw Error(ExitCode::difference, o.a + " differs from " + o.b + *failed);
+        throw Error(ErrorKind::difference, o.a + " differs from " + o.b + *failed);
     if (warned)
         std::fprintf(stderr, "lpvbake: warning: %s differs from %s: %s\n", o.a.c_str(), o.b.c_str(),
                      warned->c_str());

@@ -297,12 +297,13 @@ void draw_slice(const InfoOptions& o, const Volume& volume) {
 
 void run(const InfoOptions& o) {
     if (o.slice.empty() != o.output.empty())
-        throw Error(ExitCode::usage, "--slice and -o belong together: --slice z=16 -o slice.png");
+        throw Error(ErrorKind::argument,
+                    "--slice and -o belong together: --slice z=16 -o slice.png");
     if (!o.output.empty() && !has_extension(o.output, ".png"))
-        throw Error(ExitCode::usage, o.output + ": the name of a picture ends in .png");
+        throw Error(ErrorKind::argument, o.output + ": the name of a picture ends in .png");
     if (has_extension(o.file, ".gltf") || has_extension(o.file, ".glb")) {
         if (!o.slice.empty())
-            throw Error(ExitCode::usage, "--slice: " + o.file + " is a scene, not a volume");
+            throw Error(ErrorKind::argument, "--slice: " + o.file + " is a scene, not a volume");
         ImageModulePreload preload;
         SceneOptions scene_options;
         scene_options.scene = o.file;
@@ -320,8 +321,8 @@ void run(const InfoOptions& o) {
             draw_slice(o, volume);
         print_volume(o, volume);
     } else {
-        throw Error(ExitCode::usage, o.file + ": neither a scene (.gltf, .glb) nor a volume ("
-                                         + format_list(", ", true) + ")");
+        throw Error(ErrorKind::argument, o.file + ": neither a scene (.gltf, .glb) nor a volume ("
+                                             + format_list(", ", true) + ")");
     }
 }
 

@@ -3,7 +3,7 @@
 
 #include "command_line.h"
 #include "commands.h"
-#include "error.h"
+#include "exit_code.h"
 #include "terminal.h"
 
 #include <CLI/CLI.hpp>
@@ -31,9 +31,9 @@ std::string exit_code_table() {
     return table;
 }
 
-int fail(ExitCode code, const std::string& text) {
+int fail(ErrorKind kind, const std::string& text) {
     std::fprintf(stderr, "lpvbake: error: %s\n", on_one_line(text).c_str());
-    return int(code);
+    return int(exit_code_of(kind));
 }
 
 /// Parses and runs. Throws Error, and whatever a library throws.
@@ -58,7 +58,7 @@ int run(int argc, char** argv) {
         finish_stdout();
         return 0;
     } catch (const CLI::ParseError& error) {
-        throw Error(ExitCode::usage, explain(root, error, {argv + 1, argv + argc}));
+        throw Error(ErrorKind::argument, explain(root, error, {argv + 1, argv + argc}));
     }
     action();
     finish_stdout();
@@ -74,10 +74,10 @@ int main(int argc, char** argv) {
     try {
         return run(argc, argv);
     } catch (const Error& error) {
-        return fail(error.code, error.what());
+        return fail(error.kind, error.what());
     } catch (const std::bad_alloc&) {
-        return fail(ExitCode::memory, "out of memory; a lower --resolution needs less");
+        return fail(ErrorKind::memory, "out of memory; a lower --resolution needs less");
     } catch (const std::exception& error) {
-        return fail(ExitCode::failure, error.what());
+        return fail(ErrorKind::failure, error.what());
     }
 }

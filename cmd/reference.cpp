@@ -114,9 +114,9 @@ std::vector<std::string> all_outputs(const ReferenceOptions& o) {
 void check_options(const ReferenceOptions& o, bool cell_and_resolution) {
     check_paths("reference", o, all_outputs(o));
     if (o.outputs.paths.empty())
-        throw Error(ExitCode::usage, "no output: add -o FILE" + format_list(" or -o FILE"));
+        throw Error(ErrorKind::argument, "no output: add -o FILE" + format_list(" or -o FILE"));
     if (cell_and_resolution)
-        throw Error(ExitCode::usage, "--cell-size and --resolution exclude each other");
+        throw Error(ErrorKind::argument, "--cell-size and --resolution exclude each other");
 }
 
 struct Stage {
@@ -194,7 +194,7 @@ void run(const ReferenceOptions& o) {
     const Clock::time_point tracing = Clock::now();
     const Bounds box = bounds.value_or(bounds_of(scene));
     if (triangle_count(scene) == 0)
-        throw Error(ExitCode::invalid, scene.path + ": no triangles to light");
+        throw Error(ErrorKind::invalid, scene.path + ": no triangles to light");
     Reference reference =
         make_reference(scene, fit_grid(box.lo, box.hi, grid_settings(o)), settings, progress);
     for (const std::string& warning : reference.warnings)

@@ -173,9 +173,9 @@ std::optional<glm::ivec2> parse_size(const std::string& text) {
 }
 
 [[noreturn]] void reject_camera(const std::string& text, const std::string& why) {
-    throw Error(ExitCode::usage, "--camera: '" + text + "' " + why
-                                     + "; it takes NAME, INDEX, X,Y,Z:TX,TY,TZ[:FOV], "
-                                       "orbit[:AZIMUTH,ELEVATION[,DISTANCE]] or inside");
+    throw Error(ErrorKind::argument, "--camera: '" + text + "' " + why
+                                         + "; it takes NAME, INDEX, X,Y,Z:TX,TY,TZ[:FOV], "
+                                           "orbit[:AZIMUTH,ELEVATION[,DISTANCE]] or inside");
 }
 
 /// X,Y,Z:TX,TY,TZ[:FOV]; none for another form.
@@ -230,9 +230,9 @@ const Camera* camera_of(const Scene& scene, const std::string& text) {
     if ((index || text.empty()) && i < scene.cameras.size())
         return &scene.cameras[i];
     if (index)
-        throw Error(ExitCode::usage, "--camera: " + text + ": the file has "
-                                         + counted(scene.cameras.size(), "camera")
-                                         + ", counted from 0");
+        throw Error(ErrorKind::argument, "--camera: " + text + ": the file has "
+                                             + counted(scene.cameras.size(), "camera")
+                                             + ", counted from 0");
     return nullptr;
 }
 
@@ -286,19 +286,20 @@ Camera choose_camera(const RenderOptions& o, const Scene& scene, const Volume& v
 /// All that can be known to be wrong before any work is done.
 void check_options(const RenderOptions& o) {
     if (o.scene.empty() || o.volume.empty())
-        throw Error(ExitCode::usage, "no scene or no volume: lpvbake render SCENE VOLUME -o "
-                                     "OUTPUT (see lpvbake render --help)");
+        throw Error(ErrorKind::argument, "no scene or no volume: lpvbake render SCENE VOLUME -o "
+                                         "OUTPUT (see lpvbake render --help)");
     if (o.outputs.empty() && !o.dry_run)
-        throw Error(ExitCode::usage, "no output: add -o FILE.png or -o FILE.exr");
+        throw Error(ErrorKind::argument, "no output: add -o FILE.png or -o FILE.exr");
     if (!o.reference_outputs.empty() && o.reference == 0)
-        throw Error(ExitCode::usage, "--reference-output needs --reference N");
+        throw Error(ErrorKind::argument, "--reference-output needs --reference N");
     if (o.reference > 0 && (o.show == "occlusion" || o.show == "validity" || o.show == "cells"))
-        throw Error(ExitCode::usage, "--reference: paths know nothing of --show " + o.show);
+        throw Error(ErrorKind::argument, "--reference: paths know nothing of --show " + o.show);
     if (!o.size.empty() && !parse_size(o.size))
-        throw Error(ExitCode::usage, "--size: '" + o.size
-                                         + "' is not WIDTHxHEIGHT, such as 1280x720, each from 1 "
-                                           "to "
-                                         + std::to_string(most_pixels_a_side));
+        throw Error(ErrorKind::argument,
+                    "--size: '" + o.size
+                        + "' is not WIDTHxHEIGHT, such as 1280x720, each from 1 "
+                          "to "
+                        + std::to_string(most_pixels_a_side));
     if (!o.camera.empty()) { // wrong numbers are wrong whatever cameras there are
         parse_orbit(o.camera);
         parse_eye(o.camera);
@@ -306,8 +307,8 @@ void check_options(const RenderOptions& o) {
     if (o.exposure != "auto") {
         const std::optional<double> ev = parse_number(o.exposure);
         if (!ev || std::abs(*ev) > 64)
-            throw Error(ExitCode::usage, "--exposure: '" + o.exposure
-                                             + "' is neither an EV from -64 to 64 nor auto");
+            throw Error(ErrorKind::argument, "--exposure: '" + o.exposure
+                                                 + "' is neither an EV from -64 to 64 nor auto");
     }
     std::vector<fs::path> names{fs::weakly_canonical(o.scene), fs::weakly_canonical(o.volume)};
     for (const std::string& lights : o.light_files)
@@ -316,12 +317,12 @@ void check_options(const RenderOptions& o) {
     for (const auto* outputs : {&o.outputs, &o.reference_outputs})
         for (const std::string& output : *outputs) {
             if (!has_extension(output, ".png") && !has_extension(output, ".exr"))
-                throw Error(ExitCode::usage,
+                throw Error(ErrorKind::argument,
                             output + ": the name of a picture ends in .png or .exr");
             const fs::path name = fs::weakly_canonical(output);
             const auto at = std::ranges::find(names, name) - names.begin();
             if (std::size_t(at) < names.size())
-                throw Error(ExitCode::usage,
+                throw Error(ErrorKind::argument,
                             output
                                 + (std::size_t(at) < inputs ? ": would replace an input"
                                                             : ": given twice as an output"));
@@ -335,7 +336,7 @@ Volume read(const std::string& path) {
     Volume volume = read_volume(path);
     const bool is_difference = volume.metadata.contains("minuend");
     if (is_difference || volume.metadata.contains("quantity"))
-        throw Error(ExitCode::invalid,
+        throw Error(ErrorKind::invalid,
                     path + ": holds " + (is_difference ? "the difference of two volumes" : "errors")
                         + ", not light; give a volume of bake or reference");
     return volume;
@@ -588,7 +589,7 @@ void run(const RenderOptions& o) {
     for (const std::string& warning : scene.warnings)
         progress.warn(warning);
     if (triangle_count(scene) == 0)
-        throw Error(ExitCode::invalid, scene.path + ": no triangles to draw");
+        throw Error(ErrorKind::invalid, scene.path + ": no triangles to draw");
     warn_of_mismatch(o, scene, volume, progress);
     const std::unique_ptr<gpu::Device> device = opening.get();
     end_stage("load");

@@ -183,10 +183,10 @@ bool wants(const ReportOptions& o, const char* extension) {
         o.outputs, [&](const std::string& path) { return extension_of(path) == extension; });
 }
 
-/// What a run of a suite takes of the options; throws Error (usage) for what contradicts it.
+/// What a run of a suite takes of the options; throws Error (argument) for what contradicts it.
 SuiteRun suite_run(const ReportOptions& o) {
     const auto refuse = [](const std::string& what) {
-        throw Error(ExitCode::usage, "--suite takes what it runs from its file, not " + what);
+        throw Error(ErrorKind::argument, "--suite takes what it runs from its file, not " + what);
     };
     if (!o.scenes.empty())
         refuse("the scene " + o.scenes.front());
@@ -213,29 +213,29 @@ SuiteRun suite_run(const ReportOptions& o) {
 /// All that can be known to be wrong before any work is done.
 void check_options(const ReportOptions& o) {
     if (!o.cases.empty() || o.cheap)
-        throw Error(ExitCode::usage, "--case and --cheap need --suite FILE");
+        throw Error(ErrorKind::argument, "--case and --cheap need --suite FILE");
     if (o.scenes.empty())
-        throw Error(ExitCode::usage, "no scene: lpvbake report SCENE... (see lpvbake report "
-                                     "--help)");
+        throw Error(ErrorKind::argument, "no scene: lpvbake report SCENE... (see lpvbake report "
+                                         "--help)");
     std::vector<fs::path> names;
     for (const std::string& output : o.outputs) {
         if (extension_of(output).empty())
-            throw Error(ExitCode::usage,
+            throw Error(ErrorKind::argument,
                         output + ": the name of an output ends in .html, .svg, .csv or .json");
         const fs::path name = fs::weakly_canonical(fs::absolute(output));
         if (std::ranges::find(names, name) != names.end())
-            throw Error(ExitCode::usage, output + ": given twice as an output");
+            throw Error(ErrorKind::argument, output + ": given twice as an output");
         names.push_back(name);
         std::vector<std::string> inputs = o.light_files;
         inputs.insert(inputs.end(), o.scenes.begin(), o.scenes.end());
         inputs.push_back(o.sweep);
         for (const std::string& input : inputs)
             if (!input.empty() && fs::weakly_canonical(fs::absolute(input)) == name)
-                throw Error(ExitCode::usage, output + ": would replace the input " + input);
+                throw Error(ErrorKind::argument, output + ": would replace the input " + input);
     }
 }
 
-/// Throws Error (usage: names file, line and key).
+/// Throws Error (argument: names file, line and key).
 std::vector<Sweep> read_sweeps(const std::string& path) {
     std::vector<Sweep> sweeps;
     for (const std::vector<ConfigEntry>& table : read_config_tables(path, "sweep")) {
@@ -243,12 +243,12 @@ std::vector<Sweep> read_sweeps(const std::string& path) {
         for (const ConfigEntry& entry : table) {
             const std::string place = path + ":" + std::to_string(entry.line) + ": ";
             if (entry.values.empty())
-                throw Error(ExitCode::usage, place + entry.key + " has no values");
+                throw Error(ErrorKind::argument, place + entry.key + " has no values");
             for (const std::string& value : entry.values)
                 try {
                     check_sweep_value(entry.key, value);
                 } catch (const Error& error) {
-                    throw Error(error.code, place + error.what());
+                    throw Error(error.kind, place + error.what());
                 }
             sweep.push_back({entry.key, entry.values});
         }
@@ -256,9 +256,9 @@ std::vector<Sweep> read_sweeps(const std::string& path) {
             sweeps.push_back(std::move(sweep));
     }
     if (sweeps.empty())
-        throw Error(ExitCode::usage, path
-                                         + ": no sweep in it; it takes lines such as "
-                                           "resolution = [16, 32]");
+        throw Error(ErrorKind::argument, path
+                                             + ": no sweep in it; it takes lines such as "
+                                               "resolution = [16, 32]");
     return sweeps;
 }
 
@@ -271,19 +271,19 @@ std::vector<SweepRow> rows_of(const ReportOptions& o, const BakeSettings& base) 
                 try {
                     check_sweep_value(option, part);
                 } catch (const Error& error) {
-                    throw Error(error.code, "--" + std::string(error.what()));
+                    throw Error(error.kind, "--" + std::string(error.what()));
                 }
             listed.push_back({option, parts});
         }
     if (!o.sweep.empty() && !listed.empty())
-        throw Error(ExitCode::usage,
+        throw Error(ErrorKind::argument,
                     "--sweep and --" + listed.front().option + " exclude each other");
     if (!o.sweep.empty())
         try {
             return sweep_rows(read_sweeps(o.sweep), base);
         } catch (const Error& error) {
             const std::string text = error.what();
-            throw Error(error.code, text.starts_with(o.sweep) ? text : o.sweep + ": " + text);
+            throw Error(error.kind, text.starts_with(o.sweep) ? text : o.sweep + ": " + text);
         }
     return sweep_rows(listed.empty() ? default_sweeps() : std::vector<Sweep>{listed}, base);
 }

@@ -35,13 +35,13 @@ Bounds parse_bounds(const std::string& text) {
             (i < 3 ? bounds.lo : bounds.hi)[i % 3] = *value;
     }
     if (!good)
-        throw Error(ExitCode::usage,
+        throw Error(ErrorKind::argument,
                     "--bounds: '" + text
                         + "' is not six finite numbers x0,y0,z0,x1,y1,z1 in metres");
     for (int axis = 0; axis < 3; ++axis)
         if (bounds.lo[axis] > bounds.hi[axis])
-            throw Error(ExitCode::usage, std::string("--bounds: ") + "xyz"[axis] + "0 is above "
-                                             + "xyz"[axis] + "1 in '" + text + "'");
+            throw Error(ErrorKind::argument, std::string("--bounds: ") + "xyz"[axis] + "0 is above "
+                                                 + "xyz"[axis] + "1 in '" + text + "'");
     return bounds;
 }
 
@@ -71,7 +71,7 @@ uint64_t parse_bytes(const char* option, const std::string& text) {
     }
     const std::optional<double> value = parse_number(digits);
     if (!value || !(*value > 0) || !(std::ldexp(*value, shift) < 0x1p62))
-        throw Error(ExitCode::usage,
+        throw Error(ErrorKind::argument,
                     std::string(option) + ": '" + text + "' is not a size such as 512M or 4G");
     return uint64_t(std::ldexp(*value, shift));
 }
@@ -90,7 +90,7 @@ std::optional<SkyPicture> sky_picture(const std::string& text) {
             comma == std::string::npos ? std::nullopt : parse_number(text.substr(comma + 1))) {
         picture = {text.substr(0, comma), *scale};
         if (!(*scale >= 0))
-            throw Error(ExitCode::usage, "--sky " + text + ": SCALE is negative");
+            throw Error(ErrorKind::argument, "--sky " + text + ": SCALE is negative");
     }
     const bool name = picture.path.find_first_of("./") != std::string::npos
                       && picture.path.find_first_not_of("0123456789.:,+-eE ") != std::string::npos;
@@ -133,7 +133,7 @@ LoadSettings load_settings(const LoadOptions& o) {
     if (!o.time.empty()) {
         settings.time = parse_number(o.time);
         if (!settings.time)
-            throw Error(ExitCode::usage, "--time: '" + o.time + "' is not a number of seconds");
+            throw Error(ErrorKind::argument, "--time: '" + o.time + "' is not a number of seconds");
     }
     settings.variant = o.variant;
     settings.strict = o.strict;
@@ -285,7 +285,7 @@ std::vector<Light> command_line_lights(const SceneOptions& o) {
     if (!o.sky.empty() && !sky_picture(o.sky))
         parse_sky(o.sky);
     if (o.sky_rotation != 0 && (o.sky.empty() || !sky_picture(o.sky)))
-        throw Error(ExitCode::usage, "--sky-rotation turns the picture of --sky FILE");
+        throw Error(ErrorKind::argument, "--sky-rotation turns the picture of --sky FILE");
     return lights;
 }
 
@@ -317,24 +317,25 @@ bool mentions_images(const SceneOptions& o) {
 void check_paths(const char* command, const SceneOptions& scene,
                  const std::vector<std::string>& outputs) {
     if (scene.scene.empty())
-        throw Error(ExitCode::usage, std::string("no scene: lpvbake ") + command
-                                         + " SCENE -o OUTPUT (see lpvbake " + command + " --help)");
+        throw Error(ErrorKind::argument, std::string("no scene: lpvbake ") + command
+                                             + " SCENE -o OUTPUT (see lpvbake " + command
+                                             + " --help)");
     std::vector<fs::path> names;
     for (const std::string& output : outputs) {
         if (!volume_format(output))
-            throw Error(ExitCode::usage,
+            throw Error(ErrorKind::argument,
                         output + ": the name of an output ends in " + format_list());
         const fs::path name = fs::weakly_canonical(fs::absolute(output));
         for (const fs::path& other : names)
             if (other == name)
-                throw Error(ExitCode::usage, output + ": given twice as an output");
+                throw Error(ErrorKind::argument, output + ": given twice as an output");
         names.push_back(name);
         for (const std::string& lights : scene.light_files)
             if (const std::string sidecar = volume_format(output)->sidecar;
                 !sidecar.empty()
                 && fs::path(name).replace_extension(sidecar)
                        == fs::weakly_canonical(fs::absolute(lights)))
-                throw Error(ExitCode::usage,
+                throw Error(ErrorKind::argument,
                             output + ": its sidecar would replace the light file " + lights);
     }
 }
@@ -344,9 +345,9 @@ void probe_outputs(const std::vector<std::string>& outputs) {
         const fs::path folder = fs::absolute(output).parent_path();
         std::error_code ignored;
         if (!fs::is_directory(folder, ignored))
-            throw Error(ExitCode::file, output + ": its folder does not exist");
+            throw Error(ErrorKind::file, output + ": its folder does not exist");
         if (fs::is_directory(output, ignored))
-            throw Error(ExitCode::file, output + ": is a folder");
+            throw Error(ErrorKind::file, output + ": is a folder");
         // Without a name where the file system can, so that nothing is left whatever happens.
         int file = open(folder.c_str(), O_TMPFILE | O_WRONLY | O_CLOEXEC, 0600);
         if (file < 0 && (errno == EOPNOTSUPP || errno == EISDIR || errno == EINVAL)) {
@@ -356,14 +357,14 @@ void probe_outputs(const std::vector<std::string>& outputs) {
                 unlink(probe.c_str());
         }
         if (file < 0)
-            throw Error(ExitCode::file, output + ": cannot be written: " + std::strerror(errno));
+            throw Error(ErrorKind::file, output + ": cannot be written: " + std::strerror(errno));
         close(file);
     }
 }
 
 void probe_scene(const SceneOptions& o) {
     if (access(o.scene.c_str(), R_OK) != 0)
-        throw Error(ExitCode::file, o.scene + ": " + std::strerror(errno));
+        throw Error(ErrorKind::file, o.scene + ": " + std::strerror(errno));
 }
 
 void fill_metadata(const SceneOptions& o, const Scene& scene, const std::vector<Setting>& settings,

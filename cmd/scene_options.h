@@ -30,7 +30,7 @@ struct LoadOptions {
     std::string max_memory = "4G";
 };
 void add_load_options(OptionList& list, LoadOptions& o);
-/// Throws Error (usage).
+/// Throws Error (argument).
 LoadSettings load_settings(const LoadOptions& o);
 
 /// Scene, grid and light as given.
@@ -63,7 +63,7 @@ void add_light_options(OptionList& list, SceneOptions& o);
 
 /// Applies the file `config` unless it is empty. --resolution and --cell-size replace each other:
 /// one on the command line takes the place of the other in the file. Returns true if both were
-/// given in the same place. Throws Error (file, usage).
+/// given in the same place. Throws Error (file, argument).
 bool settle(CLI::App& app, const CLI::Option& resolution, const std::string& config,
             SceneOptions& o);
 
@@ -72,7 +72,7 @@ void append_grid_settings(const SceneOptions& o, std::vector<Setting>& settings)
 void append_light_settings(const SceneOptions& o, std::vector<Setting>& settings);
 
 GridSettings grid_settings(const SceneOptions& o);
-/// --bounds, none if not given. Throws Error (usage).
+/// --bounds, none if not given. Throws Error (argument).
 std::optional<Bounds> grid_bounds(const SceneOptions& o);
 /// Throws Error, as the parsers of lights and of the sky do.
 std::vector<Light> command_line_lights(const SceneOptions& o);
@@ -116,7 +116,7 @@ struct Written {
 };
 
 /// All that can be known to be wrong before any work is done: no scene, an output that is no
-/// volume, is given twice or would replace a light file. Throws Error (usage).
+/// volume, is given twice or would replace a light file. Throws Error (argument).
 void check_paths(const char* command, const SceneOptions& scene,
                  const std::vector<std::string>& outputs);
 

@@ -15,12 +15,13 @@ Slice parse_slice(const std::string& text, const Grid& grid) {
         return error == std::errc() && stop == end;
     };
     if (text.size() < 3 || axis == std::string::npos || text[1] != '=' || !is_index())
-        throw Error(ExitCode::usage, "--slice: '" + text + "' is not AXIS=INDEX, such as z=16");
+        throw Error(ErrorKind::argument, "--slice: '" + text + "' is not AXIS=INDEX, such as z=16");
     slice.axis = int(axis);
     const int last = grid.dims[slice.axis] - 1;
     if (slice.index < 0 || slice.index > last)
-        throw Error(ExitCode::usage, "--slice: '" + text + "' is outside the grid, whose last is "
-                                         + text[0] + "=" + std::to_string(last));
+        throw Error(ErrorKind::argument, "--slice: '" + text
+                                             + "' is outside the grid, whose last is " + text[0]
+                                             + "=" + std::to_string(last));
     return slice;
 }
 

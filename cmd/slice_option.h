@@ -12,7 +12,7 @@ struct Slice {
     int index = 0;
 };
 
-/// Reads "z=16". Throws Error (usage) for another form or a layer outside the grid.
+/// Reads "z=16". Throws Error (argument) for another form or a layer outside the grid.
 Slice parse_slice(const std::string& text, const Grid& grid);
 
 } // namespace lpvbake

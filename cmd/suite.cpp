@@ -132,7 +132,7 @@ void run_suite(const SuiteRun& run) {
     finish_stdout();
     if (failed > 0) {
         const SuiteRow& first = *std::ranges::find_if(rows, fails);
-        throw Error(ExitCode::difference,
+        throw Error(ErrorKind::difference,
                     format("%s: %td of %s failed, the first is %s by %s: %s", run.suite.c_str(),
                            failed, counted(rows.size(), "row").c_str(), first.name.c_str(),
                            first.solver.c_str(), joined(first.failures).c_str()));

@@ -38,15 +38,15 @@ void watch_signals() {
 
 void stop_if_signalled() {
     if (noted_signal == SIGINT)
-        throw Error(ExitCode::interrupted, "interrupted");
+        throw Error(ErrorKind::interrupted, "interrupted");
     if (noted_signal == SIGTERM)
-        throw Error(ExitCode::terminated, "terminated");
+        throw Error(ErrorKind::terminated, "terminated");
 }
 
 void finish_stdout() {
     std::cout.flush();
     if (std::fflush(stdout) != 0 || std::ferror(stdout) || !std::cout)
-        throw Error(ExitCode::file, "standard output: cannot be written");
+        throw Error(ErrorKind::file, "standard output: cannot be written");
 }
 
 std::string on_one_line(std::string text) {

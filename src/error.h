@@ -1,4 +1,4 @@
-// The one exception type of the program, and the exit codes that it carries to the edge.
+// The one exception type that we throw.
 #pragma once
 
 #include <stdexcept>
@@ -6,47 +6,24 @@
 
 namespace lpvbake {
 
-/// What the process returns. `lpvbake --help` prints this table.
-enum class ExitCode {
-    ok = 0,
-    usage = 1,
-    file = 2,
-    invalid = 3,
-    failure = 4,
-    unsupported = 5,
-    difference = 7,
-    device = 8,
-    memory = 9,
-    interrupted = 130,
-    terminated = 143,
+enum class ErrorKind {
+    argument,    ///< the caller asks for what cannot be: a setting is wrong
+    file,        ///< a file cannot be read or written
+    invalid,     ///< what is read is wrong: a scene, a volume, a file of lights
+    failure,     ///< something that we stand on failed
+    unsupported, ///< what is read needs a feature that is not supported (it is named)
+    difference,  ///< what should agree does not
+    device,      ///< the Vulkan device is missing or was lost
+    memory,      ///< the memory, or a limit set for it, does not suffice
+    interrupted, ///< ended on request, by SIGINT
+    terminated,  ///< ended on request, by SIGTERM
 };
 
-struct ExitCodeMeaning {
-    ExitCode code;
-    const char* meaning;
-};
-
-inline constexpr ExitCodeMeaning exit_codes[] = {
-    {ExitCode::ok, "done"},
-    {ExitCode::usage, "the command line is wrong"},
-    {ExitCode::file, "a file cannot be read or written"},
-    {ExitCode::invalid, "the input is invalid"},
-    {ExitCode::failure, "something failed while running"},
-    {ExitCode::unsupported, "the input needs a feature that is not supported (it is named)"},
-    {ExitCode::difference, "a difference was found"},
-    {ExitCode::device, "the Vulkan device is missing or was lost"},
-    {ExitCode::memory, "out of memory"},
-    {ExitCode::interrupted, "interrupted (SIGINT)"},
-    {ExitCode::terminated, "terminated (SIGTERM)"},
-};
-
-/// A failure with the exit code it ends in. The text is one line that names the file, the place in
-/// it and the remedy.
+/// The text is one line that names the file, the place in it and the remedy.
 class Error : public std::runtime_error {
 public:
-    Error(ExitCode exit_code, const std::string& text)
-        : std::runtime_error(text), code(exit_code) {}
-    ExitCode code;
+    Error(ErrorKind which, const std::string& text) : std::runtime_error(text), kind(which) {}
+    ErrorKind kind;
 };
 
 } // namespace lpvbake

@@ -28,6 +28,6 @@ int main(int argc, char** argv) {
         lpvbake::write_volume(argv[2], baked.volume, lpvbake::Precision::full);
     } catch (const lpvbake::Error& error) {
         std::fprintf(stderr, "bake: %s\n", error.what());
-        return int(error.code);
+        return error.kind == lpvbake::ErrorKind::file ? 2 : 1;
     }
 }

@@ -31,6 +31,6 @@ int main(int argc, char** argv) {
         std::printf("irradiance  %.6g %.6g %.6g lux\n", lux.r, lux.g, lux.b);
     } catch (const lpvbake::Error& error) {
         std::fprintf(stderr, "load: %s\n", error.what());
-        return int(error.code);
+        return error.kind == lpvbake::ErrorKind::file ? 2 : 1;
     }
 }

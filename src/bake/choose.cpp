@@ -91,7 +91,7 @@ Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const 
                     solver.set(rung);
                     consider(solver, order);
                 } catch (const Error& error) {
-                    if (error.code != ExitCode::memory)
+                    if (error.kind != ErrorKind::memory)
                         throw;
                     refused = error;
                 }

@@ -29,7 +29,7 @@ SceneFacts survey(const Scene& scene) {
     facts.warnings = scene.warnings;
     facts.triangles = triangle_count(scene);
     if (facts.triangles == 0)
-        throw Error(ExitCode::invalid, scene.path + ": no triangles to light");
+        throw Error(ErrorKind::invalid, scene.path + ": no triangles to light");
     facts.area = surface_area(scene);
     facts.bounds = bounds_of(scene);
     facts.crowd = trimmed_bounds(scene, 0.01);

@@ -70,7 +70,7 @@ void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan)
     plan.frame = frame_of(plan.grid);
     plan.device_bytes = solver.kind().device_bytes(plan.grid, solver);
     if (plan.device_bytes > device.memory)
-        throw Error(ExitCode::memory,
+        throw Error(ErrorKind::memory,
                     dims_text(plan.grid.dims)
                         + format(" needs %.1f GiB of %s's %.1f GiB; the largest that fits is "
                                  "--resolution %d",
@@ -168,7 +168,7 @@ void check_host_memory(const BakePlan& plan) {
     const glm::ivec3 dims = plan.grid.dims;
     const double fits =
         std::max({dims.x, dims.y, dims.z}) * std::cbrt(double(memory) / double(plan.host_bytes));
-    throw Error(ExitCode::memory,
+    throw Error(ErrorKind::memory,
                 dims_text(dims)
                     + format(" needs about %.1f GiB of this machine's %.1f GiB of memory; lower "
                              "--resolution, to about %d",

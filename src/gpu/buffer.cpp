@@ -9,9 +9,9 @@ namespace {
 
 const Buffer::Impl& checked_range(const Buffer& buffer, uint64_t offset, uint64_t bytes) {
     if (offset > buffer.bytes() || bytes > buffer.bytes() - offset)
-        throw Error(ExitCode::failure, "a copy of " + std::to_string(bytes) + " bytes at "
-                                           + std::to_string(offset) + " leaves its buffer of "
-                                           + std::to_string(buffer.bytes()) + " bytes");
+        throw Error(ErrorKind::failure, "a copy of " + std::to_string(bytes) + " bytes at "
+                                            + std::to_string(offset) + " leaves its buffer of "
+                                            + std::to_string(buffer.bytes()) + " bytes");
     return buffer.impl();
 }
 
@@ -21,9 +21,10 @@ Buffer::Impl::Impl(Device::Impl& device, uint64_t bytes, Placement placement) {
     // Fills come in words; nothing is empty for Vulkan.
     const uint64_t size = std::max<uint64_t>((bytes + 3) / 4 * 4, 4);
     if (size < bytes || size > device.info.max_allocation)
-        throw Error(ExitCode::memory, "a buffer of " + std::to_string(bytes) + " bytes exceeds the "
-                                          + std::to_string(device.info.max_allocation) + " that '"
-                                          + device.info.name + "' allows");
+        throw Error(ErrorKind::memory, "a buffer of " + std::to_string(bytes)
+                                           + " bytes exceeds the "
+                                           + std::to_string(device.info.max_allocation) + " that '"
+                                           + device.info.name + "' allows");
     using Usage = vk::BufferUsageFlagBits;
     checked("making a buffer", [&] {
         handle = vk::raii::Buffer(

@@ -36,7 +36,7 @@ vk::raii::Context load_vulkan() {
     try {
         return vk::raii::Context();
     } catch (const std::exception&) {
-        throw Error(ExitCode::device, std::string("no Vulkan library was found; ") + remedy);
+        throw Error(ErrorKind::device, std::string("no Vulkan library was found; ") + remedy);
     }
 }
 
@@ -132,7 +132,7 @@ std::vector<Candidate> candidates(const Instance& instance) {
         }
     }
     if (usable.empty())
-        throw Error(ExitCode::device,
+        throw Error(ErrorKind::device,
                     (found.empty() ? "no Vulkan device was found; "
                                    : "no Vulkan device here has version 1.2 and a queue for "
                                      "graphics and compute; ")
@@ -165,27 +165,28 @@ std::size_t select(const std::vector<Candidate>& devices, const std::string& sel
     for (const Candidate& device : devices)
         list += (list.empty() ? "" : ", ") + std::to_string(device.info.index) + " '"
                 + device.info.name + "'";
-    throw Error(ExitCode::device, "no Vulkan device matches '" + selector + "'; there is: " + list);
+    throw Error(ErrorKind::device,
+                "no Vulkan device matches '" + selector + "'; there is: " + list);
 }
 
 } // namespace
 
 void fail(const char* doing, const vk::SystemError& error) {
     const vk::Result result = vk::Result(error.code().value());
-    ExitCode code = ExitCode::failure;
+    ErrorKind kind = ErrorKind::failure;
     if (result == vk::Result::eErrorDeviceLost || result == vk::Result::eErrorInitializationFailed
         || result == vk::Result::eErrorIncompatibleDriver)
-        code = ExitCode::device;
+        kind = ErrorKind::device;
     else if (result == vk::Result::eErrorOutOfDeviceMemory
              || result == vk::Result::eErrorOutOfHostMemory
              || result == vk::Result::eErrorOutOfPoolMemory)
-        code = ExitCode::memory;
+        kind = ErrorKind::memory;
     const char* what = "";
     if (result == vk::Result::eErrorDeviceLost)
         what = ": the device was lost; try again, or name another with --device";
-    else if (code == ExitCode::memory)
+    else if (kind == ErrorKind::memory)
         what = ": out of memory; a lower --resolution needs less";
-    throw Error(code, std::string(doing) + " failed" + what + " (" + vk::to_string(result) + ")");
+    throw Error(kind, std::string(doing) + " failed" + what + " (" + vk::to_string(result) + ")");
 }
 
 Memory::Memory(vk::raii::DeviceMemory handle, uint64_t bytes, uint64_t* in_use, bool mappable)
@@ -222,7 +223,7 @@ Memory& Memory::operator=(Memory&& other) noexcept {
 Instance::Instance(bool validation) : context(load_vulkan()) {
     const uint32_t version = context.enumerateInstanceVersion();
     if (version < VK_API_VERSION_1_2)
-        throw Error(ExitCode::device,
+        throw Error(ErrorKind::device,
                     std::string("the Vulkan library is older than 1.2; ") + remedy);
     std::vector<const char*> layers, extensions;
     if (validation) {
@@ -230,9 +231,9 @@ Instance::Instance(bool validation) : context(load_vulkan()) {
         if (std::ranges::none_of(present, [](const vk::LayerProperties& layer) {
                 return std::string_view(layer.layerName.data()) == validation_layer;
             }))
-            throw Error(ExitCode::device, std::string("the layer ") + validation_layer
-                                              + " is missing; install it (Debian: "
-                                                "vulkan-validationlayers)");
+            throw Error(ErrorKind::device, std::string("the layer ") + validation_layer
+                                               + " is missing; install it (Debian: "
+                                                 "vulkan-validationlayers)");
         layers = {validation_layer};
         extensions = {VK_EXT_DEBUG_UTILS_EXTENSION_NAME, VK_EXT_VALIDATION_FEATURES_EXTENSION_NAME};
     }
@@ -254,7 +255,7 @@ Instance::Instance(bool validation) : context(load_vulkan()) {
     try {
         handle = vk::raii::Instance(context, chain.get<vk::InstanceCreateInfo>());
     } catch (const vk::IncompatibleDriverError&) {
-        throw Error(ExitCode::device, std::string("no Vulkan driver was found; ") + remedy);
+        throw Error(ErrorKind::device, std::string("no Vulkan driver was found; ") + remedy);
     } catch (const vk::SystemError& error) {
         fail("starting Vulkan", error);
     }
@@ -300,9 +301,9 @@ Memory Device::Impl::allocate(const vk::MemoryRequirements& needs, Placement pla
             : std::vector<vk::MemoryPropertyFlags>{mapped | Flag::eHostCached, mapped};
     const std::string size = gibibytes(needs.size);
     if (needs.size > info.max_allocation)
-        throw Error(ExitCode::memory, "an allocation of " + size + " exceeds the "
-                                          + gibibytes(info.max_allocation) + " that '" + info.name
-                                          + "' allows");
+        throw Error(ErrorKind::memory, "an allocation of " + size + " exceeds the "
+                                           + gibibytes(info.max_allocation) + " that '" + info.name
+                                           + "' allows");
     uint64_t left = 0;
     for (const vk::MemoryPropertyFlags wish : wishes)
         for (uint32_t type = 0; type < memories.memoryTypeCount; ++type) {
@@ -327,8 +328,8 @@ Memory Device::Impl::allocate(const vk::MemoryRequirements& needs, Placement pla
                 fail("allocating device memory", error);
             }
         }
-    throw Error(ExitCode::memory, "out of memory on '" + info.name + "': " + size
-                                      + " more are needed, " + gibibytes(left) + " are left");
+    throw Error(ErrorKind::memory, "out of memory on '" + info.name + "': " + size
+                                       + " more are needed, " + gibibytes(left) + " are left");
 }
 
 vk::raii::CommandBuffer Device::Impl::make_commands() const {
@@ -390,7 +391,7 @@ void Device::check_validation() {
         messages.swap(impl_->instance.messages);
     }
     if (!messages.empty())
-        throw Error(ExitCode::failure,
+        throw Error(ErrorKind::failure,
                     "Vulkan validation: " + messages.front()
                         + (messages.size() > 1
                                ? " (and " + std::to_string(messages.size() - 1) + " more)"

@@ -32,10 +32,10 @@ Program::Program(const Device& device, std::span<const uint32_t> spirv,
         || storage > gpu.limits.maxPerStageDescriptorStorageBuffers
         || uniform > gpu.limits.maxPerStageDescriptorUniformBuffers
         || bindings.size() - storage - uniform > gpu.limits.maxPerStageDescriptorSampledImages)
-        throw Error(ExitCode::device, "'" + gpu.info.name + "' cannot bind "
-                                          + std::to_string(bindings.size()) + " buffers and "
-                                          + std::to_string(push_bytes)
-                                          + " bytes of push constants; choose another device");
+        throw Error(ErrorKind::device, "'" + gpu.info.name + "' cannot bind "
+                                           + std::to_string(bindings.size()) + " buffers and "
+                                           + std::to_string(push_bytes)
+                                           + " bytes of push constants; choose another device");
     checked("compiling a shader", [&] {
         std::vector<vk::DescriptorSetLayoutBinding> layouts;
         for (const Binding binding : bindings)
@@ -126,7 +126,7 @@ namespace {
 void check_window(const Window& window, uint64_t alignment) {
     if (!window.buffer || window.bytes == 0 || window.offset > window.buffer->bytes()
         || window.bytes > window.buffer->bytes() - window.offset || window.offset % alignment)
-        throw Error(ExitCode::failure,
+        throw Error(ErrorKind::failure,
                     "a window of " + std::to_string(window.bytes) + " bytes at "
                         + std::to_string(window.offset) + " does not fit its buffer of "
                         + std::to_string(window.buffer ? window.buffer->bytes() : 0)
@@ -144,14 +144,15 @@ void Batch::dispatch(const Program& program, std::span<const Window> windows,
     const Program::Impl& kernel = program.impl();
     const DeviceInfo& info = impl_->gpu.info;
     if (windows.size() != kernel.bindings.size() || push.size() != kernel.push_bytes)
-        throw Error(ExitCode::failure, "a dispatch with " + std::to_string(windows.size())
-                                           + " buffers and " + std::to_string(push.size())
-                                           + " bytes of push constants; its program has "
-                                           + std::to_string(kernel.bindings.size()) + " and "
-                                           + std::to_string(kernel.push_bytes));
+        throw Error(ErrorKind::failure, "a dispatch with " + std::to_string(windows.size())
+                                            + " buffers and " + std::to_string(push.size())
+                                            + " bytes of push constants; its program has "
+                                            + std::to_string(kernel.bindings.size()) + " and "
+                                            + std::to_string(kernel.push_bytes));
     const auto& most = impl_->gpu.limits.maxComputeWorkGroupCount;
     if (groups.x > most[0] || groups.y > most[1] || groups.z > most[2])
-        throw Error(ExitCode::failure, "a dispatch of more groups than '" + info.name + "' allows");
+        throw Error(ErrorKind::failure,
+                    "a dispatch of more groups than '" + info.name + "' allows");
     if (groups.x == 0 || groups.y == 0 || groups.z == 0)
         return;
     for (size_t i = 0; i < windows.size(); ++i) {
@@ -162,9 +163,9 @@ void Batch::dispatch(const Program& program, std::span<const Window> windows,
                                    ? max_uniform_bytes
                                    : info.max_texels * texel_bytes(binding);
         if (windows[i].bytes > limit)
-            throw Error(ExitCode::failure, "a window of " + std::to_string(windows[i].bytes)
-                                               + " bytes exceeds the " + std::to_string(limit)
-                                               + " that '" + info.name + "' allows");
+            throw Error(ErrorKind::failure, "a window of " + std::to_string(windows[i].bytes)
+                                                + " bytes exceeds the " + std::to_string(limit)
+                                                + " that '" + info.name + "' allows");
     }
     checked("recording a dispatch", [&] {
         impl_->begin_step();
@@ -210,7 +211,7 @@ void Batch::copy(const Window& source, const Window& target) {
     check_window(source, 1);
     check_window(target, 1);
     if (source.bytes != target.bytes)
-        throw Error(ExitCode::failure, "a copy between windows of different sizes");
+        throw Error(ErrorKind::failure, "a copy between windows of different sizes");
     checked("recording a copy", [&] {
         impl_->begin_step();
         impl_->commands.copyBuffer(*source.buffer->impl().handle, *target.buffer->impl().handle,

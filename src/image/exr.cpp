@@ -46,9 +46,9 @@ std::vector<unsigned char> encode_exr(const Pixels& pixels, bool half,
                                                : std::vector<const char*>{"R", "G", "B", "A"};
     const size_t samples = size_t(pixels.width) * size_t(pixels.height) * size_t(channels);
     if (channels < 1 || channels > 4 || channels == 2 || pixels.samples.size() != samples)
-        throw Error(ExitCode::failure, name + ": " + std::to_string(channels) + " channels and "
-                                           + std::to_string(pixels.samples.size())
-                                           + " samples make no picture");
+        throw Error(ErrorKind::failure, name + ": " + std::to_string(channels) + " channels and "
+                                            + std::to_string(pixels.samples.size())
+                                            + " samples make no picture");
     try {
         Imf::Header header(pixels.width, pixels.height);
         header.compression() = Imf::ZIP_COMPRESSION;
@@ -77,7 +77,7 @@ std::vector<unsigned char> encode_exr(const Pixels& pixels, bool half,
         }
         return std::move(stream.bytes);
     } catch (const std::exception& error) {
-        throw Error(ExitCode::failure, name + ": cannot be encoded as EXR: " + error.what());
+        throw Error(ErrorKind::failure, name + ": cannot be encoded as EXR: " + error.what());
     }
 }
 

@@ -15,8 +15,8 @@ const ImageModule* load() {
     void* library = dlopen(image_module_file, RTLD_LAZY | RTLD_LOCAL);
     void* entry = library ? dlsym(library, image_module_symbol) : nullptr;
     if (!entry)
-        throw Error(ExitCode::failure, std::string("cannot load the image module: ") + dlerror()
-                                           + "; reinstall lpvbake, the module belongs to it");
+        throw Error(ErrorKind::failure, std::string("cannot load the image module: ") + dlerror()
+                                            + "; reinstall lpvbake, the module belongs to it");
     return reinterpret_cast<decltype(&lpvbake_image_module)>(entry)();
 }
 

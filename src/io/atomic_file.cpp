@@ -20,8 +20,8 @@ namespace fs = std::filesystem;
 namespace {
 
 [[noreturn]] void fail(const std::string& path, const char* verb, int error) {
-    throw Error(ExitCode::file, path + ": cannot be " + verb + ": "
-                                    + (error ? std::strerror(error) : "input/output error"));
+    throw Error(ErrorKind::file, path + ": cannot be " + verb + ": "
+                                     + (error ? std::strerror(error) : "input/output error"));
 }
 
 /// Closed at the end of its scope.
@@ -81,7 +81,7 @@ AtomicFile::AtomicFile(const std::string& target) : target_(target) {
         fail(target, "written", EISDIR);
     // A rename would put a file in the place of a device or a pipe.
     if (fs::exists(path, error) && !fs::is_regular_file(path, error))
-        throw Error(ExitCode::file, target + ": cannot be written: it is not a regular file");
+        throw Error(ErrorKind::file, target + ": cannot be written: it is not a regular file");
     remove_stale(path);
     temporary_ = folder_of(path)
                  / (prefix_of(path) + std::to_string(getpid()) + "." + std::to_string(count++)
@@ -165,9 +165,9 @@ std::string read_file(const std::string& path, uint64_t max_bytes) {
     if (!S_ISREG(status.st_mode))
         fail(path, "read", S_ISDIR(status.st_mode) ? EISDIR : EINVAL);
     if (uint64_t(status.st_size) > max_bytes)
-        throw Error(ExitCode::invalid, path + ": has " + std::to_string(status.st_size)
-                                           + " bytes, more than the limit of "
-                                           + std::to_string(max_bytes));
+        throw Error(ErrorKind::invalid, path + ": has " + std::to_string(status.st_size)
+                                            + " bytes, more than the limit of "
+                                            + std::to_string(max_bytes));
     std::string bytes(size_t(status.st_size), '\0');
     size_t have = 0;
     while (have < bytes.size()) {

@@ -119,7 +119,7 @@ Layout choose_layout(glm::ivec3 dims, const Pictures& pictures, const std::strin
         }
     }
     if (best.columns == 0)
-        throw Error(ExitCode::unsupported,
+        throw Error(ErrorKind::unsupported,
                     path + ": "
                         + (wanted > 0 ? std::to_string(wanted) + " columns of a texture of "
                                       : std::string("a texture of "))
@@ -285,9 +285,9 @@ void check_packing(const Volume& volume, Packing packing, ShConvention conventio
                    const std::string& path) {
     const auto unless = [&](bool fits, const std::string& what) {
         if (!fits)
-            throw Error(ExitCode::unsupported, path + ": packing by " + what + ", not order "
-                                                   + std::to_string(volume.sh_order) + " of "
-                                                   + name_of(convention) + "; pack by band");
+            throw Error(ErrorKind::unsupported, path + ": packing by " + what + ", not order "
+                                                    + std::to_string(volume.sh_order) + " of "
+                                                    + name_of(convention) + "; pack by band");
     };
     const int order = volume.sh_order;
     const bool canonical = convention == ShConvention::radiance;
@@ -398,7 +398,7 @@ void describe(const Texture& texture, const Quantity& quantity, const std::strin
 // ---- reading ----
 
 [[noreturn]] void reject(const std::string& path, const std::string& why) {
-    throw Error(ExitCode::invalid, path + ": " + why);
+    throw Error(ErrorKind::invalid, path + ": " + why);
 }
 
 /// A whole number within [lo, hi]. (nlohmann's own conversion from reals has no defined range.)
@@ -528,7 +528,7 @@ Volume read_sidecar(const std::string& path, const Json& json, GridKinds kinds) 
     expect(json, "format", format_name);
     integer(json.at("version"), format_version, format_version);
     if (json.at("packing") == name_of(Packing::cube))
-        throw Error(ExitCode::unsupported,
+        throw Error(ErrorKind::unsupported,
                     path + ": holds ambient cubes, which cannot be turned back into coefficients");
     const Encoding encoding =
         encoding_of([&](const char* key) { return json.at(key).get<std::string>(); }, path);
@@ -655,7 +655,7 @@ Volume read_exr(const std::string& path, GridKinds kinds) {
     } catch (const std::out_of_range& error) {
         reject(sidecar, error.what());
     }
-    check_volume(volume, sidecar, ExitCode::invalid);
+    check_volume(volume, sidecar, ErrorKind::invalid);
     return volume;
 }
 

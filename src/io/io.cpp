@@ -25,7 +25,7 @@ const VolumeFormat& required(const VolumeFormat* format, const std::string& path
                              VolumeFormats formats) {
     if (format)
         return *format;
-    throw Error(ExitCode::usage,
+    throw Error(ErrorKind::argument,
                 path + ": unknown kind of volume file; use " + format_list(" or ", false, formats));
 }
 

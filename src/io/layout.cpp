@@ -21,7 +21,7 @@ std::vector<std::pair<std::string, std::string>> field_facts(const Encoding& enc
 
 Encoding encoding_of(const std::function<std::string(const char*)>& fact, const std::string& path) {
     const auto unknown = [&](const char* key, const std::string& value) {
-        return Error(ExitCode::invalid,
+        return Error(ErrorKind::invalid,
                      path + ": " + key + " is '" + value + "', which this version does not know");
     };
     const std::string convention = fact("convention"), axes = fact("axes");
@@ -34,17 +34,17 @@ Encoding encoding_of(const std::function<std::string(const char*)>& fact, const 
     const Encoding encoding{*known_convention, *known_axes};
     for (const auto& [key, value] : field_facts(encoding))
         if (const std::string found = fact(key.c_str()); found != value)
-            throw Error(ExitCode::invalid,
+            throw Error(ErrorKind::invalid,
                         path + ": " + key + " is '" + found + "', expected '" + value + "'");
     return encoding;
 }
 
-void check_volume(const Volume& volume, const std::string& path, ExitCode code) {
+void check_volume(const Volume& volume, const std::string& path, ErrorKind error) {
     const auto reject = [&](const auto&... parts) {
         std::ostringstream text;
         text << path << ": ";
         (text << ... << parts);
-        throw Error(code, text.str());
+        throw Error(error, text.str());
     };
     const Grid& grid = volume.grid;
     const glm::ivec3 dims = grid.dims;
@@ -88,10 +88,10 @@ void check_dims(glm::ivec3 dims, int sh_order, GridKinds kinds, const std::strin
                + " x " + std::to_string(dims.z) + " cells " + why;
     };
     if (dims.x < 1 || dims.y < 1 || dims.z < 1 || double(dims.x) * dims.y * dims.z > 2147483647.0)
-        throw Error(ExitCode::invalid, text("is not valid"));
+        throw Error(ErrorKind::invalid, text("is not valid"));
     const double bytes = double(dims.x) * dims.y * dims.z * floats * 4;
     if (bytes > double(sysconf(_SC_PHYS_PAGES)) * double(sysconf(_SC_PAGESIZE)))
-        throw Error(ExitCode::memory, text("does not fit this machine's memory"));
+        throw Error(ErrorKind::memory, text("does not fit this machine's memory"));
 }
 
 std::optional<std::string> half_misfit(const Volume& volume) {

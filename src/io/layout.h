@@ -20,9 +20,9 @@ std::vector<std::pair<std::string, std::string>> field_facts(const Encoding& enc
 /// naming `path`, for facts that no encoding has.
 Encoding encoding_of(const std::function<std::string(const char*)>& fact, const std::string& path);
 
-/// Throws Error with `code`, naming `path`, the grid and the cell, unless all grids fit the
+/// Throws an Error of kind `error`, naming `path`, the grid and the cell, unless all grids fit the
 /// lattice, the number of coefficients fits the order (0 to 4) and every value is finite.
-void check_volume(const Volume& volume, const std::string& path, ExitCode code);
+void check_volume(const Volume& volume, const std::string& path, ErrorKind error);
 
 /// Throws Error (invalid, memory) unless a volume of these dims with all kinds of grids is one that
 /// this machine could hold. For dims that come from a file.

@@ -39,10 +39,10 @@ struct Layer {
 Layer layer_of(const Volume& volume, int axis, int index) {
     const glm::ivec3 dims = volume.grid.dims;
     if (axis < 0 || axis > 2 || index < 0 || index >= dims[axis])
-        throw Error(ExitCode::usage, std::string("there is no slice ") + "xyz?"[axis & 3] + "="
-                                         + std::to_string(index) + "; the grid has "
-                                         + std::to_string(dims.x) + " x " + std::to_string(dims.y)
-                                         + " x " + std::to_string(dims.z) + " cells");
+        throw Error(ErrorKind::argument,
+                    std::string("there is no slice ") + "xyz?"[axis & 3] + "="
+                        + std::to_string(index) + "; the grid has " + std::to_string(dims.x) + " x "
+                        + std::to_string(dims.y) + " x " + std::to_string(dims.z) + " cells");
     const int right = axis == 0 ? 2 : 0;
     const int vertical = axis == 1 ? 2 : 1;
     Layer layer{dims[right], dims[vertical], {}, {}};
@@ -88,8 +88,9 @@ Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<fl
             const bool hatched = inside[cell] && (x + y) / stripe % 2 == 0;
             const glm::vec3 colour = exposure * colours[cell];
             for (int c = 0; c < 3; ++c)
-                picture.samples.push_back(hatched ? (c == 1 ? 0.0f : 0.3f)
-                                                  : linear_to_srgb(std::clamp(colour[c], 0.0f, 1.0f)));
+                picture.samples.push_back(hatched
+                                              ? (c == 1 ? 0.0f : 0.3f)
+                                              : linear_to_srgb(std::clamp(colour[c], 0.0f, 1.0f)));
         }
     return picture;
 }

@@ -18,10 +18,10 @@ namespace lpvbake {
 /// Cells inside geometry are hatched in dark magenta.
 ///
 /// z slices show x to the right and y up; y slices x to the right and z down, as seen from above;
-/// x slices z to the right and y up. RGB. Throws Error (usage) for a slice that does not exist.
+/// x slices z to the right and y up. RGB. Throws Error (argument) for a slice that does not exist.
 Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<float> white = {});
 
-/// What slice_picture without `white` draws as white, nits. Throws Error (usage) as it does.
+/// What slice_picture without `white` draws as white, nits. Throws Error (argument) as it does.
 float slice_white(const Volume& volume, int axis, int index);
 
 /// Error as colour: black at 0, over red and yellow to white at 1 and above.

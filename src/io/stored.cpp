@@ -8,14 +8,14 @@ namespace lpvbake {
 namespace {
 
 void check(const Volume& canonical, const Encoding& encoding, const std::string& path) {
-    check_volume(canonical, path, ExitCode::failure);
+    check_volume(canonical, path, ErrorKind::failure);
     const int highest = highest_order(encoding.convention);
     if (canonical.sh_order > highest)
-        throw Error(ExitCode::unsupported, path + ": the convention " + name_of(encoding.convention)
-                                               + " has a form for order " + std::to_string(highest)
-                                               + " at most; the volume has order "
-                                               + std::to_string(canonical.sh_order)
-                                               + ": set --sh-order");
+        throw Error(ErrorKind::unsupported,
+                    path + ": the convention " + name_of(encoding.convention)
+                        + " has a form for order " + std::to_string(highest)
+                        + " at most; the volume has order " + std::to_string(canonical.sh_order)
+                        + ": set --sh-order");
 }
 
 bool changes(const Encoding& encoding) {
@@ -68,9 +68,9 @@ Precision Stored::precision(Precision wanted, const std::string& path, WriteRepo
 
 void decode(const Encoding& encoding, const std::string& path, Volume& stored) {
     if (stored.sh_order > highest_order(encoding.convention))
-        throw Error(ExitCode::invalid, path + ": order " + std::to_string(stored.sh_order)
-                                           + " cannot be of the convention "
-                                           + name_of(encoding.convention));
+        throw Error(ErrorKind::invalid, path + ": order " + std::to_string(stored.sh_order)
+                                            + " cannot be of the convention "
+                                            + name_of(encoding.convention));
     decode(encoding.convention, stored.sh_order, stored.sh);
     turn_axes(glm::transpose(from_gltf(encoding.axes)), stored);
 }

@@ -82,8 +82,8 @@ struct Identity {
 Identity identify(const std::string& path, const std::string& name) {
     const auto fail = [&] {
         const int error = errno;
-        throw Error(ExitCode::file, name + ": cannot be read: "
-                                        + (error ? std::strerror(error) : "input/output error"));
+        throw Error(ErrorKind::file, name + ": cannot be read: "
+                                         + (error ? std::strerror(error) : "input/output error"));
     };
     errno = 0;
     std::ifstream in(path, std::ios::binary);
@@ -204,7 +204,7 @@ openvdb::GridBase::Ptr make_grid(const ConstGridView& grid, const Grid& lattice,
 // ---- reading ----
 
 [[noreturn]] void reject(const std::string& path, const std::string& why) {
-    throw Error(ExitCode::invalid, path + ": " + why);
+    throw Error(ErrorKind::invalid, path + ": " + why);
 }
 
 /// OpenVDB's messages may span lines.
@@ -372,7 +372,7 @@ Volume read_vdb(const std::string& path, GridKinds kinds) {
     } catch (const openvdb::Exception& error) {
         reject(path, one_line(error.what()));
     }
-    check_volume(volume, path, ExitCode::invalid);
+    check_volume(volume, path, ErrorKind::invalid);
     return volume;
 }
 

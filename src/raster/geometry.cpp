@@ -43,7 +43,7 @@ RsmGeometry flatten(const Scene& scene, const Frame& frame) {
     for (const Instance& instance : scene.instances)
         triangles += scene.meshes[instance.mesh].triangles.size();
     if (triangles > 0x7fffffffu)
-        throw Error(ExitCode::memory, "the scene has more than 2^31 - 1 placed triangles");
+        throw Error(ErrorKind::memory, "the scene has more than 2^31 - 1 placed triangles");
 
     RsmGeometry geometry;
     geometry.vertices.reserve(3 * triangles);

@@ -202,7 +202,7 @@ glm::dvec3 Paths::trace(glm::vec3 origin, glm::dvec3 towards, double density, Pa
             throughput /= survival;
         }
         if (reflections > longest_path)
-            throw Error(ExitCode::invalid,
+            throw Error(ErrorKind::invalid,
                         scene_.path
                             + ": light in a closed part of the scene is reflected without end, "
                               "its albedo is 1; set --max-albedo below 1 or a number of --bounces");

@@ -142,7 +142,7 @@ void check_memory(const Grid& grid, const ReferenceSettings& settings) {
     const double bytes = double(cells) * double(24 * coefficients + 24)
                          + double(points) * double(72 * coefficients + 32);
     if (bytes > double(sysconf(_SC_PHYS_PAGES)) * double(sysconf(_SC_PAGESIZE)))
-        throw Error(ExitCode::memory,
+        throw Error(ErrorKind::memory,
                     "a reference on " + std::to_string(grid.dims.x) + " x "
                         + std::to_string(grid.dims.y) + " x " + std::to_string(grid.dims.z)
                         + " cells does not fit this machine's memory; lower --resolution");
@@ -284,7 +284,7 @@ std::vector<size_t> probe_cells(const Scene& scene, const std::vector<float>& va
         cells = sample_cells(valid_cells(validity), settings.probes,
                              mix_bits(settings.seed ^ 0x70726f6265u));
         if (cells.empty())
-            throw Error(ExitCode::invalid,
+            throw Error(ErrorKind::invalid,
                         scene.path + ": no cell of the grid has its centre outside geometry");
     } else {
         cells.resize(validity.size());
@@ -356,7 +356,7 @@ ProbeField trace_probes(const Scene& scene, const Visibility& visibility, const 
 Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSettings& settings,
                          Progress& progress) {
     if (triangle_count(scene) == 0)
-        throw Error(ExitCode::invalid, scene.path + ": no triangles to light");
+        throw Error(ErrorKind::invalid, scene.path + ": no triangles to light");
     check_light_arrives(scene.path, {.punctual = !scene.lights.empty(),
                                      .emitters = settings.paths.emitters && has_emitters(scene),
                                      .sky = has_sky(scene),

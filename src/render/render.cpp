@@ -97,7 +97,7 @@ Rendering render(const LitScene& lit, const Volume& volume, const Raster& raster
     const auto& [scene, frame, visibility, paths] = lit;
     const Show show = settings.show;
     if (show == Show::occlusion && volume.occlusion.empty())
-        throw Error(ExitCode::invalid, "the volume holds no occlusion to show; lpv bakes it");
+        throw Error(ErrorKind::invalid, "the volume holds no occlusion to show; lpv bakes it");
     const glm::ivec2 size = settings.size;
     const RsmView view = view_of(settings.camera, frame, size);
     const Surface surface(scene, frame);

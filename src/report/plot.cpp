@@ -199,7 +199,7 @@ using File = std::unique_ptr<std::FILE, CloseFile>;
 File temporary() {
     File file(std::tmpfile());
     if (!file)
-        throw Error(ExitCode::file,
+        throw Error(ErrorKind::file,
                     std::string("a temporary file cannot be made: ") + std::strerror(errno));
     return file;
 }
@@ -218,7 +218,7 @@ std::string run_gnuplot(const std::string& script, std::vector<std::string> argu
     const File in = temporary(), out = temporary(), err = temporary();
     if (std::fwrite(script.data(), 1, script.size(), in.get()) != script.size()
         || std::fflush(in.get()) != 0)
-        throw Error(ExitCode::file, "gnuplot's script cannot be written to a temporary file");
+        throw Error(ErrorKind::file, "gnuplot's script cannot be written to a temporary file");
     std::rewind(in.get());
     arguments.insert(arguments.begin(), "gnuplot");
     std::vector<char*> argv;
@@ -235,10 +235,10 @@ std::string run_gnuplot(const std::string& script, std::vector<std::string> argu
     const int failed = posix_spawnp(&child, "gnuplot", &actions, nullptr, argv.data(), environ);
     posix_spawn_file_actions_destroy(&actions);
     if (failed == ENOENT)
-        throw Error(ExitCode::failure, "gnuplot, which draws the plot, is not installed: install "
-                                       "the package gnuplot-nox, or write .csv or .json only");
+        throw Error(ErrorKind::failure, "gnuplot, which draws the plot, is not installed: install "
+                                        "the package gnuplot-nox, or write .csv or .json only");
     if (failed != 0)
-        throw Error(ExitCode::failure,
+        throw Error(ErrorKind::failure,
                     std::string("gnuplot cannot be started: ") + std::strerror(failed));
     int status = 0;
     while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
@@ -248,7 +248,7 @@ std::string run_gnuplot(const std::string& script, std::vector<std::string> argu
         const std::size_t begin = said.find_first_not_of(" \n\t");
         const std::string line =
             begin == std::string::npos ? "" : said.substr(begin, said.find('\n', begin) - begin);
-        throw Error(ExitCode::failure, "gnuplot failed: " + line);
+        throw Error(ErrorKind::failure, "gnuplot failed: " + line);
     }
     return contents(out.get());
 }
@@ -295,7 +295,7 @@ std::string plot_svg(const std::string& script, std::size_t scenes) {
                600 * std::max<std::size_t>(1, scenes));
     const std::string svg = run_gnuplot(terminal + script, {"--default-settings"});
     if (svg.find("</svg>") == std::string::npos)
-        throw Error(ExitCode::failure, "gnuplot drew nothing");
+        throw Error(ErrorKind::failure, "gnuplot drew nothing");
     return svg;
 }
 

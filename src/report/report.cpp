@@ -270,7 +270,7 @@ GridTruth trace_grid(const Scene& scene, GridResult& grid, const std::set<int>& 
     grid.valid = uint64_t(std::ranges::count(validity, 1.0f));
     grid.probes = kept.cells.size();
     if (kept.cells.empty())
-        throw Error(ExitCode::invalid,
+        throw Error(ErrorKind::invalid,
                     scene.path + ": no cell of the grid has its centre outside geometry");
     std::vector<glm::vec3> points;
     for (const std::size_t cell : kept.cells)

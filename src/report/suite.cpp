@@ -51,7 +51,7 @@ uint64_t count_not_finite(const Volume& volume) {
 /// See SuiteRow::same. Throws Error (invalid) where the two lattices have different dims.
 double distance_between(const Volume& baked, const Volume& other, double scale) {
     if (baked.grid.dims != other.grid.dims)
-        throw Error(ExitCode::invalid,
+        throw Error(ErrorKind::invalid,
                     format("same: its grid of %d x %d x %d cells is not the other case's, "
                            "%d x %d x %d",
                            baked.grid.dims.x, baked.grid.dims.y, baked.grid.dims.z,
@@ -79,9 +79,9 @@ SuiteCells choose_cells(const SuiteCase& c, const Visibility& visibility, const 
                 inside.push_back(i);
         }
     if (valid.empty())
-        throw Error(ExitCode::invalid, "no cell of the grid has its centre outside geometry");
+        throw Error(ErrorKind::invalid, "no cell of the grid has its centre outside geometry");
     if (c.region && inside.empty())
-        throw Error(ExitCode::invalid, "no cell outside geometry lies in the region");
+        throw Error(ErrorKind::invalid, "no cell outside geometry lies in the region");
     return {sample_cells(std::move(valid), c.options.probes, 1),
             c.region && c.region->dark ? inside
                                        : sample_cells(std::move(inside), c.options.probes, 1)};
@@ -149,8 +149,8 @@ public:
                 }))
                 baked_.erase({c.name, solver.name}); // nobody asks for it again
         } catch (const Error& error) {
-            if (error.code == ExitCode::interrupted || error.code == ExitCode::terminated
-                || error.code == ExitCode::device)
+            if (error.kind == ErrorKind::interrupted || error.kind == ErrorKind::terminated
+                || error.kind == ErrorKind::device)
                 throw;
             row.failures.push_back(error.what());
         } catch (const std::bad_alloc&) {
@@ -288,10 +288,10 @@ std::vector<SuiteRow> run_suite(const Suite& suite, const SuiteSelection& select
     };
     for (const std::string& name : selection.cases)
         if (std::ranges::find(suite.cases, name, &SuiteCase::name) == suite.cases.end())
-            throw Error(ExitCode::usage, suite.path + ": there is no case \"" + name + "\"");
+            throw Error(ErrorKind::argument, suite.path + ": there is no case \"" + name + "\"");
     for (const std::string& name : selection.solvers)
         if (std::ranges::find(solvers, name, &SuiteSolver::name) == solvers.end())
-            throw Error(ExitCode::usage, "there is no solver \"" + name + "\"");
+            throw Error(ErrorKind::argument, "there is no solver \"" + name + "\"");
     Runner runner(suite, progress);
     std::vector<SuiteRow> rows;
     for (const SuiteCase& c : suite.cases)
@@ -302,7 +302,7 @@ std::vector<SuiteRow> run_suite(const Suite& suite, const SuiteSelection& select
                 done(rows.back());
             }
     if (rows.empty())
-        throw Error(ExitCode::usage, suite.path + ": no case is selected");
+        throw Error(ErrorKind::argument, suite.path + ": no case is selected");
     return rows;
 }
 

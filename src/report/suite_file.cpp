@@ -25,7 +25,7 @@ struct Place {
     std::string path;
 
     [[noreturn]] void fail(const std::string& why) const {
-        throw Error(ExitCode::invalid, path + ": " + why);
+        throw Error(ErrorKind::invalid, path + ": " + why);
     }
     void check_object(std::initializer_list<std::string_view> known,
                       std::initializer_list<const char*> needed = {}) const {
@@ -241,7 +241,7 @@ Suite load_suite(const std::string& path, SolverKinds kinds) {
     try {
         root = json::parse(text.begin(), text.end());
     } catch (const json::exception& error) {
-        throw Error(ExitCode::invalid, path + ": not JSON: " + error.what());
+        throw Error(ErrorKind::invalid, path + ": not JSON: " + error.what());
     }
     const Place place{root, path};
     place.check_object({"cases"}, {"cases"});

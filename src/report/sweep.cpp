@@ -16,7 +16,7 @@ constexpr Parameter quality{.name = "quality", .kind = ValueKind::choice, .choic
 
 [[noreturn]] void refuse(const std::string& option, const std::string& value,
                          const std::string& values) {
-    throw Error(ExitCode::usage, option + ": '" + value + "' is none of its values, " + values);
+    throw Error(ErrorKind::argument, option + ": '" + value + "' is none of its values, " + values);
 }
 
 double value_in(const Parameter& parameter, const std::string& value) {
@@ -59,7 +59,7 @@ void set_parameter(const std::string& name, const std::string& value, SolverKind
     std::string known;
     for (const std::string& option : sweep_options(kinds))
         known += (known.empty() ? "" : ", ") + option;
-    throw Error(ExitCode::usage, "a sweep cannot set '" + name + "'; it can set " + known);
+    throw Error(ErrorKind::argument, "a sweep cannot set '" + name + "'; it can set " + known);
 }
 
 void apply(const std::string& name, const std::string& value, SolverKinds kinds,
@@ -155,14 +155,14 @@ std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const BakeSet
         std::size_t count = 1;
         for (std::size_t i = 0; i < sweep.size(); ++i) {
             if (sweep[i].values.empty())
-                throw Error(ExitCode::usage, sweep[i].option + ": no values");
+                throw Error(ErrorKind::argument, sweep[i].option + ": no values");
             for (std::size_t j = 0; j < i; ++j)
                 if (sweep[i].option == sweep[j].option)
-                    throw Error(ExitCode::usage, sweep[i].option + " is set twice");
+                    throw Error(ErrorKind::argument, sweep[i].option + " is set twice");
             count *= sweep[i].values.size();
             if (rows.size() + count > most_rows)
-                throw Error(ExitCode::usage, "a sweep of more than " + std::to_string(most_rows)
-                                                 + " rows; give fewer values");
+                throw Error(ErrorKind::argument, "a sweep of more than " + std::to_string(most_rows)
+                                                     + " rows; give fewer values");
         }
         for (std::size_t n = 0; n < count; ++n) {
             SweepRow row{base, {}};

@@ -31,7 +31,7 @@ inline constexpr std::size_t most_rows = 1000;
 /// The options that a sweep can set: those of all bakes, then the parameters of the solvers.
 std::vector<std::string> sweep_options(SolverKinds kinds = solver_kinds());
 
-/// Throws Error (usage) that names option and value unless this is an option with a value that it
+/// Throws Error (argument) that names option and value unless this is an option with a value that it
 /// takes.
 void check_sweep_value(const std::string& option, const std::string& value,
                        SolverKinds kinds = solver_kinds());
@@ -43,7 +43,7 @@ std::vector<Sweep> default_sweeps();
 
 /// The rows of all sweeps in order, the last axis of each running fastest; a row that was there
 /// before is left out. All start from `base`. The solver is that of a row's "solver", else the
-/// first that has its other options, else that of `base`. Throws Error (usage): see
+/// first that has its other options, else that of `base`. Throws Error (argument): see
 /// check_sweep_value; more than most_rows rows; an axis without values or given twice.
 std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const BakeSettings& base,
                                  SolverKinds kinds = solver_kinds());

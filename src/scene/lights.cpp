@@ -20,9 +20,9 @@ struct Argument {
     const char* example;
 
     [[noreturn]] void fail(const std::string& why) const {
-        throw Error(ExitCode::usage, std::string(option) + " " + text + ": " + why
-                                         + "; the form is " + form + ", for example " + option + " "
-                                         + example);
+        throw Error(ErrorKind::argument, std::string(option) + " " + text + ": " + why
+                                             + "; the form is " + form + ", for example " + option
+                                             + " " + example);
     }
 };
 
@@ -140,7 +140,7 @@ Sky parse_sky(const std::string& text) {
 void check_light(const Light& light, const std::string& place) {
     const auto require = [&](bool ok, const char* what) {
         if (!ok)
-            throw Error(ExitCode::invalid, place + what);
+            throw Error(ErrorKind::invalid, place + what);
     };
     const auto at_least_0 = [](double value) { return std::isfinite(value) && value >= 0.0; };
     for (int channel = 0; channel < 3; ++channel)
@@ -162,13 +162,13 @@ void check_light_arrives(const std::string& place, const LightSources& sources) 
     if (sources.emitters || sources.sky)
         return;
     if (!sources.punctual)
-        throw Error(ExitCode::invalid,
+        throw Error(ErrorKind::invalid,
                     place
                         + ": no light and no emissive surface; add one with --sun "
                           "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD, --sky COLOUR,NITS or --lights "
                           "FILE");
     if (sources.bounces == 0)
-        throw Error(ExitCode::invalid,
+        throw Error(ErrorKind::invalid,
                     place
                         + ": without reflections no light of its lights is in the field; set "
                           "--bounces 1 or more");

@@ -10,15 +10,15 @@ namespace lpvbake {
 
 /// "AZIMUTH,ELEVATION,LUX[,COLOUR]": where the sun stands. Azimuth in degrees from +Z towards +X,
 /// elevation in degrees above the horizon. COLOUR is #rrggbb (sRGB) or R:G:B (linear).
-/// Throws Error (usage) that shows the form.
+/// Throws Error (argument) that shows the form.
 Light parse_sun(const std::string& text);
 
 /// "X,Y,Z,CD[,COLOUR]": a point light at X,Y,Z metres of CD candela.
-/// Throws Error (usage) that shows the form.
+/// Throws Error (argument) that shows the form.
 Light parse_point(const std::string& text);
 
 /// "COLOUR,NITS": a sky of the same luminance everywhere. COLOUR as in parse_sun.
-/// Throws Error (usage) that shows the form.
+/// Throws Error (argument) that shows the form.
 Sky parse_sky(const std::string& text);
 
 /// Throws Error (invalid), beginning with `place`, unless the light is one that KHR_lights_punctual

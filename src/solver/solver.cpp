@@ -13,11 +13,11 @@ const Parameter* find_parameter(const SolverKind& kind, std::string_view name) {
 
 namespace {
 
-/// Where it stands among the kind's parameters. Throws Error (usage) where it does not.
+/// Where it stands among the kind's parameters. Throws Error (argument) where it does not.
 std::size_t index_of(const SolverKind& kind, std::string_view name) {
     const Parameter* found = find_parameter(kind, name);
     if (!found)
-        throw Error(ExitCode::usage,
+        throw Error(ErrorKind::argument,
                     std::string(kind.name) + " has no parameter '" + std::string(name) + "'");
     return std::size_t(found - kind.parameters.data());
 }
@@ -47,8 +47,8 @@ void SolverSettings::set(std::string_view name, double value) {
     const std::size_t index = index_of(*kind_, name);
     const Parameter& parameter = kind_->parameters[index];
     if (!is_value(parameter, value))
-        throw Error(ExitCode::usage, std::string(parameter.name) + " of " + kind_->name + " takes "
-                                         + values_of(parameter));
+        throw Error(ErrorKind::argument, std::string(parameter.name) + " of " + kind_->name
+                                             + " takes " + values_of(parameter));
     values_[index] = parameter.round ? parameter.round(value) : value;
 }
 

@@ -90,7 +90,7 @@ public:
 
     /// The value of a parameter, which the kind must have (Error, usage, otherwise).
     double operator[](std::string_view parameter) const;
-    /// Throws Error (usage) where the kind has no such parameter, or that no such value.
+    /// Throws Error (argument) where the kind has no such parameter, or that no such value.
     void set(std::string_view parameter, double value);
     /// Sets what the rung says.
     void set(const Rung& rung);

@@ -270,7 +270,7 @@ void reflect_between(const Scene& scene, const Reflectors& reflectors,
         const double ratio = previous > 0.0 ? std::min(change / previous, 1.0) : 1.0;
         previous = change;
         if (!settings.bounces && lit.bounces > 100 && ratio > 0.9999)
-            throw Error(ExitCode::invalid,
+            throw Error(ErrorKind::invalid,
                         scene.path
                             + ": light in a closed part of the scene is reflected without end, "
                               "its albedo is 1; set --max-albedo below 1 or a number of --bounces");

@@ -167,7 +167,7 @@ private:
         if (!(patch.area > 0.0f && patch.alpha > 0.0f))
             return;
         if (++made > most_patches)
-            throw Error(ExitCode::memory,
+            throw Error(ErrorKind::memory,
                         scene.path + ": more than " + std::to_string(most_patches)
                             + " patches of surface lie in the grid; lower --resolution");
         if (walls) {

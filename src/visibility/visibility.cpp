@@ -225,12 +225,12 @@ Visibility::Visibility(const Scene& scene, const Frame& frame)
         triangles += scene.meshes[size_t(instance.mesh)].triangles.size();
     }
     if (vertices >= ~0u || triangles >= ~0u)
-        throw Error(ExitCode::unsupported,
+        throw Error(ErrorKind::unsupported,
                     scene.path + ": more than 2^32 placed vertices or triangles");
 
     impl.device = rtcNewDevice(nullptr);
     if (!impl.device)
-        throw Error(ExitCode::failure, "Embree cannot be started");
+        throw Error(ErrorKind::failure, "Embree cannot be started");
     impl.bvh = rtcNewScene(impl.device);
     // Robust: a ray through an edge shared by two triangles meets at least one of them.
     rtcSetSceneFlags(impl.bvh,
@@ -281,7 +281,7 @@ Visibility::Visibility(const Scene& scene, const Frame& frame)
     rtcReleaseGeometry(geometry);
     rtcCommitScene(impl.bvh);
     if (const RTCError error = rtcGetDeviceError(impl.device); error != RTC_ERROR_NONE)
-        throw Error(error == RTC_ERROR_OUT_OF_MEMORY ? ExitCode::memory : ExitCode::failure,
+        throw Error(error == RTC_ERROR_OUT_OF_MEMORY ? ErrorKind::memory : ErrorKind::failure,
                     "Embree cannot build its tree over " + std::to_string(triangles)
                         + " triangles (error " + std::to_string(error) + ")");
 }

@@ -135,7 +135,7 @@ std::string triple(const Vector& v, const char* between) {
 
 void require_one_lattice(const Volume& a, const Volume& b) {
     if (const auto why = lattice_difference(a.grid, b.grid))
-        throw Error(ExitCode::invalid, "the volumes are not on one grid: " + *why);
+        throw Error(ErrorKind::invalid, "the volumes are not on one grid: " + *why);
 }
 
 /// `of_a` and `of_b` are grids of A and B, of one kind.
@@ -256,7 +256,7 @@ void sum_samples(const Samples& samples, Histograms& upper, std::vector<float>& 
     const Sums sums = tbb::parallel_deterministic_reduce(Range(0, a.grid.size(), grain), Sums{},
                                                          add, std::plus<Sums>());
     if (!std::isfinite(sums.a) || !std::isfinite(sums.b))
-        throw Error(ExitCode::invalid, "the volumes have irradiance that is not finite");
+        throw Error(ErrorKind::invalid, "the volumes have irradiance that is not finite");
 
     result.samples = result.valid_both * cell_samples;
     result.mean_a = mean_of(sums.a, result.samples);

@@ -19,7 +19,7 @@ template <typename... Parts>
 [[noreturn]] void reject(const Parts&... parts) {
     std::ostringstream text;
     (text << ... << parts);
-    throw Error(ExitCode::invalid, text.str());
+    throw Error(ErrorKind::invalid, text.str());
 }
 
 /// Cells that cover `extent`. Rounding errors of the division must not buy an extra layer.

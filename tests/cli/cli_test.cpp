@@ -2,7 +2,7 @@
 //
 // LPVBAKE_BINARY is the program's path. Scenes are written as text by the tests themselves.
 
-#include "error.h"
+#include "exit_code.h"
 #include "image/image.h"
 #include "io/io.h"
 

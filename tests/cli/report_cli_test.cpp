@@ -3,7 +3,7 @@
 // LPVBAKE_BINARY is the program's path, LPVBAKE_EXAMPLES the folder of examples/.
 
 #include "cli/run.h"
-#include "error.h"
+#include "exit_code.h"
 
 #include <nlohmann/json.hpp>
 

@@ -1,7 +1,7 @@
 // Runs the program as a shell does.
 #pragma once
 
-#include "error.h"
+#include "exit_code.h"
 #include "unit/volumes.h"
 
 #include <gtest/gtest.h>

@@ -24,7 +24,7 @@ namespace lpvbake {
 Rgba8 decode_image(std::span<const std::byte> data, const std::string& name, uint64_t max_texels) {
     const ImageHeader header = read_image_header(data);
     if (!header.format || header.texels() == 0 || header.texels() > std::min(max_texels, 1ul << 20))
-        throw Error(ExitCode::invalid, name + ": the image cannot be decoded");
+        throw Error(ErrorKind::invalid, name + ": the image cannot be decoded");
     Rgba8 image{static_cast<int>(header.texels()), 1, {}};
     image.texels.resize(4 * header.texels());
     for (size_t i = 0; i < image.texels.size(); ++i)

@@ -88,7 +88,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     const std::string path = folder.write("volume.json", json);
     fuzz::accepts([&] {
         const Volume volume = read_exr(path);
-        check_volume(volume, path, ExitCode::failure);
+        check_volume(volume, path, ErrorKind::failure);
     });
     return 0;
 }

@@ -158,7 +158,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* bytes, size_t size) {
             return 0; // how much memory the machine has is not at stake here
     fuzz::accepts([&] {
         const Volume volume = volume_of(content, "file.vdb");
-        check_volume(volume, "file.vdb", ExitCode::invalid);
+        check_volume(volume, "file.vdb", ErrorKind::invalid);
         use(volume, data);
     });
     return 0;

@@ -492,20 +492,20 @@ TEST_F(Bake, HardCasesEndInFiniteNumbers) {
 }
 
 TEST_F(Bake, SaysWhatIsWrong) {
-    const auto fails = [&](const Scene& scene, const BakeSettings& settings, ExitCode code,
+    const auto fails = [&](const Scene& scene, const BakeSettings& settings, ErrorKind kind,
                            const char* word) {
         try {
             run(scene, settings);
             ADD_FAILURE() << word;
         } catch (const Error& error) {
-            EXPECT_EQ(error.code, code) << error.what();
+            EXPECT_EQ(error.kind, kind) << error.what();
             EXPECT_NE(std::string(error.what()).find(word), std::string::npos) << error.what();
         }
     };
-    fails(scenes::cornell_box(), coarse(), ExitCode::invalid, "--sun");
-    fails(Scene{}, coarse(), ExitCode::invalid, "no triangles");
+    fails(scenes::cornell_box(), coarse(), ErrorKind::invalid, "--sun");
+    fails(Scene{}, coarse(), ErrorKind::invalid, "no triangles");
     BakeSettings huge = coarse(1200);
-    fails(scenes::cornell_box_with_point(), huge, ExitCode::memory, "--resolution");
+    fails(scenes::cornell_box_with_point(), huge, ErrorKind::memory, "--resolution");
 }
 
 TEST_F(Bake, TheResolutionThatItNamesFits) {

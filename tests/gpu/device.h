@@ -20,7 +20,7 @@ protected:
         try {
             shared = std::make_unique<gpu::Device>(gpu::DeviceOptions{"", true});
         } catch (const Error& error) {
-            if (error.code != ExitCode::device)
+            if (error.kind != ErrorKind::device)
                 throw;
             reason = error.what();
         }

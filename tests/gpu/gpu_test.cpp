@@ -44,12 +44,12 @@ protected:
 };
 
 template <class F>
-void expect_error(ExitCode code, const std::string& part, F&& f) {
+void expect_error(ErrorKind kind, const std::string& part, F&& f) {
     try {
         f();
         ADD_FAILURE() << "no error; expected one with '" << part << "'";
     } catch (const Error& error) {
-        EXPECT_EQ(error.code, code) << error.what();
+        EXPECT_EQ(error.kind, kind) << error.what();
         EXPECT_NE(std::string(error.what()).find(part), std::string::npos) << error.what();
         EXPECT_EQ(std::string(error.what()).find('\n'), std::string::npos) << error.what();
     }
@@ -69,8 +69,8 @@ TEST_F(GpuTest, DevicesAreListedAndSelected) {
         EXPECT_EQ(Device({info.uuid}).info().uuid, info.uuid);
     }
     EXPECT_EQ(Device({devices[0].name.substr(1)}).info().name, devices[0].name);
-    expect_error(ExitCode::device, devices[0].name, [] { Device({"no such device"}); });
-    expect_error(ExitCode::device, "'99'", [] { Device({"99"}); });
+    expect_error(ErrorKind::device, devices[0].name, [] { Device({"no such device"}); });
+    expect_error(ErrorKind::device, "'99'", [] { Device({"99"}); });
 }
 
 TEST_F(GpuTest, BytesComeBackAsTheyWent) {
@@ -100,9 +100,9 @@ TEST_F(GpuTest, BytesComeBackAsTheyWent) {
 TEST_F(GpuTest, CopiesStayInsideTheirBuffer) {
     Buffer buffer(device(), 64);
     std::vector<std::byte> data(65);
-    expect_error(ExitCode::failure, "64 bytes", [&] { upload(device(), buffer, 0, data); });
-    expect_error(ExitCode::failure, "64 bytes", [&] { download(device(), buffer, 64, data); });
-    expect_error(ExitCode::failure, "64 bytes",
+    expect_error(ErrorKind::failure, "64 bytes", [&] { upload(device(), buffer, 0, data); });
+    expect_error(ErrorKind::failure, "64 bytes", [&] { download(device(), buffer, 64, data); });
+    expect_error(ErrorKind::failure, "64 bytes",
                  [&] { upload(device(), buffer, ~uint64_t(0), std::span(data).first(4)); });
     Buffer empty(device(), 0);
     upload(device(), empty, 0, {});
@@ -175,19 +175,19 @@ TEST_F(GpuTest, BatchesRefuseWhatDoesNotFit) {
     Buffer buffer(device(), 1024), other(device(), 1024);
     Batch batch(device());
     const auto run = [&](Window window) { add(batch, program, window, all(other), 0); };
-    expect_error(ExitCode::failure, "window", [&] { run({&buffer, 0, 1028}); });
-    expect_error(ExitCode::failure, "window", [&] { run({&buffer, 1024, 4}); });
-    expect_error(ExitCode::failure, "window", [&] { run({&buffer, 0, 0}); });
-    expect_error(ExitCode::failure, "window", [&] { run({nullptr, 0, 4}); });
-    expect_error(ExitCode::failure, "alignment", [&] { run({&buffer, 2, 4}); });
-    expect_error(ExitCode::failure, "program has 2 and 8", [&] {
+    expect_error(ErrorKind::failure, "window", [&] { run({&buffer, 0, 1028}); });
+    expect_error(ErrorKind::failure, "window", [&] { run({&buffer, 1024, 4}); });
+    expect_error(ErrorKind::failure, "window", [&] { run({&buffer, 0, 0}); });
+    expect_error(ErrorKind::failure, "window", [&] { run({nullptr, 0, 4}); });
+    expect_error(ErrorKind::failure, "alignment", [&] { run({&buffer, 2, 4}); });
+    expect_error(ErrorKind::failure, "program has 2 and 8", [&] {
         const std::array windows{all(buffer)};
         batch.dispatch(program, windows, {}, {});
     });
-    expect_error(ExitCode::failure, "different sizes", [&] {
+    expect_error(ErrorKind::failure, "different sizes", [&] {
         batch.copy({&buffer, 0, 8}, {&other, 0, 4});
     });
-    expect_error(ExitCode::failure, "more groups", [&] {
+    expect_error(ErrorKind::failure, "more groups", [&] {
         const std::array windows{all(buffer), all(other)};
         const std::array<uint32_t, 2> push{};
         batch.dispatch(program, windows, std::as_bytes(std::span(push)), {~0u, 1, 1});
@@ -195,20 +195,20 @@ TEST_F(GpuTest, BatchesRefuseWhatDoesNotFit) {
     const uint64_t range = device().info().max_storage_range;
     if (device().is_cpu() && range < device().info().max_allocation) {
         Buffer large(device(), range + 4);
-        expect_error(ExitCode::failure, "allows", [&] { run(all(large)); });
+        expect_error(ErrorKind::failure, "allows", [&] { run(all(large)); });
     }
     batch.run();
 }
 
 TEST_F(GpuTest, MemoryRunsOutWithItsOwnError) {
-    expect_error(ExitCode::memory, "allows", [] { Buffer(device(), uint64_t(1) << 50); });
-    expect_error(ExitCode::memory, "allows", [] { Buffer(device(), ~uint64_t(0)); });
+    expect_error(ErrorKind::memory, "allows", [] { Buffer(device(), uint64_t(1) << 50); });
+    expect_error(ErrorKind::memory, "allows", [] { Buffer(device(), ~uint64_t(0)); });
     if (!device().is_cpu())
         return; // takes all of a shared device
     const uint64_t size = device().info().memory / 4 + 1;
     for (int round = 0; round < 2; ++round) { // what was freed is there again
         std::vector<Buffer> buffers;
-        expect_error(ExitCode::memory, "are left", [&] {
+        expect_error(ErrorKind::memory, "are left", [&] {
             for (int i = 0; i < 5; ++i)
                 buffers.emplace_back(device(), size);
         });
@@ -223,7 +223,7 @@ TEST_F(GpuTest, ValidationMessagesBecomeErrors) {
     Batch batch(device());
     batch.copy({&buffer, 0, 32}, {&buffer, 16, 32}); // overlaps, which Vulkan forbids
     batch.run();
-    expect_error(ExitCode::failure, "vkCmdCopyBuffer", [] { device().check_validation(); });
+    expect_error(ErrorKind::failure, "vkCmdCopyBuffer", [] { device().check_validation(); });
     device().check_validation();
 }
 

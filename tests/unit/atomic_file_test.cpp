@@ -126,7 +126,7 @@ TEST(AtomicFile, FullDisk) {
         for (const char* name : {"a.vdb", "a.exr"}) {
             const Error error = error_of(
                 folder / "a", [&] { write_volume(folder / name, volume, Precision::full); });
-            if (error.code != ExitCode::file
+            if (error.kind != ErrorKind::file
                 || std::string(error.what()).find("File too large") == std::string::npos)
                 return false;
         }
@@ -141,7 +141,7 @@ TEST(AtomicFile, FoldersThatRefuse) {
     const TemporaryFolder folder;
     const auto reason = [&](const std::string& path) {
         const Error error = error_of(path, [&] { write_whole(path, "x"); });
-        EXPECT_EQ(error.code, ExitCode::file);
+        EXPECT_EQ(error.kind, ErrorKind::file);
         return std::string(error.what());
     };
     EXPECT_NE(reason(folder / "none/a.vdb").find("No such file or directory"), std::string::npos);
@@ -163,10 +163,10 @@ TEST(AtomicFile, ReadsWholeFiles) {
     const TemporaryFolder folder;
     spill(folder / "a", "12345");
     EXPECT_EQ(read_file(folder / "a", 5), "12345");
-    EXPECT_EQ(error_of(folder / "a", [&] { read_file(folder / "a", 4); }).code, ExitCode::invalid);
-    EXPECT_EQ(error_of(folder / "b", [&] { read_file(folder / "b", 4); }).code, ExitCode::file);
-    EXPECT_EQ(error_of(folder / "", [&] { read_file(folder / "", 4); }).code, ExitCode::file);
-    EXPECT_EQ(error_of("/dev/zero", [&] { read_file("/dev/zero", 4); }).code, ExitCode::file);
+    EXPECT_EQ(error_of(folder / "a", [&] { read_file(folder / "a", 4); }).kind, ErrorKind::invalid);
+    EXPECT_EQ(error_of(folder / "b", [&] { read_file(folder / "b", 4); }).kind, ErrorKind::file);
+    EXPECT_EQ(error_of(folder / "", [&] { read_file(folder / "", 4); }).kind, ErrorKind::file);
+    EXPECT_EQ(error_of("/dev/zero", [&] { read_file("/dev/zero", 4); }).kind, ErrorKind::file);
 }
 TEST(AtomicFile, LeavesDevicesAndPipesAlone) {
     const TemporaryFolder folder;
@@ -178,7 +178,7 @@ TEST(AtomicFile, LeavesDevicesAndPipesAlone) {
             AtomicFile file(target);
             ADD_FAILURE() << target;
         } catch (const Error& error) {
-            EXPECT_EQ(error.code, ExitCode::file);
+            EXPECT_EQ(error.kind, ErrorKind::file);
             EXPECT_NE(std::string(error.what()).find("regular file"), std::string::npos);
         }
     }

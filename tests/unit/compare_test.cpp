@@ -447,8 +447,8 @@ TEST(Compare, OtherLatticesAreRefused) {
     const auto refused = [&](const char* text, const Grid& grid) {
         Volume a = uniform(grid.dims, {1, 1, 1});
         a.grid = grid;
-        EXPECT_EQ(error_of(text, [&] { compare(a, b, {}); }).code, ExitCode::invalid);
-        EXPECT_EQ(error_of(text, [&] { difference(a, b); }).code, ExitCode::invalid);
+        EXPECT_EQ(error_of(text, [&] { compare(a, b, {}); }).kind, ErrorKind::invalid);
+        EXPECT_EQ(error_of(text, [&] { difference(a, b); }).kind, ErrorKind::invalid);
     };
     const Grid& g = b.grid;
     refused("dims: 3 x 4 x 2 and 4 x 3 x 2 cells", {g.origin, g.cell, {3, 4, 2}});
@@ -469,7 +469,7 @@ TEST(Compare, ValuesThatAreNotFiniteAreRefused) {
     for (const float bad : {float(infinity), -float(infinity), std::nanf("")}) {
         Volume a = b;
         a.sh[0][7].b = bad;
-        EXPECT_EQ(error_of("finite", [&] { compare(b, a, {}); }).code, ExitCode::invalid);
+        EXPECT_EQ(error_of("finite", [&] { compare(b, a, {}); }).kind, ErrorKind::invalid);
         a.validity[7] = 0; // there it is only a coefficient that differs
         EXPECT_FALSE(compare(b, a, {}).identical);
     }

@@ -140,7 +140,7 @@ TEST(Exr, PicturesAreNearSquareAndFitEngines) {
     wide.sh.assign(1, std::vector<glm::vec3>(16385));
     const Error error = error_of(
         "b.exr", [&] { write_volume(folder / "b.exr", wide, Precision::half, {Packing::band}); });
-    EXPECT_EQ(error.code, ExitCode::unsupported);
+    EXPECT_EQ(error.kind, ErrorKind::unsupported);
     EXPECT_NE(std::string(error.what()).find("write .vdb"), std::string::npos);
 }
 
@@ -215,7 +215,7 @@ TEST(Exr, CubeHoldsIrradianceOverPiOfSixSides) {
             EXPECT_NEAR(cube.samples[size_t((y * 9 + x) * 3 + 1)], expected, 1e-6 * expected)
                 << axis << ' ' << side;
         }
-    EXPECT_EQ(error_of("a", [&] { read_exr(folder / "a.exr"); }).code, ExitCode::unsupported);
+    EXPECT_EQ(error_of("a", [&] { read_exr(folder / "a.exr"); }).kind, ErrorKind::unsupported);
 }
 
 TEST(Exr, LeavesNoTileEmptyWhereThatIsAskedFor) {
@@ -271,15 +271,15 @@ TEST(Exr, RefusesToWrite) {
     EXPECT_EQ(
         error_of("a.exr",
                  [&] { write_volume(folder / "a.exr", volume, Precision::half, {Packing::band}); })
-            .code,
-        ExitCode::failure);
+            .kind,
+        ErrorKind::failure);
     EXPECT_EQ(error_of("a.exr",
                        [&] {
                            write_volume(folder / "a.exr", random_volume({3, 3, 3}, 4, false, 6),
                                         Precision::half, {Packing::channel});
                        })
-                  .code,
-              ExitCode::unsupported);
+                  .kind,
+              ErrorKind::unsupported);
     const std::pair<Packing, Encoding> unfit[] = {
         {Packing::vrc, {}},
         {Packing::atlas, {.convention = ShConvention::godot}},
@@ -291,8 +291,8 @@ TEST(Exr, RefusesToWrite) {
                                write_volume(folder / "a.exr", volume, Precision::half, {packing},
                                             encoding);
                            })
-                      .code,
-                  ExitCode::unsupported);
+                      .kind,
+                  ErrorKind::unsupported);
     EXPECT_EQ(folder.count(), 0);
 }
 
@@ -302,7 +302,7 @@ TEST(Exr, LeftoversOfAnotherVolumeAreNotRead) {
     write_volume(folder / "a.exr", volume, Precision::full, {Packing::band});
     write_volume(folder / "a.exr", volume, Precision::full, {Packing::channel});
     expect_equal(read_exr(folder / "a_r.exr"), volume);
-    EXPECT_EQ(error_of("a", [&] { read_exr(folder / "a_sh_l0.exr"); }).code, ExitCode::invalid);
+    EXPECT_EQ(error_of("a", [&] { read_exr(folder / "a_sh_l0.exr"); }).kind, ErrorKind::invalid);
 }
 
 TEST(Exr, RejectsDamagedFiles) {
@@ -311,48 +311,48 @@ TEST(Exr, RejectsDamagedFiles) {
     write_volume(folder / "a.exr", random_volume({4, 5, 6}, 1, true, 7), Precision::full,
                  {Packing::band});
     const json good = json::parse(slurp(path));
-    const auto code = [&](const std::string& bytes) {
+    const auto kind = [&](const std::string& bytes) {
         spill(path, bytes);
-        return error_of("a", [&] { read_exr(folder / "a.exr"); }).code;
+        return error_of("a", [&] { read_exr(folder / "a.exr"); }).kind;
     };
     const std::string text = good.dump();
     for (size_t length = 0; length < text.size(); length += 31)
-        EXPECT_EQ(code(text.substr(0, length)), ExitCode::invalid);
-    EXPECT_EQ(code(std::string(100000, '[')), ExitCode::invalid);
+        EXPECT_EQ(kind(text.substr(0, length)), ErrorKind::invalid);
+    EXPECT_EQ(kind(std::string(100000, '[')), ErrorKind::invalid);
     const auto changed = [&](const char* pointer, const json& value) {
         json bad = good;
         bad[json::json_pointer(pointer)] = value;
-        return code(bad.dump());
+        return kind(bad.dump());
     };
-    EXPECT_EQ(changed("/format", "x"), ExitCode::invalid);
-    EXPECT_EQ(changed("/version", 2), ExitCode::invalid);
-    EXPECT_EQ(changed("/convention", "lightmap"), ExitCode::invalid);
-    EXPECT_EQ(changed("/grid/dims", {4, 5}), ExitCode::invalid);
-    EXPECT_EQ(changed("/grid/dims/2", 1e300), ExitCode::invalid);
-    EXPECT_EQ(changed("/grid/dims/2", 7), ExitCode::invalid);
-    EXPECT_EQ(changed("/grid/dims/0", 0), ExitCode::invalid);
-    EXPECT_EQ(changed("/grid/dims", {2000000000, 2000000000, 2000000000}), ExitCode::invalid);
-    EXPECT_EQ(changed("/grid/cell", -1), ExitCode::invalid);
-    EXPECT_EQ(changed("/grid/cell", "x"), ExitCode::invalid);
-    EXPECT_EQ(changed("/sh_order", 5), ExitCode::invalid);
-    EXPECT_EQ(changed("/sh_order", 0), ExitCode::invalid);
-    EXPECT_EQ(changed("/sh_order", 3), ExitCode::invalid);
-    EXPECT_EQ(changed("/layout/columns", 1), ExitCode::invalid);
-    EXPECT_EQ(changed("/layout/columns", 2000000000), ExitCode::invalid);
-    EXPECT_EQ(changed("/files/0/file", "../a_sh_l0.exr"), ExitCode::invalid);
-    EXPECT_EQ(changed("/files/0/file", "none.exr"), ExitCode::file);
-    EXPECT_EQ(changed("/files/0/channels/0", "sh_l0.g"), ExitCode::invalid);
-    EXPECT_EQ(changed("/files/0/channels", json::array()), ExitCode::invalid);
-    EXPECT_EQ(changed("/files", json::array()), ExitCode::invalid);
-    EXPECT_EQ(changed("/metadata", {{"a", 1}}), ExitCode::invalid);
+    EXPECT_EQ(changed("/format", "x"), ErrorKind::invalid);
+    EXPECT_EQ(changed("/version", 2), ErrorKind::invalid);
+    EXPECT_EQ(changed("/convention", "lightmap"), ErrorKind::invalid);
+    EXPECT_EQ(changed("/grid/dims", {4, 5}), ErrorKind::invalid);
+    EXPECT_EQ(changed("/grid/dims/2", 1e300), ErrorKind::invalid);
+    EXPECT_EQ(changed("/grid/dims/2", 7), ErrorKind::invalid);
+    EXPECT_EQ(changed("/grid/dims/0", 0), ErrorKind::invalid);
+    EXPECT_EQ(changed("/grid/dims", {2000000000, 2000000000, 2000000000}), ErrorKind::invalid);
+    EXPECT_EQ(changed("/grid/cell", -1), ErrorKind::invalid);
+    EXPECT_EQ(changed("/grid/cell", "x"), ErrorKind::invalid);
+    EXPECT_EQ(changed("/sh_order", 5), ErrorKind::invalid);
+    EXPECT_EQ(changed("/sh_order", 0), ErrorKind::invalid);
+    EXPECT_EQ(changed("/sh_order", 3), ErrorKind::invalid);
+    EXPECT_EQ(changed("/layout/columns", 1), ErrorKind::invalid);
+    EXPECT_EQ(changed("/layout/columns", 2000000000), ErrorKind::invalid);
+    EXPECT_EQ(changed("/files/0/file", "../a_sh_l0.exr"), ErrorKind::invalid);
+    EXPECT_EQ(changed("/files/0/file", "none.exr"), ErrorKind::file);
+    EXPECT_EQ(changed("/files/0/channels/0", "sh_l0.g"), ErrorKind::invalid);
+    EXPECT_EQ(changed("/files/0/channels", json::array()), ErrorKind::invalid);
+    EXPECT_EQ(changed("/files", json::array()), ErrorKind::invalid);
+    EXPECT_EQ(changed("/metadata", {{"a", 1}}), ErrorKind::invalid);
 
     spill(path, text);
     const std::string picture = slurp(folder / "a_sh_l0.exr");
     for (size_t length = 0; length < picture.size(); length += 211) {
         spill(folder / "a_sh_l0.exr", picture.substr(0, length));
-        EXPECT_EQ(error_of("a_sh_l0.exr", [&] { read_exr(folder / "a.exr"); }).code,
-                  ExitCode::invalid);
+        EXPECT_EQ(error_of("a_sh_l0.exr", [&] { read_exr(folder / "a.exr"); }).kind,
+                  ErrorKind::invalid);
     }
     std::filesystem::remove(path);
-    EXPECT_EQ(error_of("a.json", [&] { read_exr(folder / "a.exr"); }).code, ExitCode::file);
+    EXPECT_EQ(error_of("a.json", [&] { read_exr(folder / "a.exr"); }).kind, ErrorKind::file);
 }

@@ -134,11 +134,11 @@ TEST_F(GltfCompression, AppliesMeshoptFilters) {
 TEST_F(GltfCompression, RefusesBrokenMeshoptViews) {
     const Document good = compressed_sheet(sheet(8)).finished();
     const auto expect = [&](const char* patch, const std::string& part,
-                            ExitCode code = ExitCode::invalid) {
+                            ErrorKind kind = ErrorKind::invalid) {
         Document document = good;
         json& view = document.root["bufferViews"][0];
         view.merge_patch(json::parse(patch));
-        expect_error(document, part, code);
+        expect_error(document, part, kind);
     };
     const std::string place = "bufferViews[0].extensions.EXT_meshopt_compression";
     expect(R"({"extensions": {"EXT_meshopt_compression": {"mode": "X"}}})", place + ".mode");
@@ -162,7 +162,7 @@ TEST_F(GltfCompression, RefusesBrokenMeshoptViews) {
     // A bomb: little data, many vertices.
     expect(R"({"byteLength": 12884901888,
                "extensions": {"EXT_meshopt_compression": {"count": 1073741824}}})",
-           "bufferViews[0]: would take the scene past", ExitCode::memory);
+           "bufferViews[0]: would take the scene past", ErrorKind::memory);
 }
 
 // ---------------------------------------------------------------- Draco
@@ -260,7 +260,7 @@ TEST_F(GltfCompression, ChecksDracosCountsBeforeItTakesMemory) {
                      place + "the Draco data cannot be decoded");
         expect_error(draco_document("DRACO", vertices, indices), "does not hold a Draco mesh");
         // What the document says is believed only as far as memory goes.
-        expect_error(draco_document(data, 2000000000, indices), "--max-memory", ExitCode::memory);
+        expect_error(draco_document(data, 2000000000, indices), "--max-memory", ErrorKind::memory);
         Document missing = draco_document(data, vertices, indices);
         missing.root["meshes"][0]["primitives"][0]["extensions"]["KHR_draco_mesh_compression"]
                     ["attributes"]["NORMAL"] = 7;
@@ -276,8 +276,8 @@ TEST_F(GltfCompression, SurvivesDamagedData) {
         try {
             load(document);
         } catch (const Error& error) {
-            EXPECT_TRUE(error.code == ExitCode::invalid || error.code == ExitCode::unsupported
-                        || error.code == ExitCode::memory)
+            EXPECT_TRUE(error.kind == ErrorKind::invalid || error.kind == ErrorKind::unsupported
+                        || error.kind == ErrorKind::memory)
                 << error.what();
             ++refused;
         }

@@ -140,14 +140,14 @@ protected:
     }
 
     /// Checks that a text is refused in one line that names the file and holds `part`.
-    void expect_error(const std::string& text, ExitCode code, const std::string& part,
+    void expect_error(const std::string& text, ErrorKind kind, const std::string& part,
                       const LoadSettings& settings = {}) {
         try {
             load_text(text, settings);
             ADD_FAILURE() << "was accepted; expected: " << part;
         } catch (const Error& error) {
             const std::string what = error.what();
-            EXPECT_EQ(error.code, code) << what;
+            EXPECT_EQ(error.kind, kind) << what;
             EXPECT_EQ(what.rfind(path_, 0), 0u) << what;
             EXPECT_NE(what.find(part), std::string::npos) << what << "\nlacks: " << part;
             EXPECT_EQ(what.find('\n'), std::string::npos) << what;
@@ -155,8 +155,8 @@ protected:
     }
 
     void expect_error(const GltfDocument& document, const std::string& part,
-                      ExitCode code = ExitCode::invalid, const LoadSettings& settings = {}) {
-        expect_error(document.text(), code, part, settings);
+                      ErrorKind kind = ErrorKind::invalid, const LoadSettings& settings = {}) {
+        expect_error(document.text(), kind, part, settings);
     }
 
     static void expect_warning(const Scene& scene, const std::string& part) {

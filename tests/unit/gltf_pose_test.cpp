@@ -90,14 +90,14 @@ TEST_F(GltfPose, NamesBrokenAnimations) {
     Document document = animated("translation", {0, 0}, {0, 0, 0, 1, 1, 1}, "VEC3", "LINEAR");
     EXPECT_EQ(load(document).meshes.size(), 1u); // nobody asked for it
     expect_error(document, "animations[0].samplers[0].input: its times do not increase",
-                 ExitCode::invalid, at_time(0));
+                 ErrorKind::invalid, at_time(0));
     document = animated("translation", {0, 1}, {0, 0, 0}, "VEC3", "LINEAR");
-    expect_error(document, "animations[0].samplers[0].output: has not as many", ExitCode::invalid,
+    expect_error(document, "animations[0].samplers[0].output: has not as many", ErrorKind::invalid,
                  at_time(0));
     document = animated("translation", {0}, {0, 0, 0}, "VEC3", "WOBBLE");
-    expect_error(document, "\"WOBBLE\" is not an interpolation", ExitCode::invalid, at_time(0));
+    expect_error(document, "\"WOBBLE\" is not an interpolation", ErrorKind::invalid, at_time(0));
     document.root["animations"][0]["channels"][0]["sampler"] = 4;
-    expect_error(document, "sampler 4 is out of range", ExitCode::invalid, at_time(0));
+    expect_error(document, "sampler 4 is out of range", ErrorKind::invalid, at_time(0));
     document = animated("pointer", {0}, {0, 0, 0}, "VEC3", "STEP");
     expect_warning(load(document, at_time(0)),
                    "animations[0].channels: ignored: 1 channel of other things");
@@ -109,7 +109,7 @@ TEST_F(GltfPose, ListsWhatThereIsToChooseFrom) {
         load(document, at_time(0, "dance"));
         FAIL();
     } catch (const Error& error) {
-        EXPECT_EQ(error.code, ExitCode::usage);
+        EXPECT_EQ(error.kind, ErrorKind::argument);
         EXPECT_STREQ(error.what(), "--animation dance: the file has no such; it has 0 \"move\"");
     }
     LoadSettings settings;

@@ -30,7 +30,7 @@ std::string rejection(glm::dvec3 lo, glm::dvec3 hi, const GridSettings& settings
     try {
         fit_grid(lo, hi, settings);
     } catch (const Error& error) {
-        EXPECT_EQ(error.code, ExitCode::invalid);
+        EXPECT_EQ(error.kind, ErrorKind::invalid);
         return error.what();
     }
     ADD_FAILURE() << "accepted";

@@ -151,13 +151,13 @@ TEST(Grids, AToyIsComparedMeasuredAndChecked) {
     EXPECT_TRUE(half_misfit(a)->starts_with("fog_0 reaches 70000"));
     grids_of(a, fog)[0].data[3] = std::numeric_limits<float>::infinity();
     EXPECT_NE(
-        std::string(error_of("x.vdb", [&] { check_volume(a, "x.vdb", ExitCode::failure); }).what())
+        std::string(error_of("x.vdb", [&] { check_volume(a, "x.vdb", ErrorKind::failure); }).what())
             .find("grid fog_0 has a value that is not finite in cell (0, 1, 0)"),
         std::string::npos);
     a = b;
     set_grids(a, ambience, 3);
     EXPECT_NE(
-        std::string(error_of("x.vdb", [&] { check_volume(a, "x.vdb", ExitCode::failure); }).what())
+        std::string(error_of("x.vdb", [&] { check_volume(a, "x.vdb", ErrorKind::failure); }).what())
             .find("3 grids of ambience are given, expected 4"),
         std::string::npos);
 }
@@ -219,7 +219,7 @@ TEST(Formats, AToyIsARow) {
     EXPECT_EQ(volume_format(path), nullptr);
     EXPECT_EQ(readable_format("none"), nullptr);
     const Error error = error_of(path, [&] { read_volume(path); });
-    EXPECT_EQ(error.code, ExitCode::usage);
+    EXPECT_EQ(error.kind, ErrorKind::argument);
     EXPECT_NE(std::string(error.what()).find("use .vdb or .exr"), std::string::npos);
 }
 

@@ -13,6 +13,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <optional>
 #include <thread>
 
 using namespace lpvbake;
@@ -87,7 +88,7 @@ std::string rejection(const Bytes& bytes, uint64_t max_texels = 1 << 20) {
     try {
         decode(bytes, max_texels);
     } catch (const Error& error) {
-        EXPECT_EQ(error.code, ExitCode::invalid);
+        EXPECT_EQ(error.kind, ErrorKind::invalid);
         EXPECT_EQ(std::string(error.what()).find('\n'), std::string::npos) << error.what();
         EXPECT_EQ(std::string(error.what()).find("picture"), 0u) << error.what();
         return error.what();
@@ -168,15 +169,15 @@ TEST(Image, IgnoresWhatIsNotThePicture) {
 }
 
 TEST(Image, DecodesJpeg) {
-    // An 8x8 baseline grey JPEG written by hand: one Huffman code each, DC difference 64 with a
+    // An 8x8 baseline grey JPEG written by hand: one Huffman kind each, DC difference 64 with a
     // quantiser of 8 gives 128 + 64 * 8 / 8 = 192 everywhere.
     Bytes jpeg{0xff, 0xd8, 0xff, 0xdb, 0x00, 0x43, 0x00};
     jpeg.insert(jpeg.end(), 64, 8);
     const Bytes rest{0xff, 0xc0, 0x00, 0x0b, 0x08, 0x00, 0x08, 0x00, 0x08, 0x01, 0x01, 0x11, 0x00,
-                     // DC table: one code of 1 bit for category 7
+                     // DC table: one kind of 1 bit for category 7
                      0xff, 0xc4, 0x00, 0x14, 0x00, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0,
                      7,
-                     // AC table: one code of 1 bit for the end of the block
+                     // AC table: one kind of 1 bit for the end of the block
                      0xff, 0xc4, 0x00, 0x14, 0x10, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0,
                      0, 0xff, 0xda, 0x00, 0x08, 0x01, 0x01, 0x00, 0x00, 0x3f, 0x00,
                      // 0, 1000000 (64), 0, padded with ones
@@ -252,18 +253,19 @@ TEST(Image, ExrHalfRoundsToNearest) {
 TEST(Image, ExrRejections) {
     const auto bytes = encode_exr({4, 4, 3, std::vector<float>(48, 0.5f)}, false, {}, "x");
     const auto data = std::as_bytes(std::span(bytes));
-    const auto code = [&](std::span<const std::byte> part, uint64_t max_texels) {
+    const auto refused = [&](std::span<const std::byte> part,
+                             uint64_t max_texels) -> std::optional<ErrorKind> {
         try {
             decode_exr(part, "x", max_texels);
         } catch (const Error& error) {
-            return error.code;
+            return error.kind;
         }
-        return ExitCode::ok;
+        return std::nullopt;
     };
-    EXPECT_EQ(code(data, 16), ExitCode::ok);
-    EXPECT_EQ(code(data, 15), ExitCode::invalid);
+    EXPECT_EQ(refused(data, 16), std::nullopt);
+    EXPECT_EQ(refused(data, 15), ErrorKind::invalid);
     for (size_t length = 0; length < data.size(); length += 7)
-        EXPECT_EQ(code(data.first(length), 16), ExitCode::invalid) << length;
+        EXPECT_EQ(refused(data.first(length), 16), ErrorKind::invalid) << length;
     EXPECT_THROW(encode_exr({4, 4, 3, {}}, false, {}, "x"), Error);
     EXPECT_THROW(encode_exr({1, 1, 2, {0, 0}}, false, {}, "x"), Error);
 }

@@ -26,7 +26,7 @@ Error error_of(F f) {
         return error;
     }
     ADD_FAILURE() << "no error";
-    return {ExitCode::ok, ""};
+    return {ErrorKind::failure, "no error"};
 }
 
 TEST(ParseSky, IsAColourTimesNits) {
@@ -74,14 +74,14 @@ TEST(ParseLights, RefusesWhatItCannotRead) {
           "1,2,inf", "1,2,1e999", "1,2,3,red", "1,2,3,#12345", "1,2,3,#12345g", "1,2,3,#1234567",
           "1,2,3,1:2", "1,2,3,1:2:-3", "1,2,3,1:2:1e300", "1,2,3,#-12345"}) {
         const Error error = error_of([&] { parse_sun(text); });
-        EXPECT_EQ(error.code, ExitCode::usage) << text;
+        EXPECT_EQ(error.kind, ErrorKind::argument) << text;
         EXPECT_NE(std::string(error.what()).find("AZIMUTH,ELEVATION,LUX[,COLOUR]"),
                   std::string::npos)
             << error.what();
     }
     for (const char* text : {"1,2,3", "1,2,3,-4", "1,2,3,4,5", "1,2,3,4,1:1:1,7"}) {
         const Error error = error_of([&] { parse_point(text); });
-        EXPECT_EQ(error.code, ExitCode::usage) << text;
+        EXPECT_EQ(error.kind, ErrorKind::argument) << text;
         EXPECT_NE(std::string(error.what()).find("X,Y,Z,CD[,COLOUR]"), std::string::npos);
     }
 }
@@ -128,7 +128,7 @@ TEST_F(LightFile, ReadsEveryTerm) {
 TEST_F(LightFile, NamesThePlaceOfAMistake) {
     const auto expect = [&](const std::string& text, const std::string& part) {
         const Error error = error_of([&] { load(text); });
-        EXPECT_EQ(error.code, ExitCode::invalid) << text;
+        EXPECT_EQ(error.kind, ErrorKind::invalid) << text;
         EXPECT_NE(std::string(error.what()).find(path_.string()), std::string::npos);
         EXPECT_NE(std::string(error.what()).find(part), std::string::npos) << error.what();
         EXPECT_EQ(std::string(error.what()).find('\n'), std::string::npos);
@@ -156,7 +156,7 @@ TEST_F(LightFile, NamesThePlaceOfAMistake) {
 
 TEST_F(LightFile, SaysIfItIsMissing) {
     const Error error = error_of([&] { load_lights(path_.string()); });
-    EXPECT_EQ(error.code, ExitCode::file);
+    EXPECT_EQ(error.kind, ErrorKind::file);
 }
 
 } // namespace

@@ -615,7 +615,7 @@ void expect_refusal(const Scene& scene, const ReferenceSettings& settings, const
         reference(scene, cube(glm::dvec3(-0.5), 1.0, 3), settings);
         ADD_FAILURE() << "accepted: " << text;
     } catch (const Error& error) {
-        EXPECT_EQ(error.code, ExitCode::invalid);
+        EXPECT_EQ(error.kind, ErrorKind::invalid);
         EXPECT_NE(std::string(error.what()).find(text), std::string::npos) << error.what();
     }
 }

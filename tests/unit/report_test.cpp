@@ -55,7 +55,7 @@ TEST(Sweep, RefusesWhatBakeWouldRefuse) {
         try {
             check_sweep_value(option, value);
         } catch (const Error& error) {
-            EXPECT_EQ(error.code, ExitCode::usage);
+            EXPECT_EQ(error.kind, ErrorKind::argument);
             return std::string(error.what());
         }
         return std::string();

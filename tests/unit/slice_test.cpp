@@ -98,8 +98,8 @@ TEST(Slice, RejectsSlicesThatDoNotExist) {
     const Volume volume = dark();
     for (glm::ivec2 bad :
          {glm::ivec2(2, 2), glm::ivec2(2, -1), glm::ivec2(3, 0), glm::ivec2(-1, 0)})
-        EXPECT_EQ(error_of("4 x 3 x 2", [&] { slice_picture(volume, bad.x, bad.y); }).code,
-                  ExitCode::usage);
+        EXPECT_EQ(error_of("4 x 3 x 2", [&] { slice_picture(volume, bad.x, bad.y); }).kind,
+                  ErrorKind::argument);
 }
 
 TEST(Slice, PngIsWrittenWhole) {
@@ -111,6 +111,6 @@ TEST(Slice, PngIsWrittenWhole) {
     EXPECT_EQ(folder.count(), 1);
     EXPECT_EQ(
         error_of("none", [&] { write_png(folder / "none/a.png", slice_picture(dark(), 2, 0)); })
-            .code,
-        ExitCode::file);
+            .kind,
+        ErrorKind::file);
 }

@@ -220,7 +220,7 @@ protected:
         const json before = document_;
         document_[json::json_pointer(pointer)] = value;
         const Error error = error_of("suite.json: cases", [&] { load(); });
-        EXPECT_EQ(error.code, ExitCode::invalid) << pointer;
+        EXPECT_EQ(error.kind, ErrorKind::invalid) << pointer;
         EXPECT_NE(std::string(error.what()).find(text), std::string::npos) << error.what();
         document_ = before;
     }
@@ -305,10 +305,10 @@ TEST_F(SuiteFile, WhatIsWrongIsNamedInOneLine) {
     expect_refused("/cases/0/cheap", true, "cases[0]: lacks \"limits\"");
 
     spill(path(), "{\"cases\": [");
-    EXPECT_EQ(error_of("suite.json: not JSON", [&] { load_suite(path()); }).code,
-              ExitCode::invalid);
-    EXPECT_EQ(error_of("none.json", [&] { load_suite(folder_ / "none.json"); }).code,
-              ExitCode::file);
+    EXPECT_EQ(error_of("suite.json: not JSON", [&] { load_suite(path()); }).kind,
+              ErrorKind::invalid);
+    EXPECT_EQ(error_of("none.json", [&] { load_suite(folder_ / "none.json"); }).kind,
+              ErrorKind::file);
 }
 
 TEST_F(SuiteFile, ScenesMayNotLeaveTheFolderThroughALink) {
@@ -371,11 +371,11 @@ TEST_F(SuiteFile, WhatGoesWrongInOneRowIsThatRowsFailure) {
 
     SuiteSolver failing = exact("lpv", 1.0f, {});
     failing.bake = [](const Scene&, const SuiteOptions&, Progress&) -> Volume {
-        throw Error(ExitCode::memory, "too large");
+        throw Error(ErrorKind::memory, "too large");
     };
     expect_failure(run(suite, {failing}, {{"later"}, {}, false})[0], "too large");
     failing.bake = [](const Scene&, const SuiteOptions&, Progress&) -> Volume {
-        throw Error(ExitCode::interrupted, "stop");
+        throw Error(ErrorKind::interrupted, "stop");
     };
     EXPECT_THROW(run(suite, {failing}), Error);
 }
@@ -419,7 +419,7 @@ TEST_F(SuiteFile, RowsCanBeSelected) {
     for (const SuiteSelection& wrong :
          {SuiteSelection{{"nobody"}, {}, false}, SuiteSelection{{}, {"nobody"}, false},
           SuiteSelection{{}, {"other"}, false}, SuiteSelection{{"room"}, {}, true}})
-        EXPECT_EQ(error_of("", [&] { run(suite, solvers, wrong); }).code, ExitCode::usage);
+        EXPECT_EQ(error_of("", [&] { run(suite, solvers, wrong); }).kind, ErrorKind::argument);
 }
 
 TEST(HardCases, ScenesAreWhatTheyWereBuiltAs) {

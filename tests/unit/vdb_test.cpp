@@ -216,7 +216,7 @@ TEST(Vdb, RefusesWhatIsNotAVolume) {
     const std::string path = folder / "a.vdb";
     const auto refused = [&](const Volume& volume) {
         const Error error = error_of(path, [&] { write_volume(path, volume, Precision::full); });
-        EXPECT_EQ(error.code, ExitCode::failure);
+        EXPECT_EQ(error.kind, ErrorKind::failure);
         EXPECT_EQ(folder.count(), 0);
         return std::string(error.what());
     };
@@ -262,31 +262,31 @@ TEST(Vdb, RejectsDamagedFiles) {
     const std::string path = folder / "a.vdb";
     write_volume(path, random_volume({5, 6, 7}, 1, false, 8), Precision::full);
     const std::string good = slurp(path);
-    const auto code = [&](const std::string& bytes) {
+    const auto kind = [&](const std::string& bytes) {
         spill(path, bytes);
-        return error_of(path, [&] { read_vdb(path); }).code;
+        return error_of(path, [&] { read_vdb(path); }).kind;
     };
     for (size_t length = 0; length < good.size(); length += 997)
-        EXPECT_EQ(code(good.substr(0, length)), ExitCode::invalid) << length;
-    EXPECT_EQ(code(good.substr(0, good.size() - 1)), ExitCode::invalid);
-    EXPECT_EQ(code(good + '\0'), ExitCode::invalid);
+        EXPECT_EQ(kind(good.substr(0, length)), ErrorKind::invalid) << length;
+    EXPECT_EQ(kind(good.substr(0, good.size() - 1)), ErrorKind::invalid);
+    EXPECT_EQ(kind(good + '\0'), ErrorKind::invalid);
     for (size_t at = 0; at < good.size(); at += 331) {
         std::string bad = good;
         bad[at] = char(bad[at] ^ 0x10);
-        EXPECT_EQ(code(bad), ExitCode::invalid) << at;
+        EXPECT_EQ(kind(bad), ErrorKind::invalid) << at;
     }
-    EXPECT_EQ(code(std::string(5000, 'x')), ExitCode::invalid);
+    EXPECT_EQ(kind(std::string(5000, 'x')), ErrorKind::invalid);
     std::filesystem::remove(path);
-    EXPECT_EQ(error_of(path, [&] { read_vdb(path); }).code, ExitCode::file);
+    EXPECT_EQ(error_of(path, [&] { read_vdb(path); }).kind, ErrorKind::file);
     std::filesystem::create_directory(path);
-    EXPECT_EQ(error_of(path, [&] { read_vdb(path); }).code, ExitCode::file);
+    EXPECT_EQ(error_of(path, [&] { read_vdb(path); }).kind, ErrorKind::file);
     EXPECT_EQ(
         error_of(path,
                  [&] {
                      write_volume(path, random_volume({2, 2, 2}, 0, false, 1), Precision::full);
                  })
-            .code,
-        ExitCode::file);
+            .kind,
+        ErrorKind::file);
 }
 
 TEST(Vdb, RejectsFilesOfOthers) {
@@ -297,7 +297,7 @@ TEST(Vdb, RejectsFilesOfOthers) {
                 "vdb.write(file, grids=[grid])\" "
               + path);
     const Error error = error_of(path, [&] { read_vdb(path); });
-    EXPECT_EQ(error.code, ExitCode::invalid);
+    EXPECT_EQ(error.kind, ErrorKind::invalid);
     EXPECT_NE(std::string(error.what()).find("not written by lpvbake"), std::string::npos);
 }
 
@@ -311,8 +311,8 @@ TEST(Io, DispatchesOnTheExtension) {
     for (const char* name : {"a.png", "a", "vdb"}) {
         const Error error =
             error_of(name, [&] { write_volume(folder / name, volume, Precision::full); });
-        EXPECT_EQ(error.code, ExitCode::usage);
+        EXPECT_EQ(error.kind, ErrorKind::argument);
         EXPECT_NE(std::string(error.what()).find(".vdb or .exr"), std::string::npos);
-        EXPECT_EQ(error_of(name, [&] { read_volume(folder / name); }).code, ExitCode::usage);
+        EXPECT_EQ(error_of(name, [&] { read_volume(folder / name); }).kind, ErrorKind::argument);
     }
 }

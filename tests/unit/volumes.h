@@ -98,7 +98,7 @@ Error error_of(const std::string& path, const Act& act) {
         return error;
     }
     ADD_FAILURE() << "no error for " << path;
-    return Error(ExitCode::ok, "");
+    return Error(ErrorKind::failure, "no error");
 }
 
 } // namespace lpvbake

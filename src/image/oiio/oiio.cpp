@@ -24,7 +24,7 @@ using OIIO::ImageSpec;
 using OIIO::TypeDesc;
 
 [[noreturn]] void reject(const std::string& name, const std::string& why) {
-    throw Error(ExitCode::invalid, name + ": " + why);
+    throw Error(ErrorKind::invalid, name + ": " + why);
 }
 
 /// OpenImageIO's messages may span lines and end in a full stop; ours are one line.
@@ -67,11 +67,12 @@ std::unique_ptr<ImageInput> open_input(const char* format, OIIO::Filesystem::IOM
                                        const std::string& name, uint64_t max_texels) {
     auto input = ImageInput::create(format);
     if (!input)
-        throw Error(ExitCode::unsupported, name + ": this build of OpenImageIO cannot read "
-                                               + format + " images: " + one_line(OIIO::geterror()));
+        throw Error(ErrorKind::unsupported, name + ": this build of OpenImageIO cannot read "
+                                                + format
+                                                + " images: " + one_line(OIIO::geterror()));
     if (!input->set_ioproxy(&reader))
-        throw Error(ExitCode::unsupported, name + ": this build of OpenImageIO cannot read "
-                                               + format + " images from memory");
+        throw Error(ErrorKind::unsupported, name + ": this build of OpenImageIO cannot read "
+                                                + format + " images from memory");
     ImageSpec config;
     config["oiio:UnassociatedAlpha"] = 1;
     ImageSpec spec;
@@ -128,7 +129,7 @@ std::vector<std::string> channel_names(int channels) {
 std::vector<unsigned char> encode(const char* format, ImageSpec spec, const Pixels& pixels,
                                   const std::string& name) {
     const auto fail = [&](const std::string& why) {
-        throw Error(ExitCode::failure, name + ": the image cannot be encoded: " + one_line(why));
+        throw Error(ErrorKind::failure, name + ": the image cannot be encoded: " + one_line(why));
     };
     const int channels = pixels.channels;
     if (pixels.width < 1 || pixels.height < 1 || (channels != 1 && channels != 3 && channels != 4)
@@ -178,7 +179,7 @@ Pixels read_picture_file(const std::string& path, uint64_t max_texels) {
     if (FILE* file = std::fopen(path.c_str(), "rb"))
         std::fclose(file);
     else
-        throw Error(ExitCode::file, path + ": " + std::strerror(errno));
+        throw Error(ErrorKind::file, path + ": " + std::strerror(errno));
     const auto input = ImageInput::open(path);
     if (!input)
         reject(path, "the image cannot be decoded: " + one_line(OIIO::geterror()));

@@ -17,7 +17,7 @@ namespace lpvbake {
 namespace {
 
 [[noreturn]] void refuse(const std::string& place, const std::string& why) {
-    throw Error(ExitCode::invalid, place + ": " + why + "; compress the file again");
+    throw Error(ErrorKind::invalid, place + ": " + why + "; compress the file again");
 }
 
 // ---------------------------------------------------------------- Draco
@@ -201,14 +201,14 @@ std::vector<unsigned char> decode_meshopt(const MeshoptView& view, const std::st
         return result;
     const bool attributes = view.mode == "ATTRIBUTES";
     if (attributes && !view.bytes.empty() && view.bytes[0] == 0xa1)
-        throw Error(ExitCode::unsupported,
+        throw Error(ErrorKind::unsupported,
                     place
                         + ": uses version 1 of the vertex codec, which is not supported; "
                           "compress the file with version 0 (gltfpack -c or -cc)");
     if (view.filter == "COLOR")
-        throw Error(ExitCode::unsupported, place
-                                               + ".filter: COLOR is not supported; compress the "
-                                                 "file without it (gltfpack -c or -cc)");
+        throw Error(ErrorKind::unsupported, place
+                                                + ".filter: COLOR is not supported; compress the "
+                                                  "file without it (gltfpack -c or -cc)");
     using Decode = int(void*, size_t, size_t, const unsigned char*, size_t);
     Decode* decode = meshopt_decodeVertexBuffer;
     if (!attributes)

@@ -71,7 +71,7 @@ uint32_t little_endian(Bytes bytes, size_t offset) {
 
 Container open_container(Bytes bytes, const std::string& file) {
     const auto refuse = [&](const std::string& why) {
-        throw Error(ExitCode::invalid, file + ": " + why + "; copy or export it again");
+        throw Error(ErrorKind::invalid, file + ": " + why + "; copy or export it again");
     };
     const auto* begin = reinterpret_cast<const char*>(bytes.data());
     if (bytes.size() < 4 || std::memcmp(begin, "glTF", 4) != 0)
@@ -79,8 +79,9 @@ Container open_container(Bytes bytes, const std::string& file) {
     if (bytes.size() < 20)
         refuse("the binary glTF is cut off in its header");
     if (const uint32_t version = little_endian(bytes, 4); version != 2)
-        throw Error(ExitCode::unsupported, file + ": binary glTF version " + std::to_string(version)
-                                               + " is not supported, 2 is; convert the file");
+        throw Error(ErrorKind::unsupported, file + ": binary glTF version "
+                                                + std::to_string(version)
+                                                + " is not supported, 2 is; convert the file");
     const uint64_t length = little_endian(bytes, 8);
     const uint64_t json_length = little_endian(bytes, 12);
     if (length > bytes.size())
@@ -105,12 +106,12 @@ Container open_container(Bytes bytes, const std::string& file) {
 void check_version(const json& root, const std::string& file) {
     const auto version = root["asset"]["version"].get<std::string>();
     if (!version.starts_with("2."))
-        throw Error(ExitCode::unsupported, file + ": asset.version: glTF " + version
-                                               + " is not supported, 2.0 is; convert the file");
+        throw Error(ErrorKind::unsupported, file + ": asset.version: glTF " + version
+                                                + " is not supported, 2.0 is; convert the file");
     const auto least = root["asset"].find("minVersion");
     if (least != root["asset"].end() && *least != "2.0")
-        throw Error(ExitCode::unsupported, file + ": asset.minVersion: glTF " + least->dump()
-                                               + " is not supported, 2.0 is; convert the file");
+        throw Error(ErrorKind::unsupported, file + ": asset.minVersion: glTF " + least->dump()
+                                                + " is not supported, 2.0 is; convert the file");
 }
 
 template <size_t N>
@@ -136,7 +137,7 @@ void check_extensions(const json& root, Document& document) {
         !missing.empty())
         document.fail("extensionsRequired",
                       "not supported: " + missing + "; export the scene without them",
-                      ExitCode::unsupported);
+                      ErrorKind::unsupported);
     if (const std::string ignored = not_understood(strings(root, "extensionsUsed"));
         !ignored.empty())
         document.warnings.add("extensionsUsed", "extensionsUsed",
@@ -323,8 +324,8 @@ tinygltf::Model parse_model(json root, const Document& document) {
         error = exception.what();
     }
     if (!ok)
-        throw Error(ExitCode::invalid, document.file + ": is not valid glTF: " + first_line(error)
-                                           + "; repair the file or export it again");
+        throw Error(ErrorKind::invalid, document.file + ": is not valid glTF: " + first_line(error)
+                                            + "; repair the file or export it again");
     for (const size_t accessor : without_view)
         model.accessors.at(accessor).bufferView = -1;
     return model;
@@ -332,10 +333,10 @@ tinygltf::Model parse_model(json root, const Document& document) {
 
 } // namespace
 
-void Document::fail(const std::string& place, const std::string& why, ExitCode code) const {
+void Document::fail(const std::string& place, const std::string& why, ErrorKind kind) const {
     const bool has_remedy = why.find(';') != std::string::npos;
-    throw Error(code, file + ": " + place + ": " + why
-                          + (has_remedy || code != ExitCode::invalid
+    throw Error(kind, file + ": " + place + ": " + why
+                          + (has_remedy || kind != ErrorKind::invalid
                                  ? ""
                                  : "; repair the file or export it again"));
 }
@@ -388,9 +389,9 @@ int find_named(const std::vector<std::string>& names, const std::string& text,
     for (size_t i = 0; i < std::min<size_t>(names.size(), 20); ++i)
         known +=
             (i ? ", " : "") + std::to_string(i) + (names[i].empty() ? "" : " \"" + names[i] + "\"");
-    throw Error(ExitCode::usage, option + " " + text + ": the file has no such; it has "
-                                     + (names.empty() ? "none" : known)
-                                     + (names.size() > 20 ? ", ..." : ""));
+    throw Error(ErrorKind::argument, option + " " + text + ": the file has no such; it has "
+                                         + (names.empty() ? "none" : known)
+                                         + (names.size() > 20 ? ", ..." : ""));
 }
 
 Document parse_document(const std::string& path, const LoadSettings& settings) {

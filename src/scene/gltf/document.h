@@ -49,7 +49,7 @@ struct Document {
     /// `place` is a JSON path. To an invalid file that has no remedy of its own (after a
     /// semicolon), the usual one is added.
     [[noreturn]] void fail(const std::string& place, const std::string& why,
-                           ExitCode code = ExitCode::invalid) const;
+                           ErrorKind kind = ErrorKind::invalid) const;
 
     std::vector<std::vector<unsigned char>> storage; ///< that views point into
 };
@@ -60,7 +60,7 @@ std::string at(const char* array, size_t index);
 /// Reads the file and its buffers, whole. Throws Error, as load_gltf does.
 Document parse_document(const std::string& path, const LoadSettings& settings);
 
-/// The index of what `text` names, by name or, where no name fits, by number. Throws Error (usage),
+/// The index of what `text` names, by name or, where no name fits, by number. Throws Error (argument),
 /// beginning with `option`, that lists what there is.
 int find_named(const std::vector<std::string>& names, const std::string& text,
                const std::string& option);

@@ -42,12 +42,12 @@ uint64_t file_size(const fs::path& path, const std::string& place) {
     std::error_code error;
     const fs::file_status status = fs::status(path, error);
     if (!fs::exists(status))
-        throw Error(ExitCode::file, place + ": there is no such file");
+        throw Error(ErrorKind::file, place + ": there is no such file");
     if (!fs::is_regular_file(status))
-        throw Error(ExitCode::file, place + ": is not a file");
+        throw Error(ErrorKind::file, place + ": is not a file");
     const uintmax_t size = fs::file_size(path, error);
     if (error)
-        throw Error(ExitCode::file, place + ": cannot be read: " + error.message());
+        throw Error(ErrorKind::file, place + ": cannot be read: " + error.message());
     return size;
 }
 
@@ -56,11 +56,11 @@ std::vector<unsigned char> read_file(const fs::path& path, const std::string& pl
     const uint64_t size = std::min(file_size(path, place), most);
     std::ifstream file(path, std::ios::binary);
     if (!file)
-        throw Error(ExitCode::file, place + ": cannot be opened: " + std::strerror(errno));
+        throw Error(ErrorKind::file, place + ": cannot be opened: " + std::strerror(errno));
     std::vector<unsigned char> bytes(size);
     file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
     if (static_cast<uint64_t>(file.gcount()) != size)
-        throw Error(ExitCode::file, place + ": cannot be read to its end");
+        throw Error(ErrorKind::file, place + ": cannot be read to its end");
     return bytes;
 }
 
@@ -82,7 +82,7 @@ fs::path resolve_uri(const fs::path& folder, std::string_view uri, const std::st
                      bool allow_external) {
     const std::string name = percent_decoded(uri);
     const auto refuse = [&](const std::string& why, const char* remedy) {
-        throw Error(ExitCode::invalid,
+        throw Error(ErrorKind::invalid,
                     place + ": \"" + std::string(uri) + "\" " + why + "; " + remedy);
     };
     constexpr const char* stay_inside =
@@ -102,17 +102,17 @@ fs::path resolve_uri(const fs::path& folder, std::string_view uri, const std::st
     std::error_code error;
     const fs::path base = fs::canonical(folder.empty() ? fs::path(".") : folder, error);
     if (error)
-        throw Error(ExitCode::file, place + ": the scene's folder cannot be read");
+        throw Error(ErrorKind::file, place + ": the scene's folder cannot be read");
     const fs::path file = fs::canonical(base / relative, error);
     if (error)
-        throw Error(ExitCode::file, place + ": \"" + name + "\": there is no such file");
+        throw Error(ErrorKind::file, place + ": \"" + name + "\": there is no such file");
     if (!allow_external && !lies_below(base, file))
         refuse("is a link that leads out", stay_inside);
     return file;
 }
 
 std::vector<unsigned char> decode_data_uri(std::string_view uri, const std::string& place) {
-    const auto refuse = [&](const char* why) { throw Error(ExitCode::invalid, place + why); };
+    const auto refuse = [&](const char* why) { throw Error(ErrorKind::invalid, place + why); };
     const size_t comma = uri.find(',');
     if (comma == std::string_view::npos || !uri.substr(0, comma).ends_with(";base64"))
         refuse(": only base64 data URIs are understood");

@@ -56,7 +56,7 @@ void refuse_warnings(const std::vector<std::string>& warnings) {
         return;
     const size_t more = warnings.size() - 1;
     throw Error(
-        ExitCode::invalid,
+        ErrorKind::invalid,
         warnings.front()
             + (more > 0 ? " (and " + std::to_string(more) + " more; --strict)" : " (--strict)"));
 }
@@ -109,10 +109,10 @@ Scene load_gltf(const std::string& path, const LoadSettings& settings) {
     } catch (const Error&) {
         throw;
     } catch (const std::bad_alloc&) {
-        throw Error(ExitCode::memory, path + ": is too large for the memory of this machine");
+        throw Error(ErrorKind::memory, path + ": is too large for the memory of this machine");
     } catch (const std::exception& error) {
-        throw Error(ExitCode::invalid, path + ": is not valid glTF: " + error.what()
-                                           + "; repair the file or export it again");
+        throw Error(ErrorKind::invalid, path + ": is not valid glTF: " + error.what()
+                                            + "; repair the file or export it again");
     }
 }
 

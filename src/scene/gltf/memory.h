@@ -20,7 +20,7 @@ public:
         constexpr uint64_t most = std::numeric_limits<uint64_t>::max();
         const uint64_t bytes = size != 0 && count > most / size ? most : count * size;
         if (bytes > limit_ - taken_)
-            throw Error(ExitCode::memory,
+            throw Error(ErrorKind::memory,
                         file_ + ": " + place + ": would take the scene past "
                             + std::to_string(limit_ >> 20)
                             + " MiB of memory; allow more with --max-memory or simplify the scene");

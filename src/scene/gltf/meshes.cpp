@@ -406,7 +406,7 @@ void take_memory(Document& document, const tinygltf::Primitive& primitive, int p
         primitive.indices >= 0 ? document.model.accessors.at(primitive.indices).count : vertices;
     if (vertices > max_vertices || indices > max_vertices)
         document.fail(place, "has more than 2^31 vertices or indices; split the mesh",
-                      ExitCode::memory);
+                      ErrorKind::memory);
     document.memory.take(vertices, is_skinned ? 256 : 96, place);
     document.memory.take(indices, 8 + (primitive.mode == TINYGLTF_MODE_TRIANGLES ? 4 : 12), place);
 }

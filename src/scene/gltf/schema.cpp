@@ -270,7 +270,7 @@ public:
 
 private:
     [[noreturn]] void fail(const std::string& place, const std::string& why) const {
-        throw Error(ExitCode::invalid,
+        throw Error(ErrorKind::invalid,
                     file_ + ": " + place + ": " + why + "; repair the file or export it again");
     }
 
@@ -402,9 +402,9 @@ uint64_t json_elements(std::string_view text, const std::string& file) {
         elements += c == ',' || c == '[' || c == '{';
         if (c == '[' || c == '{') {
             if (++depth > max_depth)
-                throw Error(ExitCode::invalid, file + ": the JSON is nested more than "
-                                                   + std::to_string(max_depth)
-                                                   + " levels deep; glTF needs a dozen");
+                throw Error(ErrorKind::invalid, file + ": the JSON is nested more than "
+                                                    + std::to_string(max_depth)
+                                                    + " levels deep; glTF needs a dozen");
         } else if (c == ']' || c == '}') {
             --depth;
         }
@@ -418,14 +418,14 @@ json parse_json(std::string_view text, const std::string& file) {
     } catch (const json::exception& error) {
         std::string_view what = error.what();
         what.remove_prefix(std::min(what.size(), what.find("] ") + 2));
-        throw Error(ExitCode::invalid, file + ": is not JSON: " + std::string(what)
-                                           + "; is it a glTF file, and whole?");
+        throw Error(ErrorKind::invalid, file + ": is not JSON: " + std::string(what)
+                                            + "; is it a glTF file, and whole?");
     }
 }
 
 void check_schema(const json& root, const std::string& file) {
     if (!root.is_object())
-        throw Error(ExitCode::invalid,
+        throw Error(ErrorKind::invalid,
                     file + ": is not a glTF document: its root is not an object");
     Checker checker(root, file);
     for (const Rule& rule : rules)

@@ -1,8 +1,8 @@
+#include "colour/colour.h"
 #include "image/header.h"
 #include "image/image.h"
 #include "scene/gltf/folder.h"
 #include "scene/gltf/materials.h"
-#include "colour/colour.h"
 
 #include <algorithm>
 #include <array>
@@ -43,7 +43,7 @@ int image_of(Document& document, int texture_index) {
         document.fail(place,
                       "has no source but for " + names
                           + ", which is not supported; add a PNG, JPEG or WebP image as source",
-                      ExitCode::unsupported);
+                      ErrorKind::unsupported);
     document.warnings.add("textures without source", place,
                           "has no source: materials use their factors alone; add an image");
     return -1;

@@ -100,9 +100,9 @@ PropagatePlan plan_propagate(const gpu::Device& device, const Grid& grid, Occlus
             std::min(layers, (taus - plan.alignment) / (layout.layer(plan.planes) * sizeof(float)));
     }
     if (layers < 3)
-        throw Error(ExitCode::memory, "a layer of " + std::to_string(grid.dims.x) + " x "
-                                          + std::to_string(grid.dims.y) + " cells exceeds what '"
-                                          + info.name + "' can bind; lower --resolution");
+        throw Error(ErrorKind::memory, "a layer of " + std::to_string(grid.dims.x) + " x "
+                                           + std::to_string(grid.dims.y) + " cells exceeds what '"
+                                           + info.name + "' can bind; lower --resolution");
     plan.slab = uint32_t(std::min<uint64_t>(layers - 2, layout.nz));
     for (uint32_t z = 0; z < layout.nz; z += plan.slab)
         plan.partials +=

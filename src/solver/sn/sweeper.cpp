@@ -80,9 +80,9 @@ SweepPlan plan_sweep(const gpu::Device& device, const Grid& grid, int order, uin
     const uint64_t front_cells = layout.slots(); // the largest front has at most so many
     if (layer_cells * cell_bytes > largest || layout.ring_texels(stride) * texel > largest
         || front_cells * stride * texel > largest)
-        throw Error(ExitCode::memory, "a layer of " + std::to_string(grid.dims.x) + " x "
-                                          + std::to_string(grid.dims.y) + " cells exceeds what '"
-                                          + info.name + "' can bind; lower --resolution");
+        throw Error(ErrorKind::memory, "a layer of " + std::to_string(grid.dims.x) + " x "
+                                           + std::to_string(grid.dims.y) + " cells exceeds what '"
+                                           + info.name + "' can bind; lower --resolution");
     const uint64_t weights = max_project_weights * sizeof(float);
     return {layout,
             tiling_for(device),

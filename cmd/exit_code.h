@@ -1,0 +1,53 @@
+// What the process returns.
+#pragma once
+
+#include "error.h"
+
+#include <optional>
+
+namespace lpvbake {
+
+enum class ExitCode {
+    ok = 0,
+    usage = 1,
+    file = 2,
+    invalid = 3,
+    failure = 4,
+    unsupported = 5,
+    difference = 7,
+    device = 8,
+    memory = 9,
+    interrupted = 130,
+    terminated = 143,
+};
+
+struct ExitCodeMeaning {
+    ExitCode code;
+    std::optional<ErrorKind> error; ///< the kind of error that ends in it
+    const char* meaning;
+};
+
+/// `lpvbake --help` prints this table.
+inline constexpr ExitCodeMeaning exit_codes[] = {
+    {ExitCode::ok, std::nullopt, "done"},
+    {ExitCode::usage, ErrorKind::argument, "the command line is wrong"},
+    {ExitCode::file, ErrorKind::file, "a file cannot be read or written"},
+    {ExitCode::invalid, ErrorKind::invalid, "the input is invalid"},
+    {ExitCode::failure, ErrorKind::failure, "something failed while running"},
+    {ExitCode::unsupported, ErrorKind::unsupported,
+     "the input needs a feature that is not supported (it is named)"},
+    {ExitCode::difference, ErrorKind::difference, "a difference was found"},
+    {ExitCode::device, ErrorKind::device, "the Vulkan device is missing or was lost"},
+    {ExitCode::memory, ErrorKind::memory, "out of memory"},
+    {ExitCode::interrupted, ErrorKind::interrupted, "interrupted (SIGINT)"},
+    {ExitCode::terminated, ErrorKind::terminated, "terminated (SIGTERM)"},
+};
+
+constexpr ExitCode exit_code_of(ErrorKind kind) {
+    for (const ExitCodeMeaning& row : exit_codes)
+        if (row.error == kind)
+            return row.code;
+    return ExitCode::failure;
+}
+
+} // namespace lpvbake
