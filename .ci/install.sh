@@ -7,7 +7,7 @@ set -euo pipefail
 packages=(
     # build
     cmake ninja-build g++ ccache glslc
-    libvulkan-dev libembree-dev libtbb-dev libglm-dev libcli11-dev nlohmann-json3-dev
+    libvulkan-dev libembree-dev libtbb-dev libglm-dev libcli11-dev libtomlplusplus-dev nlohmann-json3-dev
     libtinygltf-dev libdraco-dev libmeshoptimizer-dev libopenvdb-dev libboost-dev
     libopenimageio-dev libopenexr-dev libimath-dev
     # run: a Vulkan driver for any CPU

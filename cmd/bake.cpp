@@ -4,150 +4,77 @@
 
 #include "commands.h"
 #include "error.h"
-#include "image/image.h"
 #include "readers/readers.h"
-#include "result.h"
 #include "scene_options.h"
 #include "text.h"
 #include "volume/dilate.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
-#include <cstring>
 #include <future>
+#include <map>
 #include <memory>
 
 namespace lpvbake {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
-const char summary[] = "Bakes the light that a scene's surfaces send on into volume files.";
-
 const char manual[] =
-    R"(The field holds the reflected light of directional, point and spot lights, and the light of
-emissive surfaces and of the sky (--sky), direct and reflected; --bounces says how often, once with
-the lpv solver and without end with the others unless told. Lengths are metres, +Y is up. Lights come from the file
-(KHR_lights_punctual), from --sun, --point and --lights; at least one light or emitter is needed.
+#include "manual/bake.txt.h"
+    ;
 
-Examples:
-  lpvbake bake room.glb -o room.vdb
-  lpvbake bake room.glb -o room.vdb -o room.exr --resolution 64
-  lpvbake bake town.gltf -o town.vdb --bounds -120,-5,-120,120,20,120 --sun 30,50,100000,#fff1e0
-  lpvbake bake hall.glb -o hall.exr --point 0,2.5,0,200 --exr-packing channel --precision half
-  lpvbake bake room.glb -o room.vdb --print-config > room.toml
-  lpvbake bake --config room.toml --resolution 128
-
---solver auto takes sn of order 2 unless options say otherwise. An option that one solver alone
-has chooses that solver; one that the chosen solver does not have is an error. With --error the
-fastest settings are taken that are expected to reach it (order 4 where 2 cannot), with --time-budget
-the most accurate that fit, with both the fastest that do both; what is out of reach is told in a
-warning. What is expected comes from a model, never from a clock: the error is that of the Cornell
-box, and often a third of it in more evenly lit scenes; the time is that of two threads of a CPU,
-without loading and writing. Grid, bounces and all that is given stay as they are.
-
-Outputs are written under a temporary name and renamed: there is the old file or the new one, never
-a part. The same input gives the same bytes, whatever --threads says.
-
---threads bounds the program's own threads (oneTBB) and, through LP_NUM_THREADS, those of Mesa's
-CPU driver llvmpipe. 0 takes every core, and leaves LP_NUM_THREADS as the environment has it.
-
-JSON (--format json), one object; sizes in bytes, times in seconds:
-  {"command": "bake", "version", "scene", "triangles", "device": {"index", "name", "type", "uuid", "driver",
-   "api"}, "grid": {"dims": [x, y, z], "cell", "origin": [x, y, z], "cells"}, "dry_run",
-   "choice": {"solver", "sh_order", "vpls", "tolerance" or "directions", "text", "error" (expected),
-   "seconds" (expected)}, "outputs": [{"path", "bytes", "files": [{"path", "bytes"}]}], "stages": [{"name", "seconds", "detail"}], "seconds",
-   "peak_memory", "warnings": [...]}; after --fit surfaces also "fit": {"reader", "error" (on surfaces, a
-   share), "energy", "leak" (into the dark, of the mean), "moved" (of irradiance in the air)}.
-With --dry-run, "outputs" have no bytes, "seconds" is an estimate, "peak_memory" is absent, and
-"skipped": [{"name", "why"}],
-"rsm": {"maps", "size"}, "device_bytes" and "host_bytes" say what it takes.)";
-
-/// Options as given; `to_settings` makes them the core's enums and structs.
 struct BakeOptions : SceneOptions, RunOptions {
     OutputOptions outputs;
-    std::string solver = "auto";
-    std::optional<double> error; ///< a share
-    std::string time_budget;
-    std::string bounces; ///< empty: 1 for lpv, all for the others
-    int sh_order = 0;    ///< 0: 1 for lpv, 2 for the others
-    // What only some solvers have, as far as it is given.
-    std::string quality;
-    std::optional<int> directions;
-    std::optional<int> vpls;
-    std::optional<int> rsm_samples;
-    std::optional<double> tolerance;
-    std::string occlusion;
-    std::optional<int> rsm_size;
-    std::optional<int> rsm_kernel;
-    std::optional<int> iterations;
+    const SolverKind* solver = nullptr; ///< null: what else is given, and the wish, decide
+    std::optional<double> error;        ///< a share
+    std::optional<double> seconds;      ///< of a bake
+    std::optional<Bounces> bounces;     ///< none: the solver's
+    int sh_order = 0;                   ///< 0: the solver's
+    std::optional<Quality> quality;
+    std::map<std::string, double> parameters; ///< of solvers
     int dilate = 0;
-    std::string fit = "none";
-    std::string device;
-    bool validation = false;
-    bool dry_run = false;
+    bool fit = false;
 };
 
-/// An option that not every solver has.
-struct SolverOption {
-    const char* name;
-    std::vector<const SolverKind*> solvers;
-    bool given;
-    std::string toml; ///< its value; what it is unless given
-};
+// ---------------------------------------------------------------- options of solvers
 
-std::vector<SolverOption> solver_options(const BakeOptions& o) {
-    const SolverKind *const sn = find_solver("sn"), *const gather = find_solver("gather"),
-                            *const lpv = find_solver("lpv");
-    const bool maps = o.rsm_samples.value_or(0) > 0;
-    const auto whole = [](const std::optional<int>& value, int usual) {
-        return std::to_string(value.value_or(usual));
-    };
-    return {
-        {"quality",
-         {gather, sn},
-         !o.quality.empty(),
-         toml_string(o.quality.empty() ? "balanced" : o.quality)},
-        {"directions",
-         {sn},
-         o.directions.has_value(),
-         whole(o.directions, int(find_parameter(*sn, "directions")->usual))},
-        {"vpls",
-         {gather},
-         o.vpls.has_value(),
-         whole(o.vpls, int(find_parameter(*gather, "vpls")->usual))},
-        {"rsm-samples", {gather}, o.rsm_samples.has_value(), whole(o.rsm_samples, 0)},
-        {"tolerance",
-         {gather, lpv},
-         o.tolerance.has_value(),
-         toml_number(o.tolerance.value_or(find_parameter(*gather, "tolerance")->usual))},
-        {"occlusion",
-         {lpv},
-         !o.occlusion.empty(),
-         toml_string(o.occlusion.empty() ? "face" : o.occlusion)},
-        {"rsm-size", maps ? std::vector{gather} : std::vector{lpv}, o.rsm_size.has_value(),
-         whole(o.rsm_size, 0)},
-        {"rsm-kernel", {lpv}, o.rsm_kernel.has_value(), whole(o.rsm_kernel, 4)},
-        {"iterations", {lpv}, o.iterations.has_value(), whole(o.iterations, 0)},
-    };
-}
-
-/// "gather", "sn or gather".
-std::string names_of(const std::vector<const SolverKind*>& solvers) {
+/// "sn", "sn or gather".
+std::string names_of(const std::vector<const SolverKind*>& solvers, const char* last = " or ") {
     std::string names;
     for (const SolverKind* solver : solvers)
-        names += (names.empty() ? "" : " or ") + std::string(solver->name);
+        names += (names.empty() ? "" : last) + std::string(solver->name);
     return names;
+}
+
+std::vector<const SolverKind*> solvers_with(const auto& has) {
+    std::vector<const SolverKind*> solvers;
+    std::ranges::copy_if(solver_kinds(), std::back_inserter(solvers),
+                         [&](const SolverKind* kind) { return has(*kind); });
+    return solvers;
+}
+
+/// Whether a quality makes a difference.
+bool has_presets(const SolverKind& kind) {
+    return std::ranges::count_if(kind.ladder, [](const Rung& rung) { return bool(rung.preset); })
+           > 1;
+}
+
+/// The solvers for which the parameter, beside the others that are given, means something.
+std::vector<const SolverKind*> solvers_with_parameter(const BakeOptions& o,
+                                                      const std::string& name) {
+    return solvers_with([&](const SolverKind& kind) {
+        const Parameter* own = find_parameter(kind, name);
+        if (!own || !own->needs)
+            return own != nullptr;
+        const auto needed = o.parameters.find(own->needs);
+        return needed != o.parameters.end() && needed->second > 0;
+    });
 }
 
 /// The solvers that may be taken, best first: --solver, or those that have all options that are
 /// given. Throws Error (argument) that names the option that none of them has.
 std::vector<const SolverKind*> solvers_of(const BakeOptions& o) {
-    std::vector<const SolverKind*> solvers = Wish().solvers;
-    if (o.solver != "auto")
-        std::erase_if(solvers, [&](const SolverKind* solver) { return solver->name != o.solver; });
-    std::string why = o.solver == "auto" ? "" : "--solver " + o.solver;
+    std::vector<const SolverKind*> solvers = o.solver ? std::vector{o.solver} : Wish().solvers;
+    std::string why = o.solver ? std::string("--solver ") + o.solver->name : "";
     const auto keep = [&](const std::string& option, const std::vector<const SolverKind*>& with) {
         std::vector<const SolverKind*> left = solvers;
         std::erase_if(left,
@@ -160,116 +87,96 @@ std::vector<const SolverKind*> solvers_of(const BakeOptions& o) {
             why = "--" + option;
         solvers = left;
     };
-    for (const SolverOption& option : solver_options(o))
-        if (option.given)
-            keep(option.name, option.solvers);
-    if (o.sh_order == 3)
-        keep("sh-order 3", {find_solver("sn")});
-    else if (o.sh_order > 1)
-        keep("sh-order " + std::to_string(o.sh_order), {find_solver("gather"), find_solver("sn")});
+    if (o.quality)
+        keep("quality", solvers_with(has_presets));
+    for (const auto& [name, value] : o.parameters)
+        keep(name, solvers_with_parameter(o, name));
+    if (o.sh_order > 0)
+        keep("sh-order " + std::to_string(o.sh_order), solvers_with([&](const SolverKind& kind) {
+                 return std::ranges::count(kind.orders, o.sh_order) > 0;
+             }));
     return solvers;
 }
 
-/// Seconds of "2s", "500ms", "1.5min", "2"; none unless it is a time above 0.
-std::optional<double> seconds_of(const std::string& text) {
-    for (const auto& [unit, scale] : {std::pair{"ms", 1e-3}, {"min", 60.0}, {"s", 1.0}, {"", 1.0}})
-        if (text.ends_with(unit)) {
-            const std::optional<double> value =
-                parse_number(text.substr(0, text.size() - std::strlen(unit)));
-            return value && *value > 0 ? std::optional(*value * scale) : std::nullopt;
+/// A row for each parameter of a solver; those that several have share one.
+void add_parameters(Options& options, BakeOptions& o) {
+    std::vector<std::string> names;
+    for (const SolverKind* kind : solver_kinds())
+        for (const Parameter& parameter : kind->parameters)
+            if (std::ranges::find(names, parameter.name) == names.end())
+                names.push_back(parameter.name);
+    for (const std::string& name : names) {
+        std::string help, ranges;
+        std::vector<const Parameter*> all;
+        for (const SolverKind* kind : solver_kinds()) {
+            const Parameter* own = find_parameter(*kind, name);
+            if (!own)
+                continue;
+            const bool again = !all.empty() && std::string(own->help) == all.back()->help;
+            all.push_back(own);
+            std::string whose = kind->name;
+            if (own->needs)
+                whose += " with --" + std::string(own->needs);
+            const std::string usual = " (" + value_text(*own, own->usual) + ")";
+            help += again ? "" : (help.empty() ? "" : "; ") + whose + ": " + own->help + usual;
+            if (again) // "gather with --rsm-samples, lpv: ..."
+                help.insert(help.rfind(all.front()->help) - 2, ", " + whose);
         }
-    return std::nullopt;
+        const bool is_choice = all.front()->kind == ValueKind::choice;
+        std::string type = all.front()->kind == ValueKind::whole ? "N" : "X";
+        if (is_choice) {
+            type.clear();
+            for (const char* choice : all.front()->choices)
+                type += (type.empty() ? "" : "|") + std::string(choice);
+        }
+        Option& option = options.add("--" + name, type, help);
+        option.quoted = is_choice;
+        option.read = [&o, name, all](const std::string& text) {
+            for (const Parameter* each : all)
+                if (const std::optional<double> value = parse_value(*each, text)) {
+                    o.parameters[name] = *value;
+                    return value_text(*each, *value);
+                }
+            refuse(text, "is none of " + values_of(*all.front()));
+        };
+        option.implies(value_text(*all.front(), all.front()->usual)).record(Recorded::if_changed);
+    }
 }
 
-/// In the order of --help.
-std::vector<Setting> settings_of(const BakeOptions& o) {
-    std::vector<Setting> settings;
-    if (!o.scene.empty())
-        settings.push_back({"scene", toml_string(o.scene), false});
-    if (!o.outputs.paths.empty())
-        settings.push_back({"output", toml_array(o.outputs.paths), false});
-    append_grid_settings(o, settings);
-    append_light_settings(o, settings);
-    settings.push_back({"solver", toml_string(o.solver), true});
-    settings.push_back({"error", toml_number(o.error.value_or(0.04)), true, o.error.has_value()});
-    settings.push_back({"time-budget", toml_string(o.time_budget.empty() ? "2s" : o.time_budget),
-                        true, !o.time_budget.empty()});
-    settings.push_back(
-        {"bounces", toml_string(o.bounces.empty() ? "inf" : o.bounces), true, !o.bounces.empty()});
-    settings.push_back({"sh-order", std::to_string(o.sh_order), true});
-    for (const SolverOption& option : solver_options(o))
-        settings.push_back({option.name, option.toml, true, option.given});
-    settings.push_back({"dilate", std::to_string(o.dilate), true});
-    settings.push_back({"fit", toml_string(o.fit), true, o.fit != "none"});
-    append_output_settings(o.outputs, settings);
-    settings.insert(settings.end(), {
-                                        {"device", toml_string(o.device), false},
-                                        {"threads", std::to_string(o.threads), false},
-                                        {"validation", toml_flag(o.validation), false},
-                                        {"format", toml_string(o.format), false},
-                                        {"progress", toml_string(o.progress), false},
-                                    });
-    return settings;
-}
+// ---------------------------------------------------------------- what is wanted
 
 /// All that can be known to be wrong before any work is done.
-void check_options(const BakeOptions& o, bool cell_and_resolution) {
+void check_options(const BakeOptions& o) {
     check_paths("bake", o, o.outputs.paths);
     if (o.outputs.paths.empty() && !o.dry_run)
         throw Error(ErrorKind::argument, "no output: add -o FILE" + format_list(" or -o FILE"));
-    if (cell_and_resolution)
-        throw Error(ErrorKind::argument, "--cell-size and --resolution exclude each other");
-    if (solvers_of(o).front() == find_solver("lpv") && o.tolerance && *o.tolerance < 1e-7)
-        throw Error(ErrorKind::argument, "--tolerance: the lpv solver needs at least 1e-7");
-    if (o.fit == "surfaces" && o.dilate > 0)
+    const SolverKind& solver = *solvers_of(o).front();
+    for (const auto& [name, value] : o.parameters)
+        if (const Parameter* own = find_parameter(solver, name); own && !is_value(*own, value))
+            throw Error(ErrorKind::argument,
+                        "--" + name + ": the " + solver.name + " solver takes " + values_of(*own));
+    if (o.fit && o.dilate > 0)
         throw Error(ErrorKind::argument,
                     "--fit surfaces and --dilate exclude each other: fitted cells "
                     "are filled already");
-    if (!o.quality.empty() && (o.error || !o.time_budget.empty()))
-        throw Error(ErrorKind::argument, std::string("--quality and ")
-                                             + (o.error ? "--error" : "--time-budget")
-                                             + " exclude each other");
-}
-
-/// What is given of the options of solvers.
-std::vector<ParameterValue> given(const BakeOptions& o) {
-    std::vector<ParameterValue> values;
-    const auto add = [&](const char* name, const auto& option) {
-        if (option)
-            values.push_back({name, double(*option)});
-    };
-    add("directions", o.directions);
-    add("vpls", o.vpls);
-    add("rsm-samples", o.rsm_samples);
-    add("tolerance", o.tolerance);
-    add("rsm-size", o.rsm_size);
-    add("rsm-kernel", o.rsm_kernel);
-    add("iterations", o.iterations);
-    if (!o.occlusion.empty()) {
-        const Parameter* occlusion = find_parameter(*find_solver("lpv"), "occlusion");
-        values.push_back({"occlusion", *parse_value(*occlusion, o.occlusion)});
-    }
-    return values;
 }
 
 /// The row of a target's program; files for none in particular are read by our own sampler.
-const readers::Reader* reader_of(const std::string& target) {
-    return readers::reader_named(target == "generic" ? "lpvbake" : target);
+const readers::Reader* reader_of(const Target& target) {
+    return readers::reader_named(&target == target_named("generic") ? "lpvbake" : target.name);
 }
 
 /// All but what choose_settings chooses.
 BakeSettings to_settings(const BakeOptions& o) {
     BakeSettings settings(*solvers_of(o).front());
-    settings.grid = grid_settings(o);
-    settings.bounds = grid_bounds(o);
+    settings.grid = o.grid;
+    settings.bounds = o.bounds;
     settings.emitters = !o.no_emitters;
-    settings.solver.set(o.quality == "fast"       ? Quality::fast
-                        : o.quality == "accurate" ? Quality::accurate
-                                                  : Quality::balanced);
-    if (!o.bounces.empty())
-        settings.bounces = bounces_of(o.bounces);
-    if (o.fit == "surfaces")
-        settings.fit = reader_of(o.outputs.target);
+    settings.solver.set(o.quality.value_or(Quality::balanced));
+    if (o.bounces)
+        settings.bounces = o.bounces->most;
+    if (o.fit)
+        settings.fit = reader_of(*o.outputs.target);
     return settings;
 }
 
@@ -279,67 +186,53 @@ Wish wish_of(const BakeOptions& o) {
     if (o.sh_order > 0)
         wish.order = o.sh_order;
     wish.error = o.error;
-    if (!o.time_budget.empty())
-        wish.seconds = seconds_of(o.time_budget);
-    wish.given = given(o);
+    wish.seconds = o.seconds;
+    for (const auto& [name, value] : o.parameters)
+        wish.given.push_back({name.c_str(), value});
     return wish;
 }
 
-// ---------------------------------------------------------------- running
+// ---------------------------------------------------------------- the result
 
 /// The document of --format json, as far as a dry run shares it.
 Json describe(const BakeOptions& o, const gpu::DeviceInfo& device, const Choice& choice,
-              uint64_t triangles, const Grid& grid, const std::vector<StageReport>& stages,
-              const std::vector<std::string>& warnings) {
-    Json document{{"command", "bake"},
-                  {"version", LPVBAKE_VERSION},
-                  {"scene", o.scene},
-                  {"triangles", triangles},
-                  {"device",
-                   {{"index", device.index},
-                    {"name", device.name},
-                    {"type", device.type},
-                    {"uuid", device.uuid},
-                    {"driver", device.driver},
-                    {"api", device.api}}},
-                  {"grid", grid_json(grid)},
-                  {"dry_run", o.dry_run},
-                  {"choice",
-                   {{"solver", choice.solver().kind().name},
-                    {"sh_order", choice.solver().order()},
-                    {"text", choice.text},
-                    {"error", choice.error},
-                    {"seconds", choice.plan.seconds}}},
-                  {"outputs", Json::array()},
-                  {"stages", Json::array()},
-                  {"warnings", warnings}};
+              uint64_t triangles, const Grid& grid) {
+    Json chosen{{"solver", choice.solver().kind().name},
+                {"sh_order", choice.solver().order()},
+                {"text", choice.text},
+                {"error", choice.error},
+                {"seconds", choice.plan.seconds}};
     for (const Parameter& parameter : choice.solver().kind().parameters)
         if (is_on_ladder(choice.solver().kind(), parameter.name)) {
             const double value = choice.solver()[parameter.name];
-            if (parameter.kind == ValueKind::whole)
-                document["choice"][parameter.name] = int64_t(value);
-            else
-                document["choice"][parameter.name] = value;
+            chosen[parameter.name] =
+                parameter.kind == ValueKind::whole ? Json(int64_t(value)) : Json(value);
         }
-    for (const StageReport& stage : stages)
-        document["stages"].push_back(
-            {{"name", stage.name}, {"seconds", stage.seconds}, {"detail", stage.detail}});
-    return document;
+    return {{"command", "bake"},
+            {"version", LPVBAKE_VERSION},
+            {"scene", o.scene},
+            {"triangles", triangles},
+            {"device", device_json(device)},
+            {"grid", grid_json(grid)},
+            {"dry_run", o.dry_run},
+            {"choice", chosen}};
 }
 
-void print_choice(const Choice& choice) {
-    std::printf("choice        %s: about %.2g %% error in a Cornell box, %.2g s here\n",
+void print_head(const gpu::DeviceInfo& device, const Choice& choice) {
+    std::printf("device        %s\n", device.name.c_str());
+    print_grid(choice.plan.grid);
+    std::printf("choice        %s: about %.2g %% error in a Cornell box, %.2g s on 2 CPU threads\n",
                 choice.text.c_str(), 100 * choice.error, choice.plan.seconds);
 }
 
 void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const Choice& choice,
                 const std::vector<std::string>& warnings) {
     const BakePlan& plan = choice.plan;
-    if (o.format == "json") {
-        Json document =
-            describe(o, device, choice, plan.triangles, plan.grid, plan.stages, warnings);
-        for (const std::string& output : o.outputs.paths)
-            document["outputs"].push_back({{"path", output}});
+    if (o.format == Format::json) {
+        Json document = describe(o, device, choice, plan.triangles, plan.grid);
+        document["outputs"] = outputs_json(o.outputs.paths);
+        document["stages"] = stages_json(plan.stages);
+        document["warnings"] = warnings;
         document["seconds"] = plan.seconds;
         document["skipped"] = Json::array();
         for (const SkippedStage& skipped : plan.skipped)
@@ -350,16 +243,13 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const Choic
         print_json(document);
         return;
     }
-    std::printf("device        %s\n", device.name.c_str());
-    print_grid(plan.grid);
+    print_head(device, choice);
     std::printf("scene         %s\n", counted(plan.triangles, "triangle").c_str());
-    print_choice(choice);
     std::printf("memory        %s on the device, about %s beside it\n",
                 bytes_text(plan.device_bytes).c_str(), bytes_text(plan.host_bytes).c_str());
-    std::printf("time          about %.2g s, without loading and writing\n", plan.seconds);
-    for (const StageReport& stage : plan.stages)
-        std::printf("%-12s  %7.3f s  %s\n", stage.name.c_str(), stage.seconds,
-                    stage.detail.c_str());
+    std::printf("time          about %.2g s on 2 CPU threads, without loading and writing\n",
+                plan.seconds);
+    print_stages(plan.stages);
     for (const SkippedStage& skipped : plan.skipped)
         std::printf("skipped       %s: %s\n", skipped.name.c_str(), skipped.why.c_str());
     for (const std::string& output : o.outputs.paths)
@@ -367,13 +257,13 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const Choic
 }
 
 void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const Choice& choice,
-                  uint64_t triangles, const Volume& volume, const std::vector<StageReport>& stages,
-                  const std::vector<Written>& outputs, double seconds,
-                  const std::vector<std::string>& warnings) {
-    if (o.format == "json") {
-        Json document = describe(o, device, choice, triangles, volume.grid, stages, warnings);
-        for (const Written& output : outputs)
-            document["outputs"].push_back(output.json());
+                  const Volume& volume, const std::vector<Written>& outputs, const Run& run) {
+    const double seconds = run.seconds();
+    if (o.format == Format::json) {
+        Json document = describe(o, device, choice, choice.plan.triangles, volume.grid);
+        document["outputs"] = outputs_json(outputs);
+        document["stages"] = stages_json(run.stages);
+        document["warnings"] = run.progress.warnings();
         if (const auto fit = volume.metadata.find("fit"); fit != volume.metadata.end()) {
             document["fit"] = {{"reader", fit->second}};
             for (const char* fact : {"error", "energy", "leak", "moved"})
@@ -385,175 +275,134 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const Cho
         print_json(document);
         return;
     }
-    std::printf("device        %s\n", device.name.c_str());
-    print_grid(volume.grid);
-    print_choice(choice);
-    for (const StageReport& stage : stages)
-        std::printf("%-12s  %7.3f s  %s\n", stage.name.c_str(), stage.seconds,
-                    stage.detail.c_str());
-    std::printf("%-12s  %7.3f s  peak memory %s\n", "total", seconds,
-                bytes_text(peak_memory()).c_str());
-    for (const Written& output : outputs)
-        output.print();
+    print_head(device, choice);
+    print_stages(run.stages);
+    print_total(seconds);
+    print_outputs(outputs);
 }
 
-void run(const BakeOptions& o) {
-    const Clock::time_point begin = Clock::now();
+// ---------------------------------------------------------------- running
+
+void run(const BakeOptions& o, const std::string& settings) {
+    check_options(o);
     const BakeSettings base = to_settings(o);
     const Wish wish = wish_of(o);
-    const std::vector<Light> lights = command_line_lights(o);
-    probe_outputs(o.outputs.paths);
-    probe_scene(o);
-    const auto thread_limit = limit_threads(o.threads);
-    ImageModulePreload preload;
-    if (mentions_images(o))
-        preload = preload_image_module();
-
-    watch_signals();
-    TerminalProgress progress(progress_style(o.progress));
-    std::vector<StageReport> stages;
-
-    progress.begin("load", 0);
+    Run run(o, o, o.outputs.paths);
     auto opening = std::async(std::launch::async, [&o] {
         return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
     });
-    const Scene scene = load_scene(o, lights);
-    for (const std::string& warning : scene.warnings)
-        progress.warn(warning);
-    stages.push_back({"load", seconds_since(begin),
-                      counted(triangle_count(scene), "triangle") + ", "
-                          + counted(scene.lights.size(), "light")});
+    const Scene scene = run.load();
+    run.end_stage("load", counted(triangle_count(scene), "triangle") + ", "
+                              + counted(scene.lights.size(), "light"));
     stop_if_signalled();
-
-    const Clock::time_point waiting = Clock::now();
     const std::unique_ptr<gpu::Device> device = opening.get();
-    stages.push_back(
-        {"open", seconds_since(waiting), "the device, opened while the scene was loaded"});
+    run.end_stage("open", "the device, opened while the scene was loaded");
 
     const Choice choice = choose_settings(survey(scene), base, wish, device->info());
-    for (const std::string& warning : choice.warnings)
-        progress.warn(warning);
+    run.warn(choice.warnings);
     if (o.dry_run) {
-        for (const std::string& warning : choice.plan.warnings)
-            progress.warn(warning);
-        progress.clear();
-        print_plan(o, device->info(), choice, progress.warnings());
+        run.warn(choice.plan.warnings);
+        run.progress.clear();
+        print_plan(o, device->info(), choice, run.progress.warnings());
         return;
     }
 
-    Baked baked = bake(scene, choice.plan, *device, progress);
-    stages.insert(stages.end(), baked.stages.begin(), baked.stages.end());
-    for (const std::string& warning : baked.warnings)
-        progress.warn(warning);
+    Baked baked = bake(scene, choice.plan, *device, run.progress);
+    run.stages.insert(run.stages.end(), baked.stages.begin(), baked.stages.end());
+    run.warn(baked.warnings);
     if (o.dilate > 0) {
-        const Clock::time_point dilating = Clock::now();
+        run.begin_stage();
         const std::size_t filled = dilate(baked.volume, o.dilate);
         baked.volume.metadata["dilate"] = std::to_string(o.dilate);
-        stages.push_back({"dilate", seconds_since(dilating),
-                          counted(filled, "cell") + " inside geometry filled"});
+        run.end_stage("dilate", counted(filled, "cell") + " inside geometry filled");
     }
     baked.volume.metadata["choice"] = choice.text;
-    fill_metadata(o, scene, settings_of(o), baked.volume);
+    fill_metadata(o, scene, settings, baked.volume);
 
-    const Clock::time_point writing = Clock::now();
+    run.begin_stage();
     const std::vector<Written> written =
-        write_outputs(o.outputs, o.outputs.paths, baked.volume, progress);
-    stages.push_back({"write", seconds_since(writing), counted(written.size(), "output")});
+        write_outputs(o.outputs, o.outputs.paths, baked.volume, run.progress);
+    run.end_stage("write", counted(written.size(), "output"));
     device->check_validation();
-    progress.clear();
-    print_result(o, device->info(), choice, triangle_count(scene), baked.volume, stages, written,
-                 seconds_since(begin), progress.warnings());
+    run.progress.clear();
+    print_result(o, device->info(), choice, baked.volume, written, run);
+}
+
+void add_solver_options(Options& options, BakeOptions& o) {
+    options.group("Solver");
+    Choices<const SolverKind*> solvers{{"auto", nullptr}};
+    std::string help;
+    for (const SolverKind* kind : solver_kinds()) {
+        solvers.emplace_back(kind->name, kind);
+        help += std::string(kind->name) + ": " + kind->help + "; ";
+    }
+    options
+        .choice("--solver", o.solver, solvers,
+                help + "auto: by what is wanted (--error, --time-budget) and given, else "
+                    + solver_kinds().front()->name)
+        .record();
+    options
+        .share("--error", o.error, 1e-6, 1, "Error of irradiance that is wanted at most; see below")
+        .implies("0.04")
+        .record(Recorded::if_changed);
+    options
+        .value("--time-budget", o.seconds, "TIME", parse_seconds,
+               "Time that a bake may take, as 2s, 500ms or 1.5min (--time is the animation's)")
+        .implies("2s")
+        .record(Recorded::if_changed);
+    options
+        .value("--bounces", o.bounces, "N|inf", parse_bounces,
+               "Reflections of light at most, 0 to 10000, or all; default: 1 for lpv, inf for the "
+               "others")
+        .implies("inf")
+        .record(Recorded::if_changed);
+    options
+        .number("--sh-order", o.sh_order, 0, 4,
+                "Highest band of the spherical harmonics; 0: 1 for lpv, 2 for the others")
+        .record();
+    options
+        .choice("--quality", o.quality, choices_named<Quality>(quality_names),
+                names_of(solvers_with(has_presets), " and ")
+                    + ": time against error (directions, clusters, rays, tolerance); default: "
+                      "balanced")
+        .implies("balanced")
+        .exclude({"error", "time-budget"})
+        .record(Recorded::if_changed);
+    add_parameters(options, o);
+}
+
+Action declare(Options& options) {
+    const auto fields = std::make_shared<BakeOptions>();
+    BakeOptions& o = *fields;
+    options.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb");
+    options.texts("-o,--output", o.outputs.paths, "FILE", outputs_help());
+    add_grid_options(options, o);
+    add_light_options(options, o);
+    add_solver_options(options, o);
+    add_output_options(options, o.outputs);
+    options
+        .number("--dilate", o.dilate, 0, 1024,
+                "Rings of cells inside geometry to fill from cells around them; the validity "
+                "stays as it is")
+        .record();
+    options
+        .choice("--fit", o.fit, Choices<bool>{{"none", false}, {"surfaces", true}},
+                "surfaces: values with which the target's program shows on surfaces the light that "
+                "arrives there, though it reads cells beyond walls; generic: our own sampler")
+        .record(Recorded::if_changed);
+    add_device_option(options, o);
+    options.flag("--validation", o.validation,
+                 "Load Vulkan's validation layer; messages are errors");
+    add_dry_run_option(options, o, "Print grid, memory, outputs and an estimate of the time");
+    add_run_options(options, o);
+    return [fields, &options] { run(*fields, options.recorded()); };
 }
 
 } // namespace
 
-void add_bake(CLI::App& root, Action& action) {
-    auto options = std::make_shared<BakeOptions>();
-    BakeOptions& o = *options;
-    CLI::App* app = root.add_subcommand("bake", summary);
-    app->footer(manual);
-
-    OptionList list(*app);
-    list.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb");
-    list.list("-o,--output", o.outputs.paths, "FILE", outputs_help().c_str());
-    CLI::Option* resolution = add_grid_options(list, o);
-    add_light_options(list, o);
-
-    list.group("Solver");
-    list.choice("--solver", o.solver, "auto|gather|sn|lpv",
-                "gather: from clusters of patches straight to the cells. sn:\ndiscrete ordinates. "
-                "lpv: classic propagation. auto: by what is\nwanted (--error, --time-budget) and "
-                "given; else sn");
-    list.text("--error", o.error, "X|X%", "Error of irradiance that is wanted at most; see below")
-        ->transform(share_or_percent());
-    list.text("--time-budget", o.time_budget, "TIME",
-              "Time that a bake may take, as 2s, 500ms or 1.5min (--time is\nthe animation's)")
-        ->check(CLI::Validator(
-            [](std::string& text) {
-                return seconds_of(text) ? std::string() : "'" + text + "' is no time above 0";
-            },
-            ""));
-    add_bounces_option(list, o.bounces)
-        ->description("Reflections of light at most, 0 to 10000, or all; default: 1\nfor lpv, inf "
-                      "for the others");
-    list.number("--sh-order", o.sh_order, 0, 4,
-                "Highest band of the spherical harmonics; 0: 1 for lpv, 2 for\nthe others")
-        ->capture_default_str();
-    list.text("--quality", o.quality, "fast|balanced|accurate",
-              "gather and sn: time against error (directions, clusters, rays,\ntolerance); "
-              "default: balanced")
-        ->check(one_of("fast|balanced|accurate"));
-    list.number("--directions", o.directions, 48, 384, "sn: directions over the sphere");
-    list.number("--vpls", o.vpls, 16, 1'000'000,
-                "gather: clusters of patches whose visibility a cell tests");
-    list.number("--rsm-samples", o.rsm_samples, 0, 65536,
-                "gather: texels of each map from which a cell takes the first\n"
-                "reflection of punctual lights, noisily; 0: from clusters");
-    list.number("--tolerance", o.tolerance, 0, 1,
-                "gather: difference of irradiance below which cells are\n"
-                "interpolated (0.3; 0: none); lpv: share of the injected power\n"
-                "still under way at which propagation ends (0.01)");
-    list.text("--occlusion", o.occlusion, "none|sh|face",
-              "lpv: blocking between cells: none, sh (SH geometry volume), face\n(a transmittance "
-              "a face; does not leak; the default)")
-        ->check(one_of("none|sh|face"));
-    list.number("--rsm-size", o.rsm_size, 0, 16384,
-                "lpv, --rsm-samples: texels along a side of a reflective shadow\nmap; 0: from the "
-                "grid");
-    list.number("--rsm-kernel", o.rsm_kernel, 1, 64,
-                "lpv: texels along a side of a block that becomes virtual point\nlights");
-    list.number("--iterations", o.iterations, 0, 1'000'000,
-                "lpv: propagation steps; 0: until --tolerance");
-
-    add_output_options(list, o.outputs);
-    list.number("--dilate", o.dilate, 0, 1024,
-                "Rings of cells inside geometry to fill from cells around them;\nthe validity "
-                "stays as it is")
-        ->capture_default_str();
-
-    list.choice(
-        "--fit", o.fit, "none|surfaces",
-        "surfaces: values with which the target's program shows on\nsurfaces the light that "
-        "arrives there, though it reads cells\nbeyond walls; generic: our own sampler");
-
-    list.group("Run");
-    list.text("--device", o.device, "NAME", "Index, UUID or part of the name; default: the first");
-    list.flag("--validation", o.validation, "Load Vulkan's validation layer; messages are errors");
-    list.flag("--dry-run", o.dry_run, "Print grid, memory, outputs and an estimate of the time")
-        ->configurable(false);
-    add_run_options(list, o);
-
-    app->callback([app, resolution, options, &action] {
-        const bool both = settle(*app, *resolution, options->config, *options);
-        action = [options, both] {
-            if (options->print_config) {
-                print_config(settings_of(*options));
-                return;
-            }
-            check_options(*options, both);
-            run(*options);
-        };
-    });
+Command bake_command() {
+    return {"bake", "Bakes the light that a scene's surfaces send on into volume files.", manual,
+            declare};
 }
 
 } // namespace lpvbake

@@ -1,24 +1,25 @@
-// The subcommands: each declares its options and says what to do once they are parsed.
+// The subcommands.
 #pragma once
 
-#include <functional>
-
-namespace CLI {
-class App;
-}
+#include "options/command_line.h"
 
 namespace lpvbake {
 
-/// What the command line asked for. Parsing sets it, main runs it. Throws Error.
-using Action = std::function<void()>;
+Command bake_command();
+Command reference_command();
+Command info_command();
+Command render_command();
+Command diff_command();
+Command convert_command();
+Command report_command();
+Command devices_command();
+Command help_command();
 
-void add_bake(CLI::App& root, Action& action);
-void add_reference(CLI::App& root, Action& action);
-void add_info(CLI::App& root, Action& action);
-void add_render(CLI::App& root, Action& action);
-void add_diff(CLI::App& root, Action& action);
-void add_convert(CLI::App& root, Action& action);
-void add_report(CLI::App& root, Action& action);
-void add_devices(CLI::App& root, Action& action);
+/// In the order of --help.
+inline Commands all_commands() {
+    return {bake_command(),   reference_command(), info_command(),
+            render_command(), diff_command(),      convert_command(),
+            report_command(), devices_command(),   help_command()};
+}
 
 } // namespace lpvbake

@@ -1,18 +1,13 @@
 // lpvbake diff: how far one volume is from another, and where.
 
-#include "command_line.h"
 #include "commands.h"
 #include "error.h"
 #include "io/io.h"
 #include "io/slice.h"
-#include "result.h"
-#include "slice_option.h"
-#include "terminal.h"
+#include "scene_options.h"
 #include "volume/compare.h"
 #include "volume/light_content.h"
 #include "volume/sh.h"
-
-#include <CLI/CLI.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -29,46 +24,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const char summary[] = "Tells how far volume A is from the reference B on the same grid.";
-
 const char manual[] =
-    R"(A and B are volumes, flipbooks also by their .json. Their grids must have the same dims, cell and
-origin, each corner within a millionth of a cell (else exit code 3); order of SH, grids present and
-valid cells may differ and are reported.
-
-A sample is the irradiance of one cell that is valid in both volumes, for one of the 26 directions
-to its neighbours as normal, in red, green or blue; each volume is evaluated with all the SH bands
-that it has, and negative irradiance is counted and clamped to 0. The difference of a sample is
-|A - B| divided by the mean irradiance of B over all samples: 0.01 is one percent of the typical
-light, in a dark corner too. Where that mean is 0, differences are 0 or infinite (null in JSON).
-
-Without --fail, --fail-percent and --hard-fail any difference of any value in any grid, valid or
-not, gives exit code 7. With one of them the samples alone decide: A fails if more than
---fail-percent of them differ by more than --fail, or if any differs by more than --hard-fail.
---warn, --warn-percent and --hard-warn do the same for a warning, with exit code 0. X is a fraction
-or ends in %. Metadata are reported and decide nothing, unless --metadata is given.
-
-Examples:
-  lpvbake diff room.vdb reference.vdb
-  lpvbake diff new.vdb old.vdb --fail 0.1% --fail-percent 5 --hard-fail 2%
-  lpvbake diff room.vdb reference.vdb -o difference.vdb
-  lpvbake diff room.vdb reference.vdb --slice z=16 -o error.png
-
-Of a grid, RMS is over the cells valid in both volumes, and the maximum too, unless only others
-differ. A picture shows the mean difference of each cell's samples: black 0, over red and yellow to white,
-which is --slice-max; cells not valid in both are hatched. A volume holds A - B.
-
-JSON: {"command": "diff", "a", "b", "result": "identical"|"pass"|"warning"|"fail", "grid": {"dims",
-"cell", "origin", "cells"}, "sh_order": [A, B], "cells": {"valid_both", "valid_only_a", "valid_only_b",
-"valid_neither"}, "samples", "irradiance": {"mean_a", "mean_b", "relative_l1" (sum |A - B| / sum B),
-"rms", "relative_rms", "percentile95", "max", "negative_a", "negative_b"}, "energy": {"a", "b",
-"ratio"}, "fail" and "warn": null or {"limit", "percent", "hard", "exceeding"}, "worst": [{"cell",
-"position", "normal", "channel", "a", "b", "difference"}], "grids": [{"name", "cells" (that
-differ), "cells_valid_both" (of these), "max_abs", "rms", "relative" (rms / RMS of B), "worst":
-null or {"cell", "position", "channel", "a", "b"}}],
-"only_a" and "only_b": [grids], "metadata": {"only_a", "only_b", "different": {key: [A, B]}},
-"slice": null or {"slice", "max"}, "outputs"}. Metres, lux, nits, nit sr; percentile95, max,
-difference, limit, hard and slice max are fractions of mean_b.)";
+#include "manual/diff.txt.h"
+    ;
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
@@ -86,26 +44,12 @@ struct DiffOptions {
     bool metadata = false;
     int worst = 5;
     std::vector<std::string> outputs;
-    std::string slice;
+    std::optional<Slice> slice;
     double slice_max = 0; ///< 0: the slice's own
-    std::string format = "text";
+    Format format = Format::text;
 };
 
 // ---------------------------------------------------------------- reading the command line
-
-/// A number in [0, 1e30] or a percentage, which becomes a fraction.
-CLI::Validator fraction() {
-    return {[](std::string& text) -> std::string {
-                const bool percent = text.ends_with('%');
-                const auto value = parse_number(text.substr(0, text.size() - percent));
-                if (!value || *value < 0 || *value > 1e30)
-                    return "'" + text + "' is not a number from 0 up, such as 0.01 or 1%";
-                if (percent)
-                    text = toml_number(*value / 100);
-                return {};
-            },
-            ""};
-}
 
 /// One name for a volume's files: that of a flipbook's sidecar for any of its own.
 fs::path identity(const std::string& path) {
@@ -131,11 +75,9 @@ void check_options(const DiffOptions& o) {
             throw Error(ErrorKind::argument, output + ": given twice as an output");
         names.push_back(identity(output));
     }
-    if (o.slice.empty() == picture)
+    if (o.slice.has_value() != picture)
         throw Error(ErrorKind::argument,
                     "--slice and a picture belong together: --slice z=16 -o error.png");
-    if (o.slice_max > 0 && o.slice.empty())
-        throw Error(ErrorKind::argument, "--slice-max needs --slice");
 }
 
 // ---------------------------------------------------------------- outputs
@@ -169,13 +111,13 @@ Volume false_colours(const Volume& a, const Volume& b, const std::vector<float>&
 void write_outputs(const DiffOptions& o, const Volume& a, const Volume& b,
                    const Comparison& comparison, double& white) {
     const auto base = [](const std::string& path) { return fs::path(path).filename().string(); };
-    const std::optional<Slice> slice =
-        o.slice.empty() ? std::nullopt : std::optional(parse_slice(o.slice, a.grid));
+    if (o.slice)
+        check_slice(*o.slice, a.grid);
     white = o.slice_max;
     for (const std::string& output : o.outputs) {
         if (has_extension(output, ".png")) {
-            const Volume layer = false_colours(a, b, comparison.cell_error, *slice, white);
-            write_png(output, slice_picture(layer, slice->axis, 0, 1.0f));
+            const Volume layer = false_colours(a, b, comparison.cell_error, *o.slice, white);
+            write_png(output, slice_picture(layer, o.slice->axis, 0, 1.0f));
             continue;
         }
         Volume volume = difference(a, b);
@@ -224,12 +166,9 @@ struct DiffResult {
     std::string verdict; ///< identical, pass, warning or fail
 };
 
-Json to_json(glm::dvec3 v) {
-    return {v.x, v.y, v.z};
-}
-
-Json to_json(glm::ivec3 v) {
-    return {v.x, v.y, v.z};
+/// As --slice has it.
+std::string slice_text(const Slice& slice) {
+    return std::string(1, "xyz"[slice.axis]) + "=" + std::to_string(slice.index);
 }
 
 Json to_json(const Threshold& threshold, uint64_t exceeding) {
@@ -285,9 +224,9 @@ Json json_of(const DiffResult& result) {
                   {"slice", nullptr},
                   {"outputs", o.outputs}};
     for (const IrradianceSample& sample : c.worst)
-        document["worst"].push_back({{"cell", to_json(sample.cell)},
-                                     {"position", to_json(grid.center(sample.cell))},
-                                     {"normal", to_json(sample.normal)},
+        document["worst"].push_back({{"cell", vector_json(sample.cell)},
+                                     {"position", vector_json(grid.center(sample.cell))},
+                                     {"normal", vector_json(sample.normal)},
                                      {"channel", channel_name(sample.channel)},
                                      {"a", sample.a},
                                      {"b", sample.b},
@@ -302,15 +241,15 @@ Json json_of(const DiffResult& result) {
                    {"relative", of_grid.relative},
                    {"worst", nullptr}};
         if (of_grid.cells > 0)
-            entry["worst"] = {{"cell", to_json(of_grid.cell)},
-                              {"position", to_json(grid.center(of_grid.cell))},
+            entry["worst"] = {{"cell", vector_json(of_grid.cell)},
+                              {"position", vector_json(grid.center(of_grid.cell))},
                               {"channel", channel.empty() ? Json(nullptr) : Json(channel)},
                               {"a", of_grid.a},
                               {"b", of_grid.b}};
         document["grids"].push_back(entry);
     }
-    if (!o.slice.empty())
-        document["slice"] = {{"slice", o.slice}, {"max", result.slice_max}};
+    if (o.slice)
+        document["slice"] = {{"slice", slice_text(*o.slice)}, {"max", result.slice_max}};
     return document;
 }
 
@@ -318,9 +257,9 @@ Json json_of(const DiffResult& result) {
 void print_parts(const char* label, std::string text, std::string other) {
     const auto parts = [](std::string& whole) {
         std::ranges::replace(whole, '\n', ';');
-        std::vector<std::string> list = CLI::detail::split(whole, ';');
+        std::vector<std::string> list = split(whole, ';');
         for (std::string& part : list)
-            CLI::detail::trim(part);
+            part.erase(0, part.find_first_not_of(' '));
         return list;
     };
     const std::vector<std::string> there = parts(other);
@@ -412,8 +351,8 @@ void print_text(const DiffResult& result) {
         print_parts("A", values.first, values.second);
         print_parts("B", values.second, values.first);
     }
-    if (!o.slice.empty())
-        std::printf("slice      %s, white is %.4g %% of B's mean\n", o.slice.c_str(),
+    if (o.slice)
+        std::printf("slice      %s, white is %.4g %% of B's mean\n", slice_text(*o.slice).c_str(),
                     100 * result.slice_max);
     for (const std::string& output : o.outputs)
         std::printf("wrote      %s\n", output.c_str());
@@ -499,7 +438,7 @@ void run(const DiffOptions& o) {
                      : warned               ? "warning"
                      : comparison.identical ? "identical"
                                             : "pass";
-    o.format == "json" ? print_json(json_of(result)) : print_text(result);
+    o.format == Format::json ? print_json(json_of(result)) : print_text(result);
     finish_stdout();
     if (failed)
         throw Error(ErrorKind::difference, o.a + " differs from " + o.b + *failed);
@@ -508,57 +447,63 @@ void run(const DiffOptions& o) {
                      warned->c_str());
 }
 
+/// The three options of a threshold, which excuse a difference of values once one is given.
+void add_threshold(Options& options, const std::string& name, Threshold& threshold,
+                   const std::string& help, const std::string& percent_help,
+                   const std::string& hard_help) {
+    constexpr double most = 1e30;
+    options.share("--" + name, threshold.limit, 0, most, help);
+    options.number("--" + name + "-percent", threshold.percent, 0, 100, percent_help);
+    options.share("--hard-" + name, threshold.hard, 0, most, hard_help).usual.clear();
+}
+
+Action declare(Options& options) {
+    const auto fields = std::make_shared<DiffOptions>();
+    DiffOptions& o = *fields;
+    options.text("A", o.a, "FILE", "Volume to judge").require();
+    options.text("B", o.b, "FILE", "Reference").require();
+
+    options.group("Thresholds");
+    add_threshold(options, "fail", o.fail,
+                  "Difference above which a sample fails, as a fraction of B's mean irradiance",
+                  "Percentage of samples that may fail",
+                  "Difference that no sample may exceed; default: none");
+    add_threshold(options, "warn", o.warn, "As --fail, for a warning",
+                  "As --fail-percent, for a warning", "As --hard-fail, for a warning");
+    options.flag("--metadata", o.metadata, "Different metadata fail too");
+
+    options.group("Output");
+    options.texts("-o,--output", o.outputs, "FILE",
+                  "Volume of A - B (" + format_list(", ")
+                      + ") or picture of a slice (.png) to write; may be repeated");
+    options.value("--slice", o.slice, "AXIS=INDEX", parse_slice,
+                  "Layer of cells to draw, such as z=16; needs -o FILE.png");
+    Option& white =
+        options.share("--slice-max", o.slice_max, 0, 1e30,
+                      "Mean difference of a cell that is drawn white, as a fraction of B's mean; "
+                      "default: the slice's 99th percentile, at most six times its median");
+    white.usual.clear();
+    white.need("slice");
+    options.number("--worst", o.worst, 0, 1'000'000, "Cells to list");
+    add_format_option(options, o.format);
+
+    return [fields, &options] {
+        const auto given = [&](const std::string& name) {
+            return !options.find(name)->given.empty()
+                   || !options.find(name + "-percent")->given.empty()
+                   || !options.find("hard-" + name)->given.empty();
+        };
+        fields->fail.given = given("fail");
+        fields->warn.given = given("warn");
+        run(*fields);
+    };
+}
+
 } // namespace
 
-void add_diff(CLI::App& root, Action& action) {
-    auto options = std::make_shared<DiffOptions>();
-    DiffOptions& o = *options;
-    CLI::App* app = root.add_subcommand("diff", summary);
-    app->footer(manual);
-    OptionList list(*app);
-    list.text("A", o.a, "FILE", "Volume to judge")->required();
-    list.text("B", o.b, "FILE", "Reference")->required();
-
-    list.group("Thresholds");
-    const auto limit = [&](const char* name, double& value, const char* help) {
-        return list.text(name, value, "X", help)->transform(fraction());
-    };
-    const std::vector<CLI::Option*> fail{
-        limit("--fail", o.fail.limit,
-              "Difference above which a sample fails, as a fraction of\n"
-              "B's mean irradiance; default 0"),
-        list.number("--fail-percent", o.fail.percent, 0, 100,
-                    "Percentage of samples that may fail; default 0"),
-        limit("--hard-fail", o.fail.hard, "Difference that no sample may exceed; default: none")};
-    const std::vector<CLI::Option*> warn{
-        limit("--warn", o.warn.limit, "As --fail, for a warning"),
-        list.number("--warn-percent", o.warn.percent, 0, 100, "As --fail-percent, for a warning"),
-        limit("--hard-warn", o.warn.hard, "As --hard-fail, for a warning")};
-    list.flag("--metadata", o.metadata, "Different metadata fail too");
-
-    list.group("Output");
-    list.list("-o,--output", o.outputs, "FILE",
-              ("Volume of A - B (" + format_list(", ")
-               + ") or picture of a slice (.png)\nto write; may be repeated")
-                  .c_str());
-    list.text("--slice", o.slice, "AXIS=INDEX",
-              "Layer of cells to draw, such as z=16; needs -o FILE.png");
-    limit("--slice-max", o.slice_max,
-          "Mean difference of a cell that is drawn white, as a\n"
-          "fraction of B's mean; default: the slice's 99th\n"
-          "percentile, at most six times its median");
-    list.number("--worst", o.worst, 0, 1'000'000, "Cells to list")->capture_default_str();
-    list.choice("--format", o.format, "text|json", "Form of the result");
-
-    app->callback([&action, options, fail, warn] {
-        const auto given = [](const std::vector<CLI::Option*>& thresholds) {
-            return std::ranges::any_of(thresholds,
-                                       [](CLI::Option* each) { return each->count() > 0; });
-        };
-        options->fail.given = given(fail);
-        options->warn.given = given(warn);
-        action = [options] { run(*options); };
-    });
+Command diff_command() {
+    return {"diff", "Tells how far volume A is from the reference B on the same grid.", manual,
+            declare};
 }
 
 } // namespace lpvbake

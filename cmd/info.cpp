@@ -2,17 +2,9 @@
 
 #include "commands.h"
 #include "error.h"
-#include "image/image.h"
-#include "io/io.h"
 #include "io/slice.h"
-#include "result.h"
-#include "scene/gltf/load.h"
 #include "scene_options.h"
-#include "slice_option.h"
-#include "terminal.h"
 #include "text.h"
-
-#include <CLI/CLI.hpp>
 
 #include <algorithm>
 #include <cstdio>
@@ -22,42 +14,18 @@
 namespace lpvbake {
 namespace {
 
-const char summary[] = "Tells what a scene or a volume file holds.";
-
 const char manual[] =
-    R"(A scene is .gltf or .glb; a volume what bake writes, a flipbook also by its .json.
-Of a scene: triangles, bounds, materials, textures, lights, cameras. Of a volume: the lattice, the
-ranges of its grids, its energy and its metadata; with --slice also a picture of one layer.
-
-Examples:
-  lpvbake info room.glb
-  lpvbake info room.vdb
-  lpvbake info room.exr --format json
-  lpvbake info room.vdb --slice z=16 -o slice.png
-
-JSON of a scene: {"command": "info", "file", "kind": "scene", "generator", "extensions":
-{"used", "required"}, "scenes": [NAME], "animations": [{"name", "duration"}], "variants": [NAME],
-"triangles", "meshes", "instances", "bounds": {"lo", "hi"} or null, "materials": {"count",
-"emissive", "mask", "blend", "double_sided", "list": [{"name", "base_color",
-"base_color_texture", "emission", "alpha", "double_sided"}]}, "textures", "images": [{"name", "width", "height"}], "emitters", "lights":
-[{"type", "name", "color", "intensity", "unit", "position", "direction", "range", "inner_cone",
-"outer_cone"}], "cameras": [{"name", "yfov", "aspect", "position"}], "warnings"}.
-JSON of a volume: {"command": "info", "file", "kind": "volume", "grid": {"dims", "cell",
-"origin", "cells"}, "sh_order", "grids": [{"name", "channels", "min", "max", "mean", "nonzero"}],
-"energy", "metadata", "slice"}. Metres, radians, lux, candela, nits.)";
+#include "manual/info.txt.h"
+    ;
 
 struct InfoOptions {
     std::string file;
-    LoadOptions load;
-    std::string slice;
+    LoadSettings load;
+    std::optional<Slice> slice;
     std::string output;
-    float white = 0; ///< nits; 0: the slice's own
-    std::string format = "text";
+    std::optional<float> white; ///< nits; none: the slice's own
+    Format format = Format::text;
 };
-
-Json to_json(glm::dvec3 v) {
-    return {v.x, v.y, v.z};
-}
 
 // ---------------------------------------------------------------- scenes
 
@@ -85,7 +53,7 @@ void print_scene(const InfoOptions& o, const Scene& scene) {
     const uint64_t triangles = triangle_count(scene);
     const bool emitters = has_emitters(scene);
 
-    if (o.format == "json") {
+    if (o.format == Format::json) {
         Json document{
             {"command", "info"},
             {"file", o.file},
@@ -114,7 +82,7 @@ void print_scene(const InfoOptions& o, const Scene& scene) {
             {"cameras", Json::array()},
             {"warnings", scene.warnings}};
         if (!bounds.empty())
-            document["bounds"] = {{"lo", to_json(bounds.lo)}, {"hi", to_json(bounds.hi)}};
+            document["bounds"] = {{"lo", vector_json(bounds.lo)}, {"hi", vector_json(bounds.hi)}};
         for (const SceneFile::Animation& animation : scene.file.animations)
             document["animations"].push_back(
                 {{"name", animation.name}, {"duration", animation.duration}});
@@ -124,7 +92,7 @@ void print_scene(const InfoOptions& o, const Scene& scene) {
                  {"base_color", {m.base_color.r, m.base_color.g, m.base_color.b, m.base_color.a}},
                  {"base_color_texture",
                   m.base_color_texture < 0 ? Json(nullptr) : Json(m.base_color_texture)},
-                 {"emission", to_json(m.emission)},
+                 {"emission", vector_json(m.emission)},
                  {"alpha", alpha_name(m.alpha_mode)},
                  {"double_sided", m.double_sided}});
         for (const Image& image : scene.images)
@@ -133,15 +101,15 @@ void print_scene(const InfoOptions& o, const Scene& scene) {
         for (const Light& light : scene.lights) {
             Json entry{{"type", type_name(light.type)},
                        {"name", light.name},
-                       {"color", to_json(light.color)},
+                       {"color", vector_json(light.color)},
                        {"intensity", light.intensity},
                        {"unit", light.type == LightType::directional ? "lux" : "candela"}};
             if (light.type != LightType::directional) {
-                entry["position"] = to_json(light.position);
+                entry["position"] = vector_json(light.position);
                 entry["range"] = light.range > 0 ? Json(light.range) : Json(nullptr);
             }
             if (light.type != LightType::point)
-                entry["direction"] = to_json(light.direction);
+                entry["direction"] = vector_json(light.direction);
             if (light.type == LightType::spot) {
                 entry["inner_cone"] = light.inner_cone;
                 entry["outer_cone"] = light.outer_cone;
@@ -149,10 +117,11 @@ void print_scene(const InfoOptions& o, const Scene& scene) {
             document["lights"].push_back(entry);
         }
         for (const Camera& camera : scene.cameras)
-            document["cameras"].push_back({{"name", camera.name},
-                                           {"yfov", camera.yfov},
-                                           {"aspect", camera.aspect},
-                                           {"position", to_json(glm::dvec3(camera.to_world[3]))}});
+            document["cameras"].push_back(
+                {{"name", camera.name},
+                 {"yfov", camera.yfov},
+                 {"aspect", camera.aspect},
+                 {"position", vector_json(glm::dvec3(camera.to_world[3]))}});
         print_json(document);
         return;
     }
@@ -247,7 +216,7 @@ void print_volume(const InfoOptions& o, const Volume& volume) {
     const Grid& grid = volume.grid;
     const std::vector<NamedRange> ranges = ranges_of(volume);
     const double energy = total_energy(volume);
-    if (o.format == "json") {
+    if (o.format == Format::json) {
         Json document{{"command", "info"},
                       {"file", o.file},
                       {"kind", "volume"},
@@ -290,26 +259,25 @@ void print_volume(const InfoOptions& o, const Volume& volume) {
 // ---------------------------------------------------------------- running
 
 void draw_slice(const InfoOptions& o, const Volume& volume) {
-    const Slice slice = parse_slice(o.slice, volume.grid);
-    write_png(o.output, slice_picture(volume, slice.axis, slice.index,
-                                      o.white > 0 ? std::optional(o.white) : std::nullopt));
+    check_slice(*o.slice, volume.grid);
+    write_png(o.output, slice_picture(volume, o.slice->axis, o.slice->index, o.white));
 }
 
 void run(const InfoOptions& o) {
-    if (o.slice.empty() != o.output.empty())
+    if (o.slice.has_value() == o.output.empty())
         throw Error(ErrorKind::argument,
                     "--slice and -o belong together: --slice z=16 -o slice.png");
     if (!o.output.empty() && !has_extension(o.output, ".png"))
         throw Error(ErrorKind::argument, o.output + ": the name of a picture ends in .png");
     if (has_extension(o.file, ".gltf") || has_extension(o.file, ".glb")) {
-        if (!o.slice.empty())
+        if (o.slice)
             throw Error(ErrorKind::argument, "--slice: " + o.file + " is a scene, not a volume");
         ImageModulePreload preload;
         SceneOptions scene_options;
         scene_options.scene = o.file;
         if (mentions_images(scene_options))
             preload = preload_image_module();
-        LoadSettings settings = load_settings(o.load);
+        LoadSettings settings = o.load;
         settings.skip_colors = !o.load.strict; // which looks for every fault
         const Scene scene = load_gltf(o.file, settings);
         for (const std::string& warning : scene.warnings)
@@ -317,7 +285,7 @@ void run(const InfoOptions& o) {
         print_scene(o, scene);
     } else if (readable_format(o.file)) {
         const Volume volume = read_volume(o.file);
-        if (!o.slice.empty())
+        if (o.slice)
             draw_slice(o, volume);
         print_volume(o, volume);
     } else {
@@ -326,23 +294,26 @@ void run(const InfoOptions& o) {
     }
 }
 
+Action declare(Options& options) {
+    const auto fields = std::make_shared<InfoOptions>();
+    InfoOptions& o = *fields;
+    options.text("file", o.file, "FILE", "Scene or volume").require();
+    options.value("--slice", o.slice, "AXIS=INDEX", parse_slice,
+                  "Layer of cells to draw, such as z=16; needs -o");
+    options.number(
+        "--white", o.white, 1e-12, 1e12,
+        "Mean luminance drawn white, nits; default: the slice's 99th percentile, at most "
+        "ten times its median");
+    options.text("-o,--output", o.output, "FILE", "PNG to write");
+    add_format_option(options, o.format);
+    add_load_options(options, o.load);
+    return [fields] { run(*fields); };
+}
+
 } // namespace
 
-void add_info(CLI::App& root, Action& action) {
-    auto options = std::make_shared<InfoOptions>();
-    CLI::App* app = root.add_subcommand("info", summary);
-    app->footer(manual);
-    OptionList list(*app);
-    list.text("file", options->file, "FILE", "Scene or volume")->required();
-    list.text("--slice", options->slice, "AXIS=INDEX",
-              "Layer of cells to draw, such as z=16; needs -o");
-    list.number("--white", options->white, 1e-12, 1e12,
-                "Mean luminance drawn white, nits; default: the slice's 99th percentile,\n"
-                "at most ten times its median");
-    list.text("-o,--output", options->output, "FILE", "PNG to write");
-    list.choice("--format", options->format, "text|json", "Form of the result");
-    add_load_options(list, options->load);
-    app->callback([&action, options] { action = [options] { run(*options); }; });
+Command info_command() {
+    return {"info", "Tells what a scene or a volume file holds.", manual, declare};
 }
 
 } // namespace lpvbake

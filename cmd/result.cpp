@@ -40,6 +40,32 @@ void print_grid(const Grid& grid) {
                 grid.dims.y, grid.dims.z, grid.cell, grid.origin.x, grid.origin.y, grid.origin.z);
 }
 
+Json device_json(const gpu::DeviceInfo& device) {
+    return {{"index", device.index}, {"name", device.name},     {"type", device.type},
+            {"uuid", device.uuid},   {"driver", device.driver}, {"api", device.api}};
+}
+
+Json stages_json(const std::vector<StageReport>& stages) {
+    Json list = Json::array();
+    for (const StageReport& stage : stages) {
+        list.push_back({{"name", stage.name}, {"seconds", stage.seconds}});
+        if (!stage.detail.empty())
+            list.back()["detail"] = stage.detail;
+    }
+    return list;
+}
+
+void print_stages(const std::vector<StageReport>& stages) {
+    for (const StageReport& stage : stages)
+        std::printf("%-12s  %7.3f s%s%s\n", stage.name.c_str(), stage.seconds,
+                    stage.detail.empty() ? "" : "  ", stage.detail.c_str());
+}
+
+void print_total(double seconds) {
+    std::printf("%-12s  %7.3f s  peak memory %s\n", "total", seconds,
+                bytes_text(peak_memory()).c_str());
+}
+
 void print_json(const Json& document) {
     std::cout << document.dump(2, ' ', false, Json::error_handler_t::replace) << '\n';
 }

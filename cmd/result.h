@@ -1,6 +1,8 @@
 // Parts of what commands print when they are done.
 #pragma once
 
+#include "gpu/gpu.h"
+#include "solver/stages.h"
 #include "volume/grid.h"
 
 #include <nlohmann/json.hpp>
@@ -8,6 +10,7 @@
 #include <chrono>
 #include <cstdint>
 #include <string>
+#include <vector>
 
 namespace lpvbake {
 
@@ -25,6 +28,21 @@ std::string bytes_text(uint64_t bytes);
 Json grid_json(const Grid& grid);
 
 void print_grid(const Grid& grid);
+
+template <class T>
+Json vector_json(glm::vec<3, T> v) {
+    return {v.x, v.y, v.z};
+}
+
+/// Index, name, type, uuid, driver and api.
+Json device_json(const gpu::DeviceInfo& device);
+
+/// Details are left out where there are none.
+Json stages_json(const std::vector<StageReport>& stages);
+void print_stages(const std::vector<StageReport>& stages);
+
+/// The line below the stages.
+void print_total(double seconds);
 
 void print_json(const Json& document);
 

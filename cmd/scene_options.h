@@ -1,8 +1,9 @@
 // The options of every command that computes light: what is lit, on which grid, into which files.
 #pragma once
 
-#include "command_line.h"
-#include "io/io.h"
+#include "image/image.h"
+#include "io/target.h"
+#include "options/option.h"
 #include "result.h"
 #include "scene/gltf/load.h"
 #include "scene/scene.h"
@@ -11,70 +12,45 @@
 
 #include <tbb/global_control.h>
 
-#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
+#include <variant>
 #include <vector>
 
 namespace lpvbake {
 
-/// What of the scene's file is taken, and how strictly it is read.
-struct LoadOptions {
-    std::string scene_name;
-    std::string animation;
-    std::string time; ///< seconds; empty: not given
-    std::string variant;
-    bool strict = false;
-    bool allow_external = false;
-    std::string max_memory = "4G";
+/// FILE[,SCALE] of --sky.
+struct SkyPicture {
+    std::string path;
+    double scale = 1;
 };
-void add_load_options(OptionList& list, LoadOptions& o);
-/// Throws Error (argument).
-LoadSettings load_settings(const LoadOptions& o);
 
-/// Scene, grid and light as given.
+/// What is lit, and by what.
 struct SceneOptions {
     std::string scene;
-    LoadOptions load;
-    int resolution = 32;
-    double cell_size = 0;
-    std::string bounds;
-    int margin = 1;
-    std::vector<std::string> suns;
-    std::vector<std::string> points;
+    LoadSettings load;
+    GridSettings grid;
+    std::optional<Bounds> bounds; ///< none: the scene's
+    std::vector<Light> suns, points;
     std::vector<std::string> light_files;
-    std::string sky;
+    std::variant<std::monostate, Sky, SkyPicture> sky;
     double sky_rotation = 0;
     bool no_scene_lights = false;
     bool no_emitters = false;
     double max_albedo = 0.95;
-    std::string metallic = "reflect";
-    std::string backfaces = "block";
+
+    const SkyPicture* sky_picture() const { return std::get_if<SkyPicture>(&sky); }
 };
 
-/// Returns --resolution, which `settle` needs.
-CLI::Option* add_grid_options(OptionList& list, SceneOptions& o);
-CLI::Option* add_bounces_option(OptionList& list, std::string& bounces);
-/// None: "inf".
-std::optional<int> bounces_of(const std::string& option);
+/// What of the scene's file is taken, and how strictly it is read.
+void add_load_options(Options& options, LoadSettings& load);
+void add_bounds_options(Options& options, SceneOptions& o);
+void add_grid_options(Options& options, SceneOptions& o);
 /// Begins with add_load_options.
-void add_light_options(OptionList& list, SceneOptions& o);
+void add_light_options(Options& options, SceneOptions& o);
 
-/// Applies the file `config` unless it is empty. --resolution and --cell-size replace each other:
-/// one on the command line takes the place of the other in the file. Returns true if both were
-/// given in the same place. Throws Error (file, argument).
-bool settle(CLI::App& app, const CLI::Option& resolution, const std::string& config,
-            SceneOptions& o);
-
-/// In the order of --help. Options at "not given" (no bounds, no cell size) are left out.
-void append_grid_settings(const SceneOptions& o, std::vector<Setting>& settings);
-void append_light_settings(const SceneOptions& o, std::vector<Setting>& settings);
-
-GridSettings grid_settings(const SceneOptions& o);
-/// --bounds, none if not given. Throws Error (argument).
-std::optional<Bounds> grid_bounds(const SceneOptions& o);
-/// Throws Error, as the parsers of lights and of the sky do.
+/// Lights of options and files. Throws Error as load_lights does.
 std::vector<Light> command_line_lights(const SceneOptions& o);
 /// Loads the scene by its rules and adds `lights`. Throws Error.
 Scene load_scene(const SceneOptions& o, const std::vector<Light>& lights);
@@ -82,38 +58,50 @@ Scene load_scene(const SceneOptions& o, const std::vector<Light>& lights);
 /// time by.
 bool mentions_images(const SceneOptions& o);
 
-/// Volumes to write. What is empty is as the target has it.
+/// Volumes to write.
 struct OutputOptions {
     std::vector<std::string> paths;
-    std::string target = "generic";
-    std::string precision;
-    std::string sh_convention;
-    std::string axes;
-    std::string exr_packing;
-    int exr_columns = 0; ///< 0: nearly square
+    const Target* target = target_named("generic");
+    // As the target has it unless given.
+    std::optional<Precision> precision;
+    std::optional<ShConvention> convention;
+    std::optional<Axes> axes;
+    std::optional<Packing> packing;
+    int columns = 0; ///< 0: nearly square
+
+    /// How they are stored.
+    Target storage() const;
 };
-void add_output_options(OptionList& list, OutputOptions& o);
-/// The same as settings, but for the paths.
-void append_output_settings(const OutputOptions& o, std::vector<Setting>& settings);
+void add_output_options(Options& options, OutputOptions& o);
+
+enum class Format { text, json };
+void add_format_option(Options& options, Format& format);
 
 /// How a command that computes runs and reports.
 struct RunOptions {
+    std::string device;
+    bool validation = false;
+    bool dry_run = false;
     int threads = 0;
-    std::string format = "text";
-    std::string progress = "auto";
-    bool print_config = false;
+    Format format = Format::text;
+    ProgressStyle progress = ProgressStyle::automatic;
     std::string config;
+    bool print_config = false;
 };
-/// Goes on with the group that is open.
-void add_run_options(OptionList& list, RunOptions& o);
+/// Opens the group.
+void add_device_option(Options& options, RunOptions& o);
+void add_dry_run_option(Options& options, RunOptions& o, const char* help);
+void add_run_options(Options& options, RunOptions& o);
 
+/// A volume or a picture that was written.
 struct Written {
     std::string path; ///< as it was asked for
     std::vector<WriteReport::File> files;
-
-    Json json() const;
-    void print() const;
 };
+Json outputs_json(const std::vector<Written>& outputs);
+/// Of a dry run.
+Json outputs_json(const std::vector<std::string>& paths);
+void print_outputs(const std::vector<Written>& outputs);
 
 /// All that can be known to be wrong before any work is done: no scene, an output that is no
 /// volume, is given twice or would replace a light file. Throws Error (argument).
@@ -128,7 +116,7 @@ void probe_outputs(const std::vector<std::string>& outputs);
 void probe_scene(const SceneOptions& o);
 
 /// Adds tool, scene, scene hash and the settings that shape the result to what a solver wrote.
-void fill_metadata(const SceneOptions& o, const Scene& scene, const std::vector<Setting>& settings,
+void fill_metadata(const SceneOptions& o, const Scene& scene, const std::string& settings,
                    Volume& volume);
 
 /// What -o writes, for help.
@@ -142,5 +130,32 @@ std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std
 /// Bounds the process's threads while the result lives; 0: one a core, null. Before any thread
 /// starts that would read the environment.
 std::unique_ptr<tbb::global_control> limit_threads(int threads);
+
+/// What all commands that compute have in common: they look first whether scene and outputs are
+/// within reach, then load, and tell how far they are and how long each stage took.
+class Run {
+public:
+    /// Throws Error (file; invalid: a light file).
+    Run(const SceneOptions& scene, const RunOptions& run, const std::vector<std::string>& outputs);
+
+    /// Loads the scene and tells of its warnings. Throws Error.
+    Scene load();
+    /// Ends a stage, which began where the last one ended.
+    void end_stage(const char* name, const std::string& detail = "");
+    /// Where the next stage begins, but for what end_stage tells of.
+    void begin_stage() { lap_ = std::chrono::steady_clock::now(); }
+    void warn(const std::vector<std::string>& warnings);
+    double seconds() const { return seconds_since(begin_); }
+
+    std::vector<StageReport> stages;
+    TerminalProgress progress;
+
+private:
+    std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now(), lap_ = begin_;
+    const SceneOptions& scene_;
+    std::vector<Light> lights_;
+    std::unique_ptr<tbb::global_control> thread_limit_;
+    ImageModulePreload preload_;
+};
 
 } // namespace lpvbake

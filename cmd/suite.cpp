@@ -1,10 +1,6 @@
 #include "suite.h"
 
 #include "error.h"
-#include "image/image.h"
-#include "result.h"
-#include "scene_options.h"
-#include "terminal.h"
 #include "text.h"
 
 #include <algorithm>
@@ -12,32 +8,6 @@
 #include <cstdio>
 
 namespace lpvbake {
-
-const char suite_manual[] =
-    R"(With --suite FILE the cases of that file are run instead, each with every solver that has limits
-there, and one table is printed: the relative L1 error of irradiance and the energy against the
-truth, the leak, the share of irradiance samples below 0, the distance from the case that has to
-look the same, the numbers that are NaN or infinite, the time of the bake, and the verdict. Exit
-code 7 if a limit does not hold; NaN and infinity never do. --case and --solver select rows, --cheap
-those that take a second. A suite is JSON beside its scenes:
-  {"cases": [{"name": "two-rooms", "reason": "light through a door", "scene": "two_rooms.gltf",
-    "options": {"resolution": 16, "margin": 1, "bounds": [X0, Y0, Z0, X1, Y1, Z1],
-      "bounces": 1 or "inf" (a solver that does fewer is held to its own), "max-albedo": 0.95,
-      "iterations": 0, "probes": 300, "rays": 4096, "noise": 0.02 (of the path-traced truth)},
-    "truth": "reference" (path-traced), "none",
-      {"furnace": {"emission": 1, "albedo": 0.5}} (a closed room that glows) or
-      {"polygon": {"corners": [[X, Y, Z], ...], "luminance": 1}} (alone in empty space),
-    "region": {"lo": [X, Y, Z], "hi": [X, Y, Z], "dark": false}, where leak is measured: mean
-      luminance over the truth's there, or, if dark, over the truth's everywhere,
-    "same_as": {"case": NAME, "scale": 1}, whose field times scale must be this one's, cell by cell,
-    "limits": {"lpv": {"error": MOST, "energy": [LEAST, MOST], "leak": [LEAST, MOST],
-      "negative": MOST, "same": MOST}},
-    "cheap": true}]}
-name, reason, scene and a limit are needed. Scenes may not leave the suite's folder.
-JSON (--format json): {"command": "report", "version", "suite", "device", "rows": [{"case", "solver",
-  "measured" (false: the reason is in failures, the numbers mean nothing), "noise" (of the truth),
-  "error", "energy", "leak", "negative", "same" (null: not asked for), "not_finite", "seconds",
-  "failures": [...]}], "failed" (rows), "seconds"})";
 
 namespace {
 
@@ -89,19 +59,19 @@ struct Table {
 
 } // namespace
 
-void run_suite(const SuiteRun& run) {
+void run_suite(const SuiteRun& run, const RunOptions& o) {
     const auto begin = std::chrono::steady_clock::now();
     const Suite suite = load_suite(run.suite);
-    const auto thread_limit = limit_threads(run.threads);
+    const auto thread_limit = limit_threads(o.threads);
     const ImageModulePreload preload = preload_image_module();
     watch_signals();
-    TerminalProgress progress(progress_style(run.progress));
-    const gpu::Device device({run.device, false});
+    TerminalProgress progress(o.progress);
+    const gpu::Device device({o.device, false});
 
     Table table;
     for (const SuiteCase& each : suite.cases)
         table.name = std::max(table.name, int(each.name.size()));
-    const bool text = run.format == "text";
+    const bool text = o.format == Format::text;
     bool headed = false;
     const auto show = [&](const SuiteRow& row) {
         progress.clear();

@@ -56,16 +56,14 @@ std::string on_one_line(std::string text) {
     return text;
 }
 
-ProgressStyle progress_style(const std::string& name) {
-    if (name == "bar")
-        return ProgressStyle::bar;
-    if (name == "plain")
-        return ProgressStyle::plain;
-    if (name == "none" || isatty(STDERR_FILENO) == 0)
-        return ProgressStyle::none;
+TerminalProgress::TerminalProgress(ProgressStyle style) : style_(style) {
+    if (style != ProgressStyle::automatic)
+        return;
     const char* terminal = std::getenv("TERM");
     const bool can_erase = terminal && std::strcmp(terminal, "dumb") != 0;
-    return can_erase ? ProgressStyle::bar : ProgressStyle::plain;
+    style_ = isatty(STDERR_FILENO) == 0 ? ProgressStyle::none
+             : can_erase                ? ProgressStyle::bar
+                                        : ProgressStyle::plain;
 }
 
 void TerminalProgress::begin(std::string_view stage, uint64_t steps) {

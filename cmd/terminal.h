@@ -23,17 +23,14 @@ void finish_stdout();
 /// that a terminal obeys.
 std::string on_one_line(std::string text);
 
-/// How progress is shown on standard error.
-enum class ProgressStyle { bar, plain, none };
-
-/// Resolves auto|bar|plain|none: auto is a bar on a terminal and nothing elsewhere.
-ProgressStyle progress_style(const std::string& name);
+/// How progress is shown on standard error; automatic is a bar on a terminal and nothing elsewhere.
+enum class ProgressStyle { automatic, bar, plain, none };
 
 /// Draws a bar with the stage's share and remaining time at most ten times a second, or prints a
 /// line a stage. Also where a bake learns of signals.
 class TerminalProgress : public Progress {
 public:
-    explicit TerminalProgress(ProgressStyle style) : style_(style) {}
+    explicit TerminalProgress(ProgressStyle style);
     ~TerminalProgress() override { clear(); }
     void begin(std::string_view stage, uint64_t steps) override;
     void advance(uint64_t done) override;

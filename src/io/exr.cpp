@@ -584,7 +584,7 @@ std::vector<const char*> packing_names() {
 constexpr VolumeFormat exr_format{.extension = ".exr",
                                   .sidecar = ".json",
                                   .help =
-                                      "NAME.exr, which becomes\nNAME_sh_l0.exr, ... and NAME.json",
+                                      "NAME.exr, which becomes NAME_sh_l0.exr, ... and NAME.json",
                                   .has_pictures = true,
                                   .write = write_exr,
                                   .read = read_exr};

@@ -211,7 +211,8 @@ TEST_F(Cli, HelpNamesEveryExitCodeAndCommand) {
         EXPECT_NE(result.out.find(std::to_string(int(row.code)) + "  " + row.meaning),
                   std::string::npos)
             << int(row.code);
-    for (const char* command : {"bake", "info", "devices"}) {
+    for (const char* command :
+         {"bake", "reference", "info", "render", "diff", "convert", "report", "devices", "help"}) {
         EXPECT_NE(result.out.find(std::string("\n  ") + command), std::string::npos) << command;
         const Result own = run({command, "--help"});
         EXPECT_EQ(own.status, 0);
@@ -219,6 +220,17 @@ TEST_F(Cli, HelpNamesEveryExitCodeAndCommand) {
         EXPECT_NE(own.out.find("JSON"), std::string::npos) << command;
     }
     EXPECT_EQ(run({"--version"}).out, "lpvbake " LPVBAKE_VERSION "\n");
+}
+
+TEST_F(Cli, WrittenReferenceIsThatOfTheProgram) {
+    EXPECT_TRUE(read_file(LPVBAKE_EXAMPLES "/../cmd/README.md")
+                == run({"help", "--format", "markdown"}).out)
+        << "run lpvbake help --format markdown > cmd/README.md";
+    const json reference = json::parse(run({"help", "render", "--format", "json"}).out);
+    ASSERT_EQ(reference["commands"].size(), 1u);
+    EXPECT_EQ(reference["commands"][0]["options"][1]["name"], "volume");
+    EXPECT_EQ(run({"help", "bake"}).out, run({"bake", "--help"}).out);
+    expect_error({"help", "cook"}, ExitCode::usage, "there is no command 'cook'");
 }
 
 TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
@@ -272,14 +284,14 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
         for (const std::string& value : bad)
             refused(bake + std::vector<std::string>{option + "=" + value}, "");
     refused(bake + std::vector<std::string>{"--resolution", "8", "--cell-size", "0.1"}, "exclude");
-    refused(bake + std::vector<std::string>{"--solver", "lpv", "--tolerance", "0"}, "1e-7");
+    refused(bake + std::vector<std::string>{"--solver", "lpv", "--tolerance", "0"}, "1e-07");
     // What another solver has is not left unsaid.
     using Words = std::vector<std::string>;
     for (const auto& [words, text] : std::vector<std::pair<Words, const char*>>{
              {{"--solver", "gather", "--directions", "96"}, "--directions is an option of sn"},
              {{"--solver", "gather", "--occlusion", "face"}, "--occlusion is an option of lpv"},
              {{"--solver", "lpv", "--vpls", "64"}, "--vpls is an option of gather, not of lpv"},
-             {{"--solver", "lpv", "--quality", "fast"}, "--quality is an option of gather or sn"},
+             {{"--solver", "lpv", "--quality", "fast"}, "--quality is an option of sn or gather"},
              {{"--solver", "sn", "--iterations", "4"}, "--iterations"},
              {{"--solver", "gather", "--rsm-size", "64"}, "--rsm-size"},
              {{"--solver", "lpv", "--sh-order", "2"}, "--sh-order 2"},

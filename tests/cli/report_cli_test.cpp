@@ -136,14 +136,19 @@ TEST_F(ReportCli, SweepFilesAreBakedAsListed) {
 
 TEST_F(ReportCli, CommandsOfRowsRepeatThem) {
     const json document = run_json("\"$ROOM\" \"$ROOM\" --dry-run --no-emitters --margin 2 --point"
-                                   " 0,1,0,5,#ff8000 --resolution 7 --occlusion sh");
+                                   " 0,1,0,5,#ff8000 --resolution 7 --occlusion sh --scene 0"
+                                   " --max-memory 1G --strict --allow-external --sky 1:1:1,2"
+                                   " --metallic black --threads 1");
     EXPECT_EQ(document["scenes"].size(), 2u);
     const std::string command = document["scenes"][1]["rows"][0]["command"];
     ASSERT_TRUE(command.starts_with("lpvbake bake "));
     const CliResult repeated = run_lpvbake(folder_, command.substr(8) + " --print-config");
     EXPECT_EQ(repeated.status, 0) << repeated.err;
-    for (const char* line : {"no-emitters = true\n", "margin = 2\n", "resolution = 7\n",
-                             "occlusion = \"sh\"\n", "point = [\"0,1,0,5,#ff8000\"]\n"})
+    for (const char* line :
+         {"no-emitters = true\n", "margin = 2\n", "resolution = 7\n", "occlusion = \"sh\"\n",
+          "point = [\"0,1,0,5,#ff8000\"]\n", "scene-name = \"0\"\n", "max-memory = \"1G\"\n",
+          "strict = true\n", "allow-external = true\n", "sky = \"1:1:1,2\"\n",
+          "metallic = \"black\"\n", "threads = 1\n"})
         EXPECT_NE(repeated.out.find(line), std::string::npos) << line << repeated.out;
 }
 

@@ -103,8 +103,11 @@ TEST_F(SuiteCli, WrongSuitesAndCommandLinesAreRefused) {
     expect_error("--suite none.json", ExitCode::file, "none.json");
     expect_error("--suite suite.json room.gltf", ExitCode::usage, "--suite");
     expect_error("--suite suite.json -o a.csv", ExitCode::usage, "--suite");
-    for (const char* option : {"--sun=1,2,3", "--bounds=0,0,0,1,1,1", "--no-emitters", "--dry-run",
-                               "--resolution=8", "--sweep=a.toml"})
+    for (const char* option :
+         {"--sun=1,2,3", "--bounds=0,0,0,1,1,1", "--no-emitters", "--dry-run", "--resolution=8",
+          "--sweep=a.toml", "--sky=1:1:1,2", "--margin=2", "--max-albedo=0.5", "--metallic=black",
+          "--backfaces=cull", "--repeats=2", "--probes=9", "--noise=2%", "--rays=64", "--seed=3",
+          "--strict", "--scene=0"})
         expect_error(std::string("--suite suite.json ") + option, ExitCode::usage, "not --");
     expect_error("room.gltf --case twin", ExitCode::usage, "--suite");
     expect_error("room.gltf --cheap", ExitCode::usage, "--suite");

@@ -1,7 +1,7 @@
 // Suites of hard cases (JSON) and sweeps (TOML) of the report.
 #include "fuzz.h"
 
-#include "../../cmd/config.h"
+#include "options/toml.h"
 #include "report/suite.h"
 #include "report/sweep.h"
 

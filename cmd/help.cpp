@@ -1,0 +1,74 @@
+// lpvbake help: the written reference of the command line, made from the tables of options.
+
+#include "commands.h"
+#include "error.h"
+#include "options/reference.h"
+#include "result.h"
+
+#include <cstdio>
+#include <memory>
+
+namespace lpvbake {
+namespace {
+
+const char manual[] =
+#include "manual/help.txt.h"
+    ;
+
+enum class HelpFormat { text, markdown, json };
+
+struct HelpOptions {
+    std::string command;
+    HelpFormat format = HelpFormat::text;
+};
+
+void run(const HelpOptions& o) {
+    Commands commands = all_commands();
+    if (!o.command.empty())
+        std::erase_if(commands, [&](const Command& each) { return each.name != o.command; });
+    if (commands.empty())
+        throw Error(ErrorKind::argument, "help: there is no command '" + o.command + "'");
+    if (o.format == HelpFormat::text) {
+        std::vector<std::string> words{"--help"};
+        if (!o.command.empty())
+            words.insert(words.begin(), o.command);
+        run_command_line(commands, words);
+    } else if (o.format == HelpFormat::json) {
+        Json document{
+            {"command", "help"}, {"version", LPVBAKE_VERSION}, {"commands", Json::array()}};
+        for (const Command& command : commands)
+            document["commands"].push_back(reference_json(command));
+        print_json(document);
+    } else {
+        std::printf(
+            "# The command line\n\nEvery command with its options, as `lpvbake help --format "
+            "markdown` prints them;\n`lpvbake help --format json` has the same for "
+            "programs.\n\nTo add an option, add a row where its command declares them (`declare` "
+            "in `cmd/NAME.cpp`; what\nseveral have is in `cmd/scene_options.cpp`), and run the "
+            "command above into this file. A parameter of a\nsolver is a row of its kind "
+            "([src/solver](../src/solver/README.md)). The command line, `--config`,\n"
+            "`--print-config`, the settings in volumes' metadata, sweeps and commands of reports, "
+            "`--help` and this page\nfollow from the row.\n");
+        for (const Command& command : commands)
+            std::printf("\n%s", reference_markdown(command).c_str());
+    }
+}
+
+Action declare(Options& options) {
+    const auto fields = std::make_shared<HelpOptions>();
+    options.text("command", fields->command, "COMMAND", "Of one command alone; default: of all");
+    options.choice("--format", fields->format,
+                   Choices<HelpFormat>{{"text", HelpFormat::text},
+                                       {"markdown", HelpFormat::markdown},
+                                       {"json", HelpFormat::json}},
+                   "Form of the reference");
+    return [fields] { run(*fields); };
+}
+
+} // namespace
+
+Command help_command() {
+    return {"help", "Explains commands and options, for people and for programs.", manual, declare};
+}
+
+} // namespace lpvbake

@@ -1,0 +1,181 @@
+#include "options/command_line.h"
+
+#include "exit_code.h"
+#include "options/file.h"
+#include "terminal.h"
+
+#include <CLI/CLI.hpp>
+
+#include <algorithm>
+#include <cstdio>
+
+namespace lpvbake {
+namespace {
+
+const char summary[] =
+    "Bakes the indirect light of a glTF scene into a grid of spherical harmonics, on Vulkan.\n"
+    "Results go to standard output, everything else to standard error.\n";
+
+std::string exit_code_table() {
+    std::string table = "Exit codes:";
+    for (const ExitCodeMeaning& row : exit_codes) {
+        char line[128];
+        std::snprintf(line, sizeof line, "\n  %3d  %s", int(row.code), row.meaning);
+        table += line;
+    }
+    return table;
+}
+
+// ---------------------------------------------------------------- what is wrong with the words
+
+std::string unknown_option(const CLI::App& app, const std::string& argument) {
+    const std::string name = argument.substr(0, argument.find('='));
+    const std::size_t begin = std::min(name.find_first_not_of('-'), name.size());
+    std::vector<std::string> known;
+    for (const CLI::Option* option : app.get_options())
+        known.insert(known.end(), option->get_lnames().begin(), option->get_lnames().end());
+    return "unknown option " + name + did_you_mean(name.substr(begin), known, "--");
+}
+
+/// "lpvbake diff A B".
+std::string usage_of(const CLI::App& app) {
+    std::string text = "lpvbake " + app.get_name();
+    for (const CLI::Option* option : app.get_options())
+        if (option->get_positional())
+            text += " " + option->get_name(true);
+    return text;
+}
+
+std::string explain_in_command(const CLI::App& app, const CLI::ParseError& error) {
+    if (error.get_exit_code() == int(CLI::ExitCodes::ExtrasError)) {
+        const std::vector<std::string> extras = app.remaining();
+        for (const std::string& extra : extras)
+            if (extra.starts_with('-')) // values of it may follow
+                return unknown_option(app, extra);
+        if (!extras.empty())
+            return "'" + extras.front() + "' is one argument too many: " + usage_of(app);
+    }
+    if (error.get_exit_code() == int(CLI::ExitCodes::RequiredError))
+        for (const CLI::Option* option : app.get_options())
+            if (option->get_required() && option->count() == 0)
+                return option->get_name() + " is missing: " + usage_of(app);
+    const std::string text = error.what();
+    if (error.get_exit_code() == int(CLI::ExitCodes::ArgumentMismatch)) {
+        const std::string name = text.substr(0, text.find(':'));
+        if (const CLI::Option* option = app.get_option_no_throw(name))
+            return option->count() > 1 ? name + " is given more than once; it takes one value"
+                                       : name + " needs a value: " + option->get_type_name();
+    }
+    return text;
+}
+
+/// Which command the words name, as far as CLI11 has come.
+const CLI::App* chosen_of(const CLI::App& root) {
+    const std::vector<CLI::App*> chosen = root.get_subcommands();
+    return chosen.empty() ? nullptr : chosen.front();
+}
+
+std::string explain(const CLI::App& root, const CLI::ParseError& error,
+                    const std::vector<std::string>& words) {
+    if (const CLI::App* command = chosen_of(root))
+        return explain_in_command(*command, error);
+    if (words.empty())
+        return "no command: lpvbake COMMAND ...";
+    if (words[0].starts_with('-'))
+        return unknown_option(root, words[0]);
+    std::vector<std::string> commands;
+    for (const CLI::App* command : root.get_subcommands([](const CLI::App*) { return true; }))
+        commands.push_back(command->get_name());
+    return "there is no command '" + words[0] + "'" + did_you_mean(words[0], commands);
+}
+
+[[noreturn]] void fail(const CLI::App& root, ErrorKind kind, const std::string& text) {
+    const CLI::App* command = chosen_of(root);
+    const std::string name = command ? command->get_name() : "";
+    throw Error(kind, (command ? name + ": " : "") + text + " (see lpvbake "
+                          + (command ? name + " " : "") + "--help)");
+}
+
+// ---------------------------------------------------------------- rows to CLI11's options
+
+/// The text in lines of at most `width` characters where it has spaces.
+std::string wrapped(const std::string& text, std::size_t width) {
+    std::string lines;
+    std::size_t used = 0;
+    for (const std::string& word : split(text, ' ')) {
+        if (used > 0 && used + 1 + word.size() > width) {
+            lines += '\n';
+            used = 0;
+        }
+        lines += (used > 0 ? " " : "") + word;
+        used += (used > 0) + word.size();
+    }
+    return lines;
+}
+
+void add_option(Option& row, CLI::App& app) {
+    const std::string help = wrapped(row.help, 68);
+    if (row.is_flag()) {
+        // What follows "=" is ours to judge.
+        app.add_flag(row.names, help)->group(row.group)->each([&row](const std::string& text) {
+            row.take(text);
+        });
+        return;
+    }
+    const CLI::callback_t take = [&row](const CLI::results_t& texts) {
+        for (const std::string& text : texts)
+            row.take(text);
+        return true;
+    };
+    CLI::Option* option = app.add_option(row.names, take, help);
+    option->type_name(row.type)->group(row.group)->required(row.required);
+    if (row.many)
+        option->expected(1, CLI::detail::expected_max_vector_size)
+            ->allow_extra_args(row.is_positional());
+    if (!row.usual.empty() && !row.implied)
+        option->default_str(row.usual);
+}
+
+} // namespace
+
+void run_command_line(const Commands& commands, const std::vector<std::string>& words) {
+    CLI::App root(summary, "lpvbake");
+    root.require_subcommand(1);
+    root.set_version_flag("--version", "lpvbake " LPVBAKE_VERSION);
+    root.footer("lpvbake COMMAND --help explains a command.\n\n" + exit_code_table());
+    struct Declared {
+        Options options;
+        Action action;
+    };
+    std::deque<Declared> declared;
+    Declared* chosen = nullptr;
+    for (const Command& command : commands) {
+        CLI::App* app = root.add_subcommand(command.name, command.summary);
+        app->footer(command.manual);
+        Declared& own = declared.emplace_back();
+        own.action = command.declare(own.options);
+        for (Option& row : own.options.rows())
+            add_option(row, *app);
+        app->callback([&own, &chosen] { chosen = &own; });
+    }
+    try {
+        root.parse(std::vector<std::string>(words.rbegin(), words.rend()));
+    } catch (const CLI::Success& wish) { // --help, --version
+        root.exit(wish);
+        return;
+    } catch (const CLI::ParseError& error) {
+        fail(root, ErrorKind::argument, explain(root, error, words));
+    } catch (const Error& error) {
+        fail(root, error.kind, error.what());
+    }
+    Options& options = chosen->options;
+    if (const Option* config = options.find("config"); config && config->is_set())
+        read_options(config->given.back(), chosen_of(root)->get_name(), options);
+    options.check();
+    if (const Option* print = options.find("print-config"); print && print->is_set())
+        std::fputs(options.config().c_str(), stdout);
+    else
+        chosen->action();
+}
+
+} // namespace lpvbake

@@ -1,0 +1,29 @@
+// From the words of a command line, and an option file, to a command with its options set.
+#pragma once
+
+#include "options/option.h"
+
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace lpvbake {
+
+/// What a command line asks for. Throws Error.
+using Action = std::function<void()>;
+
+struct Command {
+    const char* name;
+    const char* summary;
+    const char* manual; ///< what --help says below the options
+    /// Declares the options; the action sees what they were given, and keeps their fields.
+    Action (*declare)(Options& options);
+};
+using Commands = std::vector<Command>;
+
+/// Runs `lpvbake WORDS`; with an option "config" the command takes option files, with a flag
+/// "print-config" it prints one instead. Throws Error (argument: what is wrong with the words, and
+/// what to do; what read_options throws), and whatever the command throws.
+void run_command_line(const Commands& commands, const std::vector<std::string>& words);
+
+} // namespace lpvbake

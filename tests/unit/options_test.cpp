@@ -1,0 +1,153 @@
+// The table of options: a toy option is a row of a toy command, and nothing else.
+
+#include "error.h"
+#include "options/file.h"
+#include "options/reference.h"
+#include "options/toml.h"
+#include "unit/volumes.h"
+
+#include <gtest/gtest.h>
+
+#include <memory>
+
+namespace lpvbake {
+namespace {
+
+struct Toy {
+    double glow = 0.5;
+    std::string from;
+    std::vector<std::string> extra;
+    std::optional<int> depth;
+    bool loud = false;
+    std::string config;
+    bool print_config = false;
+};
+
+Toy last; ///< what the toy command ran with
+std::string last_recorded;
+
+Action declare_toy(Options& options) {
+    const auto fields = std::make_shared<Toy>();
+    Toy& o = *fields;
+    options.text("from", o.from, "FILE", "Where from");
+    options.group("Toy");
+    options.number("--glow", o.glow, 0, 10, "How much it glows").record(); // the toy option
+    options.texts("--extra", o.extra, "TEXT", "More of it");
+    options.number("--depth", o.depth, 1, 9, "How deep").implies("3").record(Recorded::if_changed);
+    options.flag("--loud", o.loud, "Say it").exclude({"depth"});
+    options.text("--config", o.config, "FILE", "Option file").keep_out_of_files();
+    options.flag("--print-config", o.print_config, "Print them").keep_out_of_files();
+    return [fields, &options] {
+        last = *fields;
+        last_recorded = options.recorded();
+    };
+}
+
+const Commands toys{{"toy", "Glows.", "Examples:\n  lpvbake toy", declare_toy}};
+
+/// The complaint, empty if there is none.
+std::string complaint(const std::vector<std::string>& words) {
+    try {
+        run_command_line(toys, words);
+        return "";
+    } catch (const Error& error) {
+        EXPECT_EQ(error.kind, ErrorKind::argument);
+        return error.what();
+    }
+}
+
+std::string printed(const std::vector<std::string>& words) {
+    testing::internal::CaptureStdout();
+    run_command_line(toys, words);
+    std::fflush(stdout);
+    return testing::internal::GetCapturedStdout();
+}
+
+TEST(Options, ARowIsOnTheCommandLine) {
+    run_command_line(toys, {"toy", "a.gltf", "--glow", "2.50"});
+    EXPECT_EQ(last.glow, 2.5);
+    EXPECT_EQ(last.from, "a.gltf");
+    run_command_line(toys, {"toy"});
+    EXPECT_EQ(last.glow, 0.5);
+    EXPECT_EQ(complaint({"toy", "--glow=11"}),
+              "toy: --glow: '11' is not a number from 0 to 10 (see lpvbake toy --help)");
+    EXPECT_NE(complaint({"toy", "--glov=1"}).find("did you mean --glow?"), std::string::npos);
+    EXPECT_NE(complaint({"toy", "--glow"}).find("--glow needs a value: X"), std::string::npos);
+    EXPECT_NE(complaint({"toy", "--glow=1", "--glow=2"}).find("more than once"), std::string::npos);
+    EXPECT_EQ(complaint({"toy", "--loud", "--depth=2"}), "--loud and --depth exclude each other");
+}
+
+TEST(Options, ARowIsInOptionFilesAndPrintsIntoThem) {
+    const TemporaryFolder folder;
+    const std::string path = folder / "a.toml";
+    spill(path, "glow = 4\nextra = [\"a\", 'b']\n[toy]\ndepth = 7 # deep\n");
+    run_command_line(toys, {"toy", "--config", path});
+    EXPECT_EQ(last.glow, 4);
+    EXPECT_EQ(last.extra, (std::vector<std::string>{"a", "b"}));
+    EXPECT_EQ(last.depth, 7);
+    run_command_line(toys, {"toy", "--config", path, "--glow", "5", "--loud"});
+    EXPECT_EQ(last.glow, 5) << "the command line comes first";
+    EXPECT_EQ(last.depth, std::nullopt) << "and what it excludes is left out";
+    EXPECT_TRUE(last.loud);
+
+    const std::string text = printed({"toy", "--glow=6", "--extra=\"\t\x1b", "--print-config"});
+    EXPECT_EQ(text, "from = \"\"\nglow = 6\nextra = [\"\\\"\\t\\u001B\"]\n# depth = 3\n"
+                    "loud = false\n");
+    spill(path, text);
+    EXPECT_EQ(printed({"toy", "--config", path, "--print-config"}), text);
+
+    const auto refused = [&](const std::string& file, const std::string& why) {
+        spill(path, file);
+        EXPECT_NE(complaint({"toy", "--config", path}).find(path + why), std::string::npos)
+            << complaint({"toy", "--config", path});
+    };
+    refused("\nglow = 11\n", ":2: --glow: '11' is not");
+    refused("glov = 1\n", ":1: 'glov' is not an option of toy that a file can set; did you mean");
+    refused("glow = 1\n\nglow = 2\n", ":3: glow is set twice");
+    refused("glow = 1\n[toy]\nglow = 2\n", ":3: glow is set twice");
+    refused("depth = 2.0\n", ":1: --depth: '2.0' is not a whole number");
+    refused("glow = [1, 2]\n", ":1: glow takes one value");
+    refused("glow = 1979-05-27\n", ":1: expected a string, a number");
+    refused("[cook]\n", ":1: expected the table [toy]");
+    refused("config = \"b.toml\"\n", ":1: 'config' is not an option");
+}
+
+TEST(Options, ARowIsAmongTheSettingsThatAreRecorded) {
+    run_command_line(toys, {"toy", "--extra=a"});
+    EXPECT_EQ(last_recorded, "glow = 0.5");
+    run_command_line(toys, {"toy", "--glow=1", "--depth=4"});
+    EXPECT_EQ(last_recorded, "glow = 1; depth = 4");
+}
+
+TEST(Options, ARowIsInTheHelpAndTheWrittenReference) {
+    const std::string help = printed({"toy", "--help"});
+    EXPECT_NE(help.find("--glow X=0.5"), std::string::npos) << help;
+    EXPECT_NE(help.find("How much it glows"), std::string::npos) << help;
+    EXPECT_NE(reference_markdown(toys[0]).find("| `--glow X` | `0.5` | How much it glows |\n"),
+              std::string::npos)
+        << reference_markdown(toys[0]);
+    const auto rows = reference_json(toys[0])["options"];
+    ASSERT_EQ(rows.size(), 7u);
+    EXPECT_EQ(rows[1]["name"], "glow");
+    EXPECT_EQ(rows[1]["type"], "X");
+    EXPECT_EQ(rows[1]["default"], "0.5");
+    EXPECT_EQ(rows[1]["recorded"], "always");
+    EXPECT_EQ(rows[4]["excludes"][0], "depth");
+}
+
+TEST(Options, SweepTablesKeepTheirOrder) {
+    const TemporaryFolder folder;
+    const std::string path = folder / "s.toml";
+    spill(path, "z = 1\na = [2, \"3\"]\n[[sweep]]\nb = true\n[[sweep]]\n[[sweep]]\nc = 0.5\n");
+    const auto tables = read_config_tables(path, "sweep");
+    ASSERT_EQ(tables.size(), 3u);
+    ASSERT_EQ(tables[0].size(), 2u);
+    EXPECT_EQ(tables[0][0].key, "z");
+    EXPECT_EQ(tables[0][1].values, (std::vector<std::string>{"2", "3"}));
+    EXPECT_EQ(tables[0][1].line, 2);
+    EXPECT_EQ(tables[1][0].values[0], "true");
+    EXPECT_EQ(tables[2][0].values[0], "0.5");
+}
+
+} // namespace
+} // namespace lpvbake
