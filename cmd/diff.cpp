@@ -4,20 +4,16 @@
 #include "error.h"
 #include "io/io.h"
 #include "io/slice.h"
+#include "report/difference.h"
 #include "scene_options.h"
-#include "volume/compare.h"
 #include "volume/light_content.h"
 #include "volume/sh.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <filesystem>
-#include <limits>
-#include <map>
 #include <memory>
 #include <optional>
-#include <sstream>
 
 namespace lpvbake {
 namespace {
@@ -27,16 +23,6 @@ namespace fs = std::filesystem;
 const char manual[] =
 #include "manual/diff.txt.h"
     ;
-
-constexpr double infinity = std::numeric_limits<double>::infinity();
-
-/// What idiff calls fail, failpercent and hardfail.
-struct Threshold {
-    double limit = 0;       ///< difference above which a sample exceeds
-    double percent = 0;     ///< of the samples may exceed
-    double hard = infinity; ///< no sample may differ by more
-    bool given = false;
-};
 
 struct DiffOptions {
     std::string a, b;
@@ -130,274 +116,9 @@ void write_outputs(const DiffOptions& o, const Volume& a, const Volume& b,
     }
 }
 
-// ---------------------------------------------------------------- the result
-
-/// Keys that only one has, and those with two values.
-struct MetadataDifference {
-    std::map<std::string, std::string> only_a, only_b;
-    std::map<std::string, std::pair<std::string, std::string>> different;
-
-    bool any() const { return !only_a.empty() || !only_b.empty() || !different.empty(); }
-};
-
-MetadataDifference metadata_difference(const Volume& a, const Volume& b) {
-    MetadataDifference result;
-    for (const auto& [key, value] : a.metadata) {
-        const auto other = b.metadata.find(key);
-        if (other == b.metadata.end())
-            result.only_a[key] = value;
-        else if (other->second != value)
-            result.different[key] = {value, other->second};
-    }
-    for (const auto& [key, value] : b.metadata)
-        if (!a.metadata.contains(key))
-            result.only_b[key] = value;
-    return result;
-}
-
-/// Everything that the two forms of the result say.
-struct DiffResult {
-    const DiffOptions& options;
-    const Volume& a;
-    const Volume& b;
-    const Comparison& comparison;
-    MetadataDifference metadata;
-    double slice_max = 0;
-    std::string verdict; ///< identical, pass, warning or fail
-};
-
 /// As --slice has it.
 std::string slice_text(const Slice& slice) {
     return std::string(1, "xyz"[slice.axis]) + "=" + std::to_string(slice.index);
-}
-
-Json to_json(const Threshold& threshold, uint64_t exceeding) {
-    if (!threshold.given)
-        return nullptr;
-    return {{"limit", threshold.limit},
-            {"percent", threshold.percent},
-            {"hard", threshold.hard},
-            {"exceeding", exceeding}};
-}
-
-std::string channel_name(int channel, const GridKind& kind = light_kind()) {
-    return kind.width() == 1 ? "" : std::string(1, kind.channels[channel]);
-}
-
-Json json_of(const DiffResult& result) {
-    const Comparison& c = result.comparison;
-    const DiffOptions& o = result.options;
-    const Grid& grid = result.b.grid;
-    Json document{{"command", "diff"},
-                  {"a", o.a},
-                  {"b", o.b},
-                  {"result", result.verdict},
-                  {"grid", grid_json(grid)},
-                  {"sh_order", {result.a.sh_order, result.b.sh_order}},
-                  {"cells",
-                   {{"valid_both", c.valid_both},
-                    {"valid_only_a", c.valid_only_a},
-                    {"valid_only_b", c.valid_only_b},
-                    {"valid_neither", c.valid_neither}}},
-                  {"samples", c.samples},
-                  {"irradiance",
-                   {{"mean_a", c.mean_a},
-                    {"mean_b", c.mean_b},
-                    {"relative_l1", c.relative_l1},
-                    {"rms", c.rms},
-                    {"relative_rms", c.relative_rms},
-                    {"percentile95", c.percentile95},
-                    {"max", c.max},
-                    {"negative_a", c.negative_a},
-                    {"negative_b", c.negative_b}}},
-                  {"energy", {{"a", c.energy_a}, {"b", c.energy_b}, {"ratio", c.energy_ratio}}},
-                  {"fail", to_json(o.fail, c.exceeding[0])},
-                  {"warn", to_json(o.warn, c.exceeding[1])},
-                  {"worst", Json::array()},
-                  {"grids", Json::array()},
-                  {"only_a", c.only_a},
-                  {"only_b", c.only_b},
-                  {"metadata",
-                   {{"only_a", result.metadata.only_a},
-                    {"only_b", result.metadata.only_b},
-                    {"different", result.metadata.different}}},
-                  {"slice", nullptr},
-                  {"outputs", o.outputs}};
-    for (const IrradianceSample& sample : c.worst)
-        document["worst"].push_back({{"cell", vector_json(sample.cell)},
-                                     {"position", vector_json(grid.center(sample.cell))},
-                                     {"normal", vector_json(sample.normal)},
-                                     {"channel", channel_name(sample.channel)},
-                                     {"a", sample.a},
-                                     {"b", sample.b},
-                                     {"difference", sample.difference}});
-    for (const GridDifference& of_grid : c.grids) {
-        const std::string channel = channel_name(of_grid.channel, *of_grid.kind);
-        Json entry{{"name", of_grid.name},
-                   {"cells", of_grid.cells},
-                   {"cells_valid_both", of_grid.cells_valid_both},
-                   {"max_abs", of_grid.max_abs},
-                   {"rms", of_grid.rms},
-                   {"relative", of_grid.relative},
-                   {"worst", nullptr}};
-        if (of_grid.cells > 0)
-            entry["worst"] = {{"cell", vector_json(of_grid.cell)},
-                              {"position", vector_json(grid.center(of_grid.cell))},
-                              {"channel", channel.empty() ? Json(nullptr) : Json(channel)},
-                              {"a", of_grid.a},
-                              {"b", of_grid.b}};
-        document["grids"].push_back(entry);
-    }
-    if (o.slice)
-        document["slice"] = {{"slice", slice_text(*o.slice)}, {"max", result.slice_max}};
-    return document;
-}
-
-/// The parts of `text` (between semicolons or lines) that `other` lacks, each after `label`.
-void print_parts(const char* label, std::string text, std::string other) {
-    const auto parts = [](std::string& whole) {
-        std::ranges::replace(whole, '\n', ';');
-        std::vector<std::string> list = split(whole, ';');
-        for (std::string& part : list)
-            part.erase(0, part.find_first_not_of(' '));
-        return list;
-    };
-    const std::vector<std::string> there = parts(other);
-    for (const std::string& part : parts(text))
-        if (std::ranges::find(there, part) == there.end())
-            std::printf("    %s  %s\n", label, part.c_str());
-}
-
-void print_threshold(const char* name, const Threshold& threshold, uint64_t exceeding,
-                     const Comparison& c) {
-    if (!threshold.given)
-        return;
-    std::printf("%-10s %llu samples (%.4g %%) differ by more than %.4g %%; %.4g %% may", name,
-                static_cast<unsigned long long>(exceeding),
-                c.samples > 0 ? 100.0 * double(exceeding) / double(c.samples) : 0.0,
-                100 * threshold.limit, threshold.percent);
-    if (threshold.hard < infinity)
-        std::printf(", none by more than %.4g %%", 100 * threshold.hard);
-    std::printf("\n");
-}
-
-void print_text(const DiffResult& result) {
-    const Comparison& c = result.comparison;
-    const DiffOptions& o = result.options;
-    const Grid& grid = result.b.grid;
-    const auto number = [](uint64_t n) { return static_cast<unsigned long long>(n); };
-    std::printf("A          %s\n", o.a.c_str());
-    std::printf("B          %s (reference)\n", o.b.c_str());
-    std::printf("grid       %d x %d x %d cells of %.6g m\n", grid.dims.x, grid.dims.y, grid.dims.z,
-                grid.cell);
-    if (result.a.sh_order != result.b.sh_order)
-        std::printf("SH order   %d in A, %d in B: irradiance is from all bands that each has,\n"
-                    "           coefficients are compared where both have them\n",
-                    result.a.sh_order, result.b.sh_order);
-    std::printf("valid      %llu cells in both, %llu only in A, %llu only in B, %llu in neither\n",
-                number(c.valid_both), number(c.valid_only_a), number(c.valid_only_b),
-                number(c.valid_neither));
-    std::printf("samples    %llu (cells valid in both x 26 normals x RGB)\n", number(c.samples));
-    std::printf("irradiance %.6g lx in A, %.6g lx in B on average\n", c.mean_a, c.mean_b);
-    std::printf("  L1               %10.4g %%  sum |A - B| / sum B\n", 100 * c.relative_l1);
-    std::printf("  RMS              %10.4g %%  of B's mean, %.4g lx\n", 100 * c.relative_rms,
-                c.rms);
-    std::printf("  95th percentile  %10.4g %%  of B's mean\n", 100 * c.percentile95);
-    std::printf("  largest          %10.4g %%  of B's mean\n", 100 * c.max);
-    std::printf("  negative         %llu samples of A, %llu of B; clamped to 0\n",
-                number(c.negative_a), number(c.negative_b));
-    std::printf("energy     A / B = %.6g (%.6g and %.6g nit sr in cells valid in both)\n",
-                c.energy_ratio, c.energy_a, c.energy_b);
-    print_threshold("fail", o.fail, c.exceeding[0], c);
-    print_threshold("warn", o.warn, c.exceeding[1], c);
-
-    if (!c.worst.empty())
-        std::printf("worst cells\n");
-    for (const IrradianceSample& sample : c.worst) {
-        const glm::dvec3 p = grid.center(sample.cell), n = sample.normal;
-        std::printf("  (%d, %d, %d) at (%.6g, %.6g, %.6g) m, normal (%.2g, %.2g, %.2g), %s: "
-                    "A %.6g lx, B %.6g lx, %.4g %%\n",
-                    sample.cell.x, sample.cell.y, sample.cell.z, p.x, p.y, p.z, n.x, n.y, n.z,
-                    channel_name(sample.channel).c_str(), sample.a, sample.b,
-                    100 * sample.difference);
-    }
-    for (const GridDifference& of_grid : c.grids) {
-        const std::string channel = channel_name(of_grid.channel, *of_grid.kind);
-        if (of_grid.cells == 0) {
-            std::printf("%-14s  same\n", of_grid.name.c_str());
-            continue;
-        }
-        const glm::dvec3 p = grid.center(of_grid.cell);
-        std::printf("%-14s  max %.4g, RMS %.4g (%.4g %%); %llu cells, %llu of them valid in both\n",
-                    of_grid.name.c_str(), of_grid.max_abs, of_grid.rms, 100 * of_grid.relative,
-                    number(of_grid.cells), number(of_grid.cells_valid_both));
-        std::printf("  max in (%d, %d, %d) at (%.6g, %.6g, %.6g) m%s%s: A %.9g, B %.9g\n",
-                    of_grid.cell.x, of_grid.cell.y, of_grid.cell.z, p.x, p.y, p.z,
-                    channel.empty() ? "" : ", ", channel.c_str(), double(of_grid.a),
-                    double(of_grid.b));
-    }
-    for (const std::string& name : c.only_a)
-        std::printf("%-14s  only in A\n", name.c_str());
-    for (const std::string& name : c.only_b)
-        std::printf("%-14s  only in B\n", name.c_str());
-    const MetadataDifference& metadata = result.metadata;
-    std::printf("metadata   %s\n", metadata.any() ? "different" : "same");
-    for (const auto& [key, value] : metadata.only_a)
-        std::printf("  lpv:%s only in A: %s\n", key.c_str(), value.c_str());
-    for (const auto& [key, value] : metadata.only_b)
-        std::printf("  lpv:%s only in B: %s\n", key.c_str(), value.c_str());
-    for (const auto& [key, values] : metadata.different) {
-        std::printf("  lpv:%s\n", key.c_str());
-        print_parts("A", values.first, values.second);
-        print_parts("B", values.second, values.first);
-    }
-    if (o.slice)
-        std::printf("slice      %s, white is %.4g %% of B's mean\n", slice_text(*o.slice).c_str(),
-                    100 * result.slice_max);
-    for (const std::string& output : o.outputs)
-        std::printf("wrote      %s\n", output.c_str());
-    std::printf("result     %s\n", result.verdict.c_str());
-}
-
-/// Why the threshold is not kept; none: it is.
-std::optional<std::string> offence(const Threshold& threshold, uint64_t exceeding,
-                                   const Comparison& comparison) {
-    std::ostringstream text;
-    text.precision(4);
-    if (comparison.max > threshold.hard)
-        text << "a sample differs by " << 100 * comparison.max << " % of the mean, "
-             << 100 * threshold.hard << " % is the limit of any";
-    else if (double(exceeding) > threshold.percent / 100 * double(comparison.samples))
-        text << exceeding << " of " << comparison.samples << " samples differ by more than "
-             << 100 * threshold.limit << " % of the mean";
-    else
-        return {};
-    return text.str();
-}
-
-/// How A differs, to follow "A differs from B"; none: it does not fail.
-std::optional<std::string> failure(const DiffResult& result) {
-    const DiffOptions& o = result.options;
-    if (o.metadata && result.metadata.any())
-        return " in its metadata";
-    if (o.fail.given) {
-        const auto why = offence(o.fail, result.comparison.exceeding[0], result.comparison);
-        return why ? std::optional(": " + *why) : std::nullopt;
-    }
-    if (result.comparison.identical)
-        return {};
-    std::string grids;
-    const auto list = [&](const std::string& name, const char* where) {
-        grids += (grids.empty() ? "" : ", ") + name + where;
-    };
-    for (const GridDifference& grid : result.comparison.grids)
-        if (grid.cells > 0)
-            list(grid.name, "");
-    for (const std::string& name : result.comparison.only_a)
-        list(name, " (only in A)");
-    for (const std::string& name : result.comparison.only_b)
-        list(name, " (only in B)");
-    return " in " + grids;
 }
 
 /// Warns where both are known to hold light, or a quantity, that the other does not.
@@ -423,26 +144,41 @@ void run(const DiffOptions& o) {
                     both + " are not on one grid: " + *why
                         + "; bake both with the same --bounds, --resolution and --margin");
     warn_of_light(a, b);
-    const Comparison comparison = compare(a, b, {{o.fail.limit, o.warn.limit}, o.worst});
+    const Difference difference{o.a,
+                                o.b,
+                                a,
+                                b,
+                                compare(a, b, {{o.fail.limit, o.warn.limit}, o.worst}),
+                                o.fail,
+                                o.warn,
+                                o.metadata,
+                                metadata_difference(a, b)};
+    const Comparison& comparison = difference.comparison;
     if (comparison.samples == 0 && !comparison.identical)
         throw Error(ErrorKind::invalid,
                     both + " have no cell that is valid in both: there is nothing to compare");
-    DiffResult result{o, a, b, comparison, metadata_difference(a, b), 0, ""};
-    write_outputs(o, a, b, comparison, result.slice_max);
-
-    const std::optional<std::string> failed = failure(result);
-    std::optional<std::string> warned;
-    if (o.warn.given)
-        warned = offence(o.warn, comparison.exceeding[1], comparison);
-    result.verdict = failed                 ? "fail"
-                     : warned               ? "warning"
-                     : comparison.identical ? "identical"
-                                            : "pass";
-    o.format == Format::json ? print_json(json_of(result)) : print_text(result);
+    double white = 0;
+    write_outputs(o, a, b, comparison, white);
+    if (o.format == Format::json) {
+        Json document = difference_json(difference);
+        document["slice"] = nullptr;
+        if (o.slice)
+            document["slice"] = {{"slice", slice_text(*o.slice)}, {"max", white}};
+        document["outputs"] = o.outputs;
+        print_json(document);
+    } else {
+        print_text(difference_text(difference));
+        if (o.slice)
+            std::printf("slice      %s, white is %.4g %% of B's mean\n",
+                        slice_text(*o.slice).c_str(), 100 * white);
+        for (const std::string& output : o.outputs)
+            std::printf("wrote      %s\n", output.c_str());
+        std::printf("result     %s\n", verdict(difference).c_str());
+    }
     finish_stdout();
-    if (failed)
+    if (const auto failed = failure(difference))
         throw Error(ErrorKind::difference, o.a + " differs from " + o.b + *failed);
-    if (warned)
+    if (const auto warned = warning(difference))
         std::fprintf(stderr, "lpvbake: warning: %s differs from %s: %s\n", o.a.c_str(), o.b.c_str(),
                      warned->c_str());
 }

@@ -10,7 +10,7 @@
 #include "render/display.h"
 #include "render/flip.h"
 #include "render/view.h"
-#include "scene_hash.h"
+#include "scene/scene_hash.h"
 #include "scene_options.h"
 #include "text.h"
 #include "volume/dilate.h"

@@ -28,13 +28,6 @@ std::string bytes_text(uint64_t bytes) {
     return text;
 }
 
-Json grid_json(const Grid& grid) {
-    return {{"dims", {grid.dims.x, grid.dims.y, grid.dims.z}},
-            {"cell", grid.cell},
-            {"origin", {grid.origin.x, grid.origin.y, grid.origin.z}},
-            {"cells", grid.size()}};
-}
-
 void print_grid(const Grid& grid) {
     std::printf("grid          %d x %d x %d cells of %.4g m from (%.5g, %.5g, %.5g)\n", grid.dims.x,
                 grid.dims.y, grid.dims.z, grid.cell, grid.origin.x, grid.origin.y, grid.origin.z);
@@ -64,6 +57,10 @@ void print_stages(const std::vector<StageReport>& stages) {
 void print_total(double seconds) {
     std::printf("%-12s  %7.3f s  peak memory %s\n", "total", seconds,
                 bytes_text(peak_memory()).c_str());
+}
+
+void print_text(const std::string& text) {
+    std::fputs(text.c_str(), stdout);
 }
 
 void print_json(const Json& document) {

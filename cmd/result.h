@@ -2,10 +2,8 @@
 #pragma once
 
 #include "gpu/gpu.h"
+#include "report/json.h"
 #include "solver/stages.h"
-#include "volume/grid.h"
-
-#include <nlohmann/json.hpp>
 
 #include <chrono>
 #include <cstdint>
@@ -13,8 +11,6 @@
 #include <vector>
 
 namespace lpvbake {
-
-using Json = nlohmann::ordered_json;
 
 /// The process's largest resident memory so far, bytes.
 uint64_t peak_memory();
@@ -24,15 +20,7 @@ double seconds_since(std::chrono::steady_clock::time_point begin);
 /// A size for people, such as "1.5 MiB".
 std::string bytes_text(uint64_t bytes);
 
-/// dims, cell, origin and the number of cells.
-Json grid_json(const Grid& grid);
-
 void print_grid(const Grid& grid);
-
-template <class T>
-Json vector_json(glm::vec<3, T> v) {
-    return {v.x, v.y, v.z};
-}
 
 /// Index, name, type, uuid, driver and api.
 Json device_json(const gpu::DeviceInfo& device);
@@ -45,5 +33,6 @@ void print_stages(const std::vector<StageReport>& stages);
 void print_total(double seconds);
 
 void print_json(const Json& document);
+void print_text(const std::string& text);
 
 } // namespace lpvbake

@@ -4,7 +4,7 @@
 #include "scene/gltf/light_file.h"
 #include "scene/gltf/sky_file.h"
 #include "scene/lights.h"
-#include "scene_hash.h"
+#include "scene/scene_hash.h"
 
 #include <cerrno>
 #include <cstdio>

@@ -31,8 +31,8 @@ inline constexpr std::size_t most_rows = 1000;
 /// The options that a sweep can set: those of all bakes, then the parameters of the solvers.
 std::vector<std::string> sweep_options(SolverKinds kinds = solver_kinds());
 
-/// Throws Error (argument) that names option and value unless this is an option with a value that it
-/// takes.
+/// Throws Error (argument) that names option and value unless this is an option with a value that
+/// it takes.
 void check_sweep_value(const std::string& option, const std::string& value,
                        SolverKinds kinds = solver_kinds());
 

@@ -1,4 +1,4 @@
-#include "scene_hash.h"
+#include "scene/scene_hash.h"
 
 #include "scene/sky.h"
 

@@ -1,0 +1,259 @@
+#include "report/describe.h"
+
+#include "report/json.h"
+#include "text.h"
+#include "volume/compare.h"
+
+#include <algorithm>
+
+namespace lpvbake {
+namespace {
+
+const char* alpha_name(AlphaMode mode) {
+    return mode == AlphaMode::mask ? "mask" : mode == AlphaMode::blend ? "blend" : "opaque";
+}
+
+const char* type_name(LightType type) {
+    return type == LightType::directional ? "directional"
+           : type == LightType::point     ? "point"
+                                          : "spot";
+}
+
+/// How many materials are of a kind.
+struct MaterialCounts {
+    std::ptrdiff_t emissive, mask, blend, double_sided;
+};
+
+MaterialCounts count_materials(const Scene& scene) {
+    const auto materials = [&](auto&& holds) {
+        return std::ranges::count_if(scene.materials, holds);
+    };
+    return {materials([](const Material& m) { return m.emission != glm::vec3(0.0f); }),
+            materials([](const Material& m) { return m.alpha_mode == AlphaMode::mask; }),
+            materials([](const Material& m) { return m.alpha_mode == AlphaMode::blend; }),
+            materials([](const Material& m) { return m.double_sided; })};
+}
+
+Json materials_json(const Scene& scene) {
+    Json list = Json::array();
+    for (const Material& m : scene.materials)
+        list.push_back(
+            {{"name", m.name},
+             {"base_color", {m.base_color.r, m.base_color.g, m.base_color.b, m.base_color.a}},
+             {"base_color_texture",
+              m.base_color_texture < 0 ? Json(nullptr) : Json(m.base_color_texture)},
+             {"emission", vector_json(m.emission)},
+             {"alpha", alpha_name(m.alpha_mode)},
+             {"double_sided", m.double_sided}});
+    const MaterialCounts count = count_materials(scene);
+    return {{"count", scene.materials.size()},
+            {"emissive", count.emissive},
+            {"mask", count.mask},
+            {"blend", count.blend},
+            {"double_sided", count.double_sided},
+            {"list", list}};
+}
+
+Json lights_json(const Scene& scene) {
+    Json list = Json::array();
+    for (const Light& light : scene.lights) {
+        Json entry{{"type", type_name(light.type)},
+                   {"name", light.name},
+                   {"color", vector_json(light.color)},
+                   {"intensity", light.intensity},
+                   {"unit", light.type == LightType::directional ? "lux" : "candela"}};
+        if (light.type != LightType::directional) {
+            entry["position"] = vector_json(light.position);
+            entry["range"] = light.range > 0 ? Json(light.range) : Json(nullptr);
+        }
+        if (light.type != LightType::point)
+            entry["direction"] = vector_json(light.direction);
+        if (light.type == LightType::spot) {
+            entry["inner_cone"] = light.inner_cone;
+            entry["outer_cone"] = light.outer_cone;
+        }
+        list.push_back(entry);
+    }
+    return list;
+}
+
+std::string lights_text(const Scene& scene) {
+    std::string text;
+    text += format("lights     %zu\n", scene.lights.size());
+    for (const Light& light : scene.lights) {
+        text += format("  %-11s  %.6g %s", type_name(light.type), light.intensity,
+                       light.type == LightType::directional ? "lx" : "cd");
+        text += format("  colour %.3g:%.3g:%.3g", light.color.x, light.color.y, light.color.z);
+        if (light.type != LightType::directional)
+            text += format("  at (%.4g, %.4g, %.4g)", light.position.x, light.position.y,
+                           light.position.z);
+        if (light.type != LightType::point)
+            text += format("  towards (%.4g, %.4g, %.4g)", light.direction.x, light.direction.y,
+                           light.direction.z);
+        if (light.type == LightType::spot)
+            text += format("  cone %.3g to %.3g rad", light.inner_cone, light.outer_cone);
+        if (light.range > 0)
+            text += format("  range %.4g m", light.range);
+        text += format("  %s\n", light.name.c_str());
+    }
+    return text;
+}
+
+struct NamedRange {
+    std::string name;
+    GridRange range;
+};
+
+std::vector<NamedRange> ranges_of(const Volume& volume) {
+    std::vector<NamedRange> ranges;
+    for (const ConstGridView& grid : grids_of(volume))
+        ranges.push_back({grid.name(), range_of(grid)});
+    return ranges;
+}
+
+std::string channels_text(const std::vector<double>& values) {
+    std::string text;
+    for (double value : values) {
+        char number[32];
+        std::snprintf(number, sizeof number, "%11.4g", value);
+        text += number;
+    }
+    return text;
+}
+
+} // namespace
+
+Json scene_json(const std::string& path, const Scene& scene) {
+    const Bounds bounds = bounds_of(scene);
+    Json document{
+        {"command", "info"},
+        {"file", path},
+        {"kind", "scene"},
+        {"generator", scene.file.generator},
+        {"extensions",
+         {{"used", scene.file.extensions_used}, {"required", scene.file.extensions_required}}},
+        {"scenes", scene.file.scenes},
+        {"animations", Json::array()},
+        {"variants", scene.file.variants},
+        {"triangles", triangle_count(scene)},
+        {"meshes", scene.meshes.size()},
+        {"instances", scene.instances.size()},
+        {"bounds", nullptr},
+        {"materials", materials_json(scene)},
+        {"textures", scene.textures.size()},
+        {"images", Json::array()},
+        {"emitters", has_emitters(scene)},
+        {"lights", lights_json(scene)},
+        {"cameras", Json::array()},
+        {"warnings", scene.warnings}};
+    if (!bounds.empty())
+        document["bounds"] = {{"lo", vector_json(bounds.lo)}, {"hi", vector_json(bounds.hi)}};
+    for (const SceneFile::Animation& animation : scene.file.animations)
+        document["animations"].push_back(
+            {{"name", animation.name}, {"duration", animation.duration}});
+    for (const Image& image : scene.images)
+        document["images"].push_back(
+            {{"name", image.name}, {"width", image.width}, {"height", image.height}});
+    for (const Camera& camera : scene.cameras)
+        document["cameras"].push_back({{"name", camera.name},
+                                       {"yfov", camera.yfov},
+                                       {"aspect", camera.aspect},
+                                       {"position", vector_json(glm::dvec3(camera.to_world[3]))}});
+    return document;
+}
+
+std::string scene_text(const std::string& path, const Scene& scene) {
+    const Bounds bounds = bounds_of(scene);
+    const MaterialCounts count = count_materials(scene);
+    std::string text;
+    text += format("scene      %s\n", path.c_str());
+    if (!scene.file.generator.empty())
+        text += format("generator  %s\n", scene.file.generator.c_str());
+    const auto print_names = [&](const char* title, const std::vector<std::string>& names) {
+        for (std::size_t i = 0; i < names.size(); ++i)
+            text += format("%-9s  %zu \"%s\"\n", i == 0 ? title : "", i, names[i].c_str());
+    };
+    for (const std::string& name : scene.file.extensions_used) {
+        const auto& required = scene.file.extensions_required;
+        const bool is_required =
+            std::find(required.begin(), required.end(), name) != required.end();
+        text += format("extension  %s%s\n", name.c_str(), is_required ? " (required)" : "");
+    }
+    if (scene.file.scenes.size() > 1)
+        print_names("scenes", scene.file.scenes);
+    print_names("variants", scene.file.variants);
+    for (std::size_t i = 0; i < scene.file.animations.size(); ++i)
+        text += format("animation  %zu \"%s\", %.4g s\n", i, scene.file.animations[i].name.c_str(),
+                       scene.file.animations[i].duration);
+    text += format("triangles  %llu in %s (%zu different)\n",
+                   static_cast<unsigned long long>(triangle_count(scene)),
+                   counted(scene.instances.size(), "placed mesh", "placed meshes").c_str(),
+                   scene.meshes.size());
+    if (bounds.empty()) {
+        text += format("bounds     none\n");
+    } else {
+        const glm::dvec3 size = bounds.hi - bounds.lo;
+        text +=
+            format("bounds     (%.6g, %.6g, %.6g) to (%.6g, %.6g, %.6g), %.4g x %.4g x %.4g m\n",
+                   bounds.lo.x, bounds.lo.y, bounds.lo.z, bounds.hi.x, bounds.hi.y, bounds.hi.z,
+                   size.x, size.y, size.z);
+    }
+    text +=
+        format("materials  %zu: %td emissive, %td mask, %td blend, %td double-sided\n",
+               scene.materials.size(), count.emissive, count.mask, count.blend, count.double_sided);
+    text += format("emitters   %s\n", has_emitters(scene) ? "yes" : "none");
+    text += format("textures   %zu of %s\n", scene.textures.size(),
+                   counted(scene.images.size(), "image").c_str());
+    for (const Image& image : scene.images)
+        text += format("  %d x %d  %s\n", image.width, image.height, image.name.c_str());
+    text += lights_text(scene);
+    text += format("cameras    %zu\n", scene.cameras.size());
+    for (const Camera& camera : scene.cameras)
+        text += format("  yfov %.3g rad  at (%.4g, %.4g, %.4g)  %s\n", camera.yfov,
+                       camera.to_world[3].x, camera.to_world[3].y, camera.to_world[3].z,
+                       camera.name.c_str());
+    return text;
+}
+
+Json volume_json(const std::string& path, const Volume& volume) {
+    Json document{{"command", "info"},
+                  {"file", path},
+                  {"kind", "volume"},
+                  {"grid", grid_json(volume.grid)},
+                  {"sh_order", volume.sh_order},
+                  {"grids", Json::array()},
+                  {"energy", total_energy(volume)},
+                  {"metadata", volume.metadata}};
+    for (const auto& [name, range] : ranges_of(volume))
+        document["grids"].push_back({{"name", name},
+                                     {"channels", range.min.size()},
+                                     {"min", range.min},
+                                     {"max", range.max},
+                                     {"mean", range.mean},
+                                     {"nonzero", range.nonzero}});
+    return document;
+}
+
+std::string volume_text(const std::string& path, const Volume& volume) {
+    const Grid& grid = volume.grid;
+    std::string text;
+    text += format("volume     %s\n", path.c_str());
+    text += format("grid       %d x %d x %d cells of %.6g m\n", grid.dims.x, grid.dims.y,
+                   grid.dims.z, grid.cell);
+    text += format("transform  index (i, j, k) at (%.6g, %.6g, %.6g) + %.6g (i, j, k) m\n",
+                   grid.center({0, 0, 0}).x, grid.center({0, 0, 0}).y, grid.center({0, 0, 0}).z,
+                   grid.cell);
+    text += format("energy     %.6g nit sr over all cells (luminance)\n", total_energy(volume));
+    for (const auto& [name, range] : ranges_of(volume)) {
+        text += format("%-14s  %5.1f %% of cells not zero\n", name.c_str(),
+                       100.0 * double(range.nonzero) / double(grid.size()));
+        text += format("  min  %s\n", channels_text(range.min).c_str());
+        text += format("  max  %s\n", channels_text(range.max).c_str());
+        text += format("  mean %s\n", channels_text(range.mean).c_str());
+    }
+    for (const auto& [key, value] : volume.metadata)
+        text += "lpv:" + key + " = " + value + "\n";
+    return text;
+}
+
+} // namespace lpvbake
