@@ -60,8 +60,9 @@ bool wants(const ReportOptions& o, const char* extension) {
 
 /// Runs the suite. Throws Error (argument) for options that the suite's file decides.
 void run_suite(const ReportOptions& o, const Options& options) {
-    const std::vector<std::string> taken{"suite",   "case",   "cheap",    "solver", "device",
-                                         "threads", "format", "progress", "config", "print-config"};
+    const std::vector<std::string> taken{
+        "suite",  "baseline", "update-baseline", "slack",  "time-slack", "case",   "cheap",
+        "solver", "device",   "threads",         "format", "progress",   "config", "print-config"};
     for (const Option& option : options.rows())
         if (option.is_set() && std::ranges::find(taken, option.name()) == taken.end())
             throw Error(
@@ -250,6 +251,7 @@ void write_outputs(const ReportOptions& o, const Report& report) {
 
 void run(const ReportOptions& o, const Options& options) {
     check_options(o);
+    check_baseline(o.suite.baseline);
     const auto begin = std::chrono::steady_clock::now();
     const std::vector<SweepRow> rows = rows_of(o);
     const std::vector<Light> lights = command_line_lights(o);
@@ -301,6 +303,10 @@ void run(const ReportOptions& o, const Options& options) {
         for (const std::string& output : o.outputs)
             std::cout << "wrote         " << output << '\n';
     }
+    finish_stdout();
+    const std::string worse = judge_by_baseline(o.suite.baseline, baseline_of(report));
+    if (!worse.empty())
+        throw Error(ErrorKind::difference, worse);
 }
 
 /// A row for each option that a sweep can set, whose values are checked one by one.
@@ -335,6 +341,22 @@ Action declare(Options& options) {
     options.group("Sweep");
     options.text("--sweep", o.sweep, "FILE", "TOML file of values: see below");
     add_axes(options, o);
+    BaselineOptions& baseline = o.suite.baseline;
+    options.group("Baseline");
+    options.text("--baseline", baseline.path, "FILE",
+                 "JSON file of earlier numbers: exit code 7 if one became worse");
+    options
+        .flag("--update-baseline", baseline.update,
+              "Write the numbers into the file instead; rows that are not measured stay")
+        .need("baseline");
+    options
+        .share("--slack", baseline.slack.errors, 0, 10,
+               "How much larger an error, or an energy's distance from 1, may be")
+        .need("baseline");
+    options
+        .share("--time-slack", baseline.slack.seconds, 0, 1000,
+               "The same for times, which are not compared without it")
+        .need("baseline");
     options.group("Suite");
     options.text("--suite", o.suite.suite, "FILE",
                  "JSON file of hard cases to run instead: see below");

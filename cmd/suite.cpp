@@ -11,6 +11,7 @@
 namespace lpvbake {
 
 void run_suite(const SuiteRun& run, const RunOptions& o) {
+    check_baseline(run.baseline);
     const auto begin = std::chrono::steady_clock::now();
     const Suite suite = load_suite(run.suite);
     const auto thread_limit = limit_threads(o.threads);
@@ -52,6 +53,7 @@ void run_suite(const SuiteRun& run, const RunOptions& o) {
         print_json(document);
     }
     finish_stdout();
+    const std::string worse = judge_by_baseline(run.baseline, baseline_of(rows));
     if (failed > 0) {
         const SuiteRow& first = *std::ranges::find_if(rows, fails);
         throw Error(ErrorKind::difference,
@@ -59,6 +61,8 @@ void run_suite(const SuiteRun& run, const RunOptions& o) {
                            failed, counted(rows.size(), "row").c_str(), first.name.c_str(),
                            first.solver.c_str(), failures_text(first).c_str()));
     }
+    if (!worse.empty())
+        throw Error(ErrorKind::difference, worse);
 }
 
 } // namespace lpvbake

@@ -1,6 +1,7 @@
 // report --suite: runs a suite of hard cases and prints its table.
 #pragma once
 
+#include "baseline.h"
 #include "report/suite.h"
 #include "scene_options.h"
 
@@ -11,6 +12,7 @@ namespace lpvbake {
 struct SuiteRun {
     std::string suite; ///< path
     SuiteSelection selection;
+    BaselineOptions baseline;
 };
 
 /// Throws Error: what load_suite and run_suite throw, difference if a limit does not hold.

@@ -183,6 +183,34 @@ TEST_F(ReportCli, ConfigFileRoundTrips) {
         EXPECT_NE(second.out.find(line), std::string::npos) << line << second.out;
 }
 
+TEST_F(ReportCli, WhatIsWorseThanTheBaselineFails) {
+    const std::string rows = "\"$ROOM\"" + coarse
+                             + "--no-peer --solver gather"
+                               " --bounces 1 --baseline b.json ";
+    expect_error(rows, ExitCode::file, "b.json");
+    ASSERT_EQ(run(rows + "--update-baseline").status, 0);
+    const CliResult same = run(rows);
+    EXPECT_EQ(same.status, 0) << same.err;
+    json kept = json::parse(slurp(folder_ / "b.json"));
+    ASSERT_EQ(kept["rows"].size(), 1u);
+    auto& row = kept["rows"].begin().value();
+    EXPECT_GT(row["threejs"], 0);
+    row["surface"] = row["surface"].get<double>() * 0.9;
+    spill(folder_ / "b.json", kept.dump());
+    const CliResult worse = run(rows);
+    EXPECT_EQ(worse.status, int(ExitCode::difference));
+    EXPECT_NE(worse.err.find("lpvbake: error: b.json: 1 number of 1 row became worse, the first is "
+                             "cornell_box.gltf: "),
+              std::string::npos)
+        << worse.err;
+    EXPECT_NE(worse.err.find(": surface is "), std::string::npos) << worse.err;
+    expect_error("\"$ROOM\" --slack 1%", ExitCode::usage, "--slack needs --baseline");
+    spill(folder_ / "b.json", "{\"rows\": {}}");
+    const CliResult none = run(rows);
+    EXPECT_EQ(none.status, int(ExitCode::usage));
+    EXPECT_NE(none.err.find("--update-baseline"), std::string::npos) << none.err;
+}
+
 TEST_F(ReportCli, WrongCommandLinesAreRefused) {
     expect_error("", ExitCode::usage, "no scene");
     expect_error("\"$ROOM\" -o r.txt", ExitCode::usage, "r.txt");

@@ -3,6 +3,7 @@
 #include "report/report.h"
 
 #include "error.h"
+#include "report/baseline.h"
 #include "report/page.h"
 #include "report/plot.h"
 #include "report/tables.h"
@@ -381,6 +382,49 @@ TEST(Written, Base64OfTheStandardsExamples) {
     EXPECT_EQ(base64("foo"), "Zm9v");
     EXPECT_EQ(base64("foobar"), "Zm9vYmFy");
     EXPECT_EQ(base64("\xff\xfe"), "//4=");
+}
+
+// ---------------------------------------------------------------- baselines
+
+TEST(Baseline, TellsWhatBecameWorseAndNothingElse) {
+    const Baseline kept{{"a: sn", {{"error", 0.05}, {"energy", 0.98}, {"seconds", 1.0}}},
+                        {"b: sn", {{"error", 0.0}}}};
+    const auto worse = [&](const std::string& name, double value, const BaselineSlack& slack = {}) {
+        Baseline now = kept;
+        now["a: sn"][name] = value;
+        now["c: sn"] = {{"error", 9}};
+        const BaselineComparison result = compare_baselines(kept, now, slack);
+        EXPECT_EQ(result.compared, 2u);
+        EXPECT_EQ(result.added, 1u);
+        return result.worse;
+    };
+    EXPECT_EQ(worse("error", 0.0514), std::vector<std::string>()); // 2 % and 5e-4
+    ASSERT_EQ(worse("error", 0.0516).size(), 1u);
+    EXPECT_EQ(worse("error", 0.0516)[0], "a: sn: error is 0.0516, was 0.05");
+    EXPECT_TRUE(worse("error", 0.0516, {0.05, {}}).empty());
+    EXPECT_TRUE(worse("error", 0.01).empty());
+    EXPECT_TRUE(worse("energy", 1.02).empty()) << "as far from 1 on the other side";
+    EXPECT_EQ(worse("energy", 1.03).size(), 1u);
+    EXPECT_EQ(worse("energy", 0.97).size(), 1u);
+    EXPECT_TRUE(worse("seconds", 100).empty()) << "nobody asked for times";
+    EXPECT_EQ(worse("seconds", 1.6, {0.02, 0.5}).size(), 1u);
+    EXPECT_TRUE(worse("seconds", 1.4, {0.02, 0.5}).empty());
+    Baseline gone = kept;
+    gone["a: sn"].erase("error");
+    EXPECT_EQ(compare_baselines(kept, gone, {}).worse.size(), 1u);
+    EXPECT_EQ(compare_baselines(kept, {{"c: sn", {}}}, {}).compared, 0u);
+}
+
+TEST(Baseline, FilesKeepIt) {
+    const TemporaryFolder folder;
+    const Baseline kept{{"a \"b\": sn 32", {{"error", 0.01234}, {"energy", 1}}}, {"c: lpv", {}}};
+    save_baseline(folder / "a.json", kept);
+    EXPECT_EQ(load_baseline(folder / "a.json"), kept);
+    for (const char* text : {"", "[]", "{}", "{\"rows\": 1}", "{\"rows\": {\"a\": 1}}",
+                             "{\"rows\": {\"a\": {\"error\": null}}}"}) {
+        spill(folder / "b.json", text);
+        EXPECT_THROW(load_baseline(folder / "b.json"), Error) << text;
+    }
 }
 
 } // namespace
