@@ -4,6 +4,7 @@
 
 #include "commands.h"
 #include "error.h"
+#include "options/wording.h"
 #include "readers/readers.h"
 #include "scene_options.h"
 #include "text.h"
@@ -236,7 +237,8 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const Choic
         document["seconds"] = plan.seconds;
         document["skipped"] = Json::array();
         for (const SkippedStage& skipped : plan.skipped)
-            document["skipped"].push_back({{"name", skipped.name}, {"why", skipped.why}});
+            document["skipped"].push_back(
+                {{"name", skipped.name}, {"why", in_options(skipped.why)}});
         document["rsm"] = {{"maps", plan.maps.count}, {"size", plan.maps.size}};
         document["device_bytes"] = plan.device_bytes;
         document["host_bytes"] = plan.host_bytes;
@@ -251,7 +253,8 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const Choic
                 plan.seconds);
     print_stages(plan.stages);
     for (const SkippedStage& skipped : plan.skipped)
-        std::printf("skipped       %s: %s\n", skipped.name.c_str(), skipped.why.c_str());
+        std::printf("skipped       %s: %s\n", skipped.name.c_str(),
+                    in_options(skipped.why).c_str());
     for (const std::string& output : o.outputs.paths)
         std::printf("output        %s\n", output.c_str());
 }

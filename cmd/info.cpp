@@ -3,6 +3,7 @@
 #include "commands.h"
 #include "error.h"
 #include "io/slice.h"
+#include "options/wording.h"
 #include "report/describe.h"
 #include "scene_options.h"
 
@@ -47,9 +48,11 @@ void run(const InfoOptions& o) {
             preload = preload_image_module();
         LoadSettings settings = o.load;
         settings.skip_colors = !o.load.strict; // which looks for every fault
-        const Scene scene = load_gltf(o.file, settings);
-        for (const std::string& warning : scene.warnings)
-            std::fprintf(stderr, "lpvbake: warning: %s\n", warning.c_str());
+        Scene scene = load_gltf(o.file, settings);
+        for (std::string& warning : scene.warnings) {
+            warning = in_options(warning);
+            std::fprintf(stderr, "lpvbake: warning: %s\n", on_one_line(warning).c_str());
+        }
         o.format == Format::json ? print_json(scene_json(o.file, scene))
                                  : print_text(scene_text(o.file, scene));
     } else if (readable_format(o.file)) {

@@ -2,6 +2,7 @@
 
 #include "commands.h"
 #include "exit_code.h"
+#include "options/wording.h"
 #include "terminal.h"
 
 #include <csignal>
@@ -14,7 +15,7 @@ namespace lpvbake {
 namespace {
 
 int fail(ErrorKind kind, const std::string& text) {
-    std::fprintf(stderr, "lpvbake: error: %s\n", on_one_line(text).c_str());
+    std::fprintf(stderr, "lpvbake: error: %s\n", on_one_line(in_options(text)).c_str());
     return int(exit_code_of(kind));
 }
 

@@ -7,6 +7,7 @@
 #include "error.h"
 #include "io/atomic_file.h"
 #include "options/toml.h"
+#include "options/wording.h"
 #include "report/page.h"
 #include "report/plot.h"
 #include "report/tables.h"
@@ -189,6 +190,14 @@ std::string shared_command(const Options& options, const std::string& scene) {
     return command;
 }
 
+/// The command that repeats a row.
+std::string row_command(const std::string& shared, const SweepRow& row) {
+    std::string command = shared;
+    for (const auto& [option, value] : row.options)
+        command += " --" + option + " " + value;
+    return command;
+}
+
 /// Lists what would be baked, with estimates.
 void print_plan(const ReportOptions& o, const Options& options, const std::vector<Scene>& scenes,
                 const std::vector<SweepRow>& rows, const gpu::DeviceInfo& device) {
@@ -198,8 +207,7 @@ void print_plan(const ReportOptions& o, const Options& options, const std::vecto
                   {"scenes", Json::array()}};
     double seconds = 0;
     for (std::size_t i = 0; i < scenes.size(); ++i) {
-        SceneReport listed;
-        listed.command = shared_command(options, o.scenes[i]);
+        const std::string command = shared_command(options, o.scenes[i]);
         Json entries = Json::array();
         if (o.format == Format::text)
             std::printf("scene         %s\n", o.scenes[i].c_str());
@@ -211,7 +219,7 @@ void print_plan(const ReportOptions& o, const Options& options, const std::vecto
             result.row = row;
             const glm::ivec3 dims = plan.grid.dims;
             entries.push_back({{"name", row_name(result)},
-                               {"command", row_command(listed, result)},
+                               {"command", row_command(command, row)},
                                {"dims", {dims.x, dims.y, dims.z}},
                                {"seconds", plan.seconds}});
             if (o.format == Format::text)
@@ -288,9 +296,14 @@ void run(const ReportOptions& o, const Options& options) {
         report.scenes.push_back(measure_scene(scenes[i], rows, report.settings, device, progress));
         SceneReport& scene = report.scenes.back();
         scene.path = o.scenes[i];
-        scene.command = shared_command(options, o.scenes[i]);
-        for (const std::string& warning : scene.warnings)
-            progress.warn(warning);
+        const std::string command = shared_command(options, o.scenes[i]);
+        for (RowResult& row : scene.rows) {
+            row.command = row_command(command, row.row);
+            for (std::string& warning : row.warnings)
+                warning = in_options(warning);
+        }
+        for (std::string& warning : scene.warnings)
+            progress.warn(warning = in_options(warning));
     }
     report.seconds = seconds_since(begin);
     progress.begin("write", 0);

@@ -1,9 +1,9 @@
 #include "scene_options.h"
 
 #include "error.h"
+#include "options/lights.h"
 #include "scene/gltf/light_file.h"
 #include "scene/gltf/sky_file.h"
-#include "scene/lights.h"
 #include "scene/scene_hash.h"
 
 #include <cerrno>

@@ -1,6 +1,7 @@
 #include "suite.h"
 
 #include "error.h"
+#include "options/wording.h"
 #include "report/suite_table.h"
 #include "text.h"
 
@@ -9,6 +10,15 @@
 #include <cstdio>
 
 namespace lpvbake {
+namespace {
+
+SuiteRow worded(SuiteRow row) {
+    for (std::string& failure : row.failures)
+        failure = in_options(failure);
+    return row;
+}
+
+} // namespace
 
 void run_suite(const SuiteRun& run, const RunOptions& o) {
     check_baseline(run.baseline);
@@ -31,11 +41,12 @@ void run_suite(const SuiteRun& run, const RunOptions& o) {
             return;
         if (!std::exchange(headed, true))
             print_text(suite_head(width));
-        print_text(suite_line(row, width));
+        print_text(suite_line(worded(row), width));
         std::fflush(stdout);
     };
-    const std::vector<SuiteRow> rows =
+    std::vector<SuiteRow> rows =
         run_suite(suite, run.selection, suite_solvers(device), progress, show);
+    std::ranges::transform(rows, rows.begin(), worded);
     progress.clear();
 
     const auto fails = [](const SuiteRow& row) { return !row.failures.empty(); };

@@ -1,6 +1,7 @@
 #include "terminal.h"
 
 #include "error.h"
+#include "options/wording.h"
 
 #include <algorithm>
 #include <csignal>
@@ -107,7 +108,8 @@ void TerminalProgress::clear() {
     visible_ = false;
 }
 
-void TerminalProgress::warn(const std::string& text) {
+void TerminalProgress::warn(const std::string& said) {
+    const std::string text = in_options(said);
     if (std::find(warnings_.begin(), warnings_.end(), text) != warnings_.end())
         return;
     warnings_.push_back(text);

@@ -36,8 +36,8 @@ public:
     void advance(uint64_t done) override;
     /// Takes the bar away.
     void clear();
-    /// Prints a warning beside the bar, each text once.
-    void warn(const std::string& text);
+    /// Prints a warning of the library beside the bar, each text once.
+    void warn(const std::string& said);
     const std::vector<std::string>& warnings() const { return warnings_; }
 
 private:

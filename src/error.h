@@ -19,7 +19,9 @@ enum class ErrorKind {
     terminated,  ///< ended on request, by SIGTERM
 };
 
-/// The text is one line that names the file, the place in it and the remedy.
+/// The text is one line that names the file, the place in it and the remedy. Settings are named as
+/// the structs have them, in backquotes, as in "lower `resolution`"; the program turns them into
+/// its options (cmd/options/wording.h). Warnings do the same.
 class Error : public std::runtime_error {
 public:
     Error(ErrorKind which, const std::string& text) : std::runtime_error(text), kind(which) {}

@@ -3,7 +3,9 @@
 
 * a folder includes only what its lpvbake_folder() in CMakeLists.txt says that it builds on;
 * a package's headers are included in its one folder;
-* Vulkan is named in src/gpu and in the .cpp files of stages that draw or dispatch.
+* Vulkan is named in src/gpu and in the .cpp files of stages that draw or dispatch;
+* the texts of src/ name no option of a command line: they name settings, in backquotes, and
+  cmd/options/wording.cpp has a row for each of them and no other.
 
 Usage: layering_test.py ROOT. Prints each offence as file:line: text; exits 1 if there is any, and
 first makes sure that it finds offences planted in a folder of its own.
@@ -35,6 +37,11 @@ VULKAN_NAME = re.compile(r"\bvk::|\bVK_[A-Z]|\bVk[A-Z]")
 VULKAN_STAGES = ("src/raster/", "src/solver/", "src/render/")
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
+
+STRING = re.compile(r'"((?:[^"\\\n]|\\.)*)"')
+OPTION = re.compile(r"(?<![\w-])--(?:[a-z]|$)")
+SETTING = re.compile(r"`\w+`")
+OF_OTHER_PROGRAMS = "run_gnuplot("  # what follows is no option of ours
 
 
 def reachable(folder, builds_on):
@@ -104,6 +111,29 @@ def offences(root):
                 yield f"{place}: {own or 'a top-level header'} does not build on {target}"
 
 
+def wording_offences(root):
+    table = root / "cmd/options/wording.cpp"
+    rows = set(SETTING.findall(" ".join(re.findall(r'\{"([^"]*)",', table.read_text()))))
+    named = set()
+    for file in sorted(p for p in (root / "src").rglob("*") if p.suffix in (".h", ".cpp")):
+        for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
+            place = f"{file.relative_to(root).as_posix()}:{number}"
+            for text in STRING.findall(line):
+                if OPTION.search(text) and OF_OTHER_PROGRAMS not in line:
+                    yield f"{place}: names an option; the setting goes in backquotes"
+                for setting in SETTING.findall(text):
+                    named.add(setting)
+                    if setting not in rows:
+                        yield f"{place}: cmd/options/wording.cpp has no row for {setting}"
+    for setting in sorted(rows - named):
+        yield f"cmd/options/wording.cpp: no text in src/ names {setting}"
+
+
+def all_offences(root):
+    yield from offences(root)
+    yield from wording_offences(root)
+
+
 PLANTED = {
     "CMakeLists.txt": "add_library(lpvbake_colour INTERFACE)\nlpvbake_folder(scene)\nlpvbake_folder(gpu LIBRARIES Vulkan::Vulkan)\n"
                       "lpvbake_folder(volume DEPENDS colour)\nlpvbake_folder(raster DEPENDS scene gpu)\n"
@@ -125,9 +155,16 @@ PLANTED = {
     "src/scene/vdb.cpp": "#include <openvdb/openvdb.h>\n",
     "src/io/relative.cpp": '#include "../volume/volume.h"\n',
     "src/stray/stray.h": "",
+    "src/io/texts.cpp": 'throw Error("lower `known`"); // fine: --all, "a--b"\n'
+                        'run_gnuplot("", {"--version"}); // fine\n'
+                        'throw Error("lower --all");\n'
+                        'text += " --" + name;\n'
+                        'warn("raise `unknown`");\n',
+    "cmd/options/wording.cpp": '{"`known`", "--known"},\n{"`unused`", "--unused"},\n',
     "cmd/x.cpp": '#include "bake/bake.h"\n#include <CLI/CLI.hpp>\n#include <tiny_gltf.h>\n',
 }
-EXPECTED = ["cmd/x.cpp:3", "src/io/relative.cpp:1", "src/raster/raster.h:1", "src/scene/vdb.cpp:1",
+EXPECTED = ["cmd/options/wording.cpp", "cmd/x.cpp:3", "src/io/relative.cpp:1", "src/io/texts.cpp:3",
+            "src/io/texts.cpp:4", "src/io/texts.cpp:5", "src/raster/raster.h:1", "src/scene/vdb.cpp:1",
             "src/solver/lpv/bad.h:1", "src/stray/stray.h", "src/volume/bad.h:1",
             "src/volume/worse.cpp:1"]
 
@@ -138,14 +175,14 @@ def check_itself():
         for name, text in PLANTED.items():
             (root / name).parent.mkdir(parents=True, exist_ok=True)
             (root / name).write_text(text)
-        found = sorted({o.split(": ")[0] for o in offences(root)})
+        found = sorted({o.split(": ")[0] for o in all_offences(root)})
         if found != EXPECTED:
             sys.exit(f"this test is broken: planted {EXPECTED}, found {found}")
 
 
 def main():
     check_itself()
-    found = list(offences(pathlib.Path(sys.argv[1])))
+    found = list(all_offences(pathlib.Path(sys.argv[1])))
     print("\n".join(found) or "no offence")
     sys.exit(1 if found else 0)
 

@@ -20,7 +20,7 @@ void warn_of_backs(const Scene& scene, const Visibility& visibility, const Frame
         if (const double backs = share_of_backs(visibility, light, frame); backs > 0.25)
             stages.warn(format(
                 "light '%s': %.0f %% of its first hits are backs of single-sided surfaces, which "
-                "are black; --backfaces cull lets light pass them",
+                "are black; `cull_backfaces` lets light pass them",
                 light.name.c_str(), 100.0 * backs));
 }
 
@@ -58,7 +58,7 @@ void fit_volume(const Scene& scene, const BakePlan& plan, const Visibility& visi
                       counted(fit.fit.points, "point").c_str()));
     if (fit.after.relative > fit.before.relative)
         stages.warn(format("what %s shows on surfaces is no nearer to their light than before the "
-                           "fit: --fit none",
+                           "fit: `fit` none",
                            reader.name));
 }
 

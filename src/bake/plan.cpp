@@ -32,7 +32,7 @@ void warn_of_empty_bounds(const SceneFacts& scene, std::vector<std::string>& war
         if (size[axis] > 0.5 * longest && kept[axis] < 0.5 * size[axis]) {
             warnings.push_back(
                 format("%s: 1 %% of the triangles set over half of the bounds; the others' are "
-                       "--bounds %.6g,%.6g,%.6g,%.6g,%.6g,%.6g",
+                       "`bounds` %.6g,%.6g,%.6g,%.6g,%.6g,%.6g",
                        scene.path.c_str(), lo.x, lo.y, lo.z, hi.x, hi.y, hi.z));
             return;
         }
@@ -64,7 +64,7 @@ void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan)
         warn_of_empty_bounds(scene, plan.warnings);
     if (glm::any(glm::greaterThan(box.lo, hi)) || glm::any(glm::lessThan(box.hi, lo)))
         plan.warnings.push_back(
-            format("--bounds do not meet the scene's, %.6g,%.6g,%.6g to %.6g,%.6g,%.6g", lo.x, lo.y,
+            format("`bounds` do not meet the scene's, %.6g,%.6g,%.6g to %.6g,%.6g,%.6g", lo.x, lo.y,
                    lo.z, hi.x, hi.y, hi.z));
     plan.grid = fit_grid(box.lo, box.hi, settings.grid);
     plan.frame = frame_of(plan.grid);
@@ -73,7 +73,7 @@ void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan)
         throw Error(ErrorKind::memory,
                     dims_text(plan.grid.dims)
                         + format(" needs %.1f GiB of %s's %.1f GiB; the largest that fits is "
-                                 "--resolution %d",
+                                 "`resolution` %d",
                                  double(plan.device_bytes) / 0x1p30, device.name.c_str(),
                                  double(device.memory) / 0x1p30,
                                  largest_resolution(box, settings, device.memory)));
@@ -171,7 +171,7 @@ void check_host_memory(const BakePlan& plan) {
     throw Error(ErrorKind::memory,
                 dims_text(dims)
                     + format(" needs about %.1f GiB of this machine's %.1f GiB of memory; lower "
-                             "--resolution, to about %d",
+                             "`resolution`, to about %d",
                              double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30,
                              std::max(3, int(fits))));
 }

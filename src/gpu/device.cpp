@@ -183,9 +183,9 @@ void fail(const char* doing, const vk::SystemError& error) {
         kind = ErrorKind::memory;
     const char* what = "";
     if (result == vk::Result::eErrorDeviceLost)
-        what = ": the device was lost; try again, or name another with --device";
+        what = ": the device was lost; try again, or name another with `device`";
     else if (kind == ErrorKind::memory)
-        what = ": out of memory; a lower --resolution needs less";
+        what = ": out of memory; a lower `resolution` needs less";
     throw Error(kind, std::string(doing) + " failed" + what + " (" + vk::to_string(result) + ")");
 }
 

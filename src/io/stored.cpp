@@ -15,7 +15,7 @@ void check(const Volume& canonical, const Encoding& encoding, const std::string&
                     path + ": the convention " + name_of(encoding.convention)
                         + " has a form for order " + std::to_string(highest)
                         + " at most; the volume has order " + std::to_string(canonical.sh_order)
-                        + ": set --sh-order");
+                        + ": set `sh_order`");
 }
 
 bool changes(const Encoding& encoding) {

@@ -205,7 +205,7 @@ glm::dvec3 Paths::trace(glm::vec3 origin, glm::dvec3 towards, double density, Pa
             throw Error(ErrorKind::invalid,
                         scene_.path
                             + ": light in a closed part of the scene is reflected without end, "
-                              "its albedo is 1; set --max-albedo below 1 or a number of --bounces");
+                              "its albedo is 1; set `max_albedo` below 1 or a number of `bounces`");
         towards = sample_cosine(n, sampler.pair());
         density = cosine_density(towards);
     }

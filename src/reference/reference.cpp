@@ -145,7 +145,7 @@ void check_memory(const Grid& grid, const ReferenceSettings& settings) {
         throw Error(ErrorKind::memory,
                     "a reference on " + std::to_string(grid.dims.x) + " x "
                         + std::to_string(grid.dims.y) + " x " + std::to_string(grid.dims.z)
-                        + " cells does not fit this machine's memory; lower --resolution");
+                        + " cells does not fit this machine's memory; lower `resolution`");
 }
 
 /// Running sums of all points.
@@ -298,7 +298,7 @@ std::vector<std::string> warnings_of(const ProbeField& field, const ReferenceSet
     std::vector<std::string> warnings;
     if (!field.converged)
         warnings.push_back("the noise is still " + short_number(100.0 * field.noise) + " % after "
-                           + std::to_string(field.rays) + " rays a cell; raise --rays");
+                           + std::to_string(field.rays) + " rays a cell; raise `rays`");
     if (settings.probes > cells)
         warnings.push_back("only " + std::to_string(cells)
                            + " cells are valid; all of them are probes");

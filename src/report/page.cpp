@@ -160,7 +160,7 @@ std::string section(const SceneReport& scene) {
         html += "<h3>A layer of the best bake on each grid</h3>\n" + slices;
     html += "<h3>To repeat a row</h3>\n<pre>";
     for (const RowResult& row : scene.rows)
-        html += html_text(row_command(scene, row)) + "\n";
+        html += html_text(row.command) + "\n";
     html += "</pre>\n";
     for (const std::string& warning : scene.warnings)
         html += "<p class=\"note\">Warning: " + html_text(warning) + "</p>\n";

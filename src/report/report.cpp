@@ -434,7 +434,7 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
         const GridTruth truth = trace_grid(scene, grid, orders, settings, on_grid);
         if (!grid.converged)
             report.warnings.push_back(format("the reference's noise on the grid of %d x %d x %d "
-                                             "is still %.3g %%; raise --rays",
+                                             "is still %.3g %%; raise `rays`",
                                              grid.grid.dims.x, grid.grid.dims.y, grid.grid.dims.z,
                                              100 * grid.noise));
         std::optional<Volume> best;
@@ -470,13 +470,6 @@ std::string row_name(const RowResult& row) {
         name += (name.empty() ? "" : " ") + (plain ? value : option + "=" + value);
     }
     return name;
-}
-
-std::string row_command(const SceneReport& scene, const RowResult& row) {
-    std::string command = scene.command;
-    for (const auto& [option, value] : row.row.options)
-        command += " --" + option + " " + value;
-    return command;
 }
 
 namespace {

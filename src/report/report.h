@@ -61,6 +61,7 @@ struct RowResult {
     std::optional<EqualError> peer;
     std::optional<EqualError> sharing; ///< the same for GridResult::sharing
     std::vector<std::string> warnings;
+    std::string command; ///< that repeats it, as the caller has it
 };
 
 /// Path-traced probes with one number of rays.
@@ -109,7 +110,6 @@ struct GridResult {
 
 struct SceneReport {
     std::string path;
-    std::string command; ///< `lpvbake bake SCENE OPTIONS` that all rows share; a row adds its own
     uint64_t triangles = 0;
     std::vector<GridResult> grids;
     std::vector<RowResult> rows;
@@ -127,7 +127,7 @@ struct Report {
     double seconds = 0; ///< for everything
 };
 
-/// Bakes and measures every row; path and command of the result are the caller's. Throws Error, as
+/// Bakes and measures every row; path and commands of the result are the caller's. Throws Error, as
 /// plan_bake (before any row is baked), bake and trace_probes do.
 SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
                           const ReportSettings& settings, const gpu::Device& device,
@@ -142,8 +142,5 @@ std::vector<std::string> verdicts(const SceneReport& scene);
 
 /// The options that set a row apart, for a table: "lpv 32 face".
 std::string row_name(const RowResult& row);
-
-/// The command that repeats a row.
-std::string row_command(const SceneReport& scene, const RowResult& row);
 
 } // namespace lpvbake

@@ -187,10 +187,10 @@ Json to_json(const GridResult& grid) {
     return json;
 }
 
-Json to_json(const SceneReport& scene, const RowResult& row) {
+Json to_json(const RowResult& row) {
     Json json{{"name", row_name(row)},
               {"options", Json::object()},
-              {"command", row_command(scene, row)},
+              {"command", row.command},
               {"grid", row.grid},
               {"sh_order", row.sh_order},
               {"seconds", to_json(row.seconds)},
@@ -339,7 +339,7 @@ std::string report_csv(const Report& report) {
             }
             for (const StageTiming& stage : row.stages)
                 line.set("stage_" + stage.name, stage.seconds.median);
-            line.set("command", row_command(scene, row));
+            line.set("command", row.command);
             text += line.text();
         }
         for (const GridResult& grid : scene.grids)
@@ -400,7 +400,7 @@ nlohmann::ordered_json report_json(const Report& report) {
         for (const GridResult& grid : scene.grids)
             json["grids"].push_back(to_json(grid));
         for (const RowResult& row : scene.rows)
-            json["rows"].push_back(to_json(scene, row));
+            json["rows"].push_back(to_json(row));
         document["scenes"].push_back(json);
     }
     return document;

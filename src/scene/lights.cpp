@@ -1,141 +1,11 @@
 #include "scene/lights.h"
 
-#include "colour/colour.h"
 #include "error.h"
 
-#include <charconv>
 #include <cmath>
 #include <numbers>
-#include <string_view>
-#include <vector>
 
 namespace lpvbake {
-namespace {
-
-/// An option's text with what is needed to complain about it.
-struct Argument {
-    std::string text;
-    const char* option;
-    const char* form;
-    const char* example;
-
-    [[noreturn]] void fail(const std::string& why) const {
-        throw Error(ErrorKind::argument, std::string(option) + " " + text + ": " + why
-                                             + "; the form is " + form + ", for example " + option
-                                             + " " + example);
-    }
-};
-
-std::vector<std::string_view> split(std::string_view text, char separator) {
-    std::vector<std::string_view> parts;
-    for (;;) {
-        const size_t end = text.find(separator);
-        parts.push_back(text.substr(0, end));
-        if (end == std::string_view::npos)
-            return parts;
-        text.remove_prefix(end + 1);
-    }
-}
-
-double number(std::string_view text, const char* name, const Argument& argument) {
-    while (!text.empty() && text.front() == ' ')
-        text.remove_prefix(1);
-    while (!text.empty() && text.back() == ' ')
-        text.remove_suffix(1);
-    if (text.starts_with('+'))
-        text.remove_prefix(1);
-    double value = 0.0;
-    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-    if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(value))
-        argument.fail(std::string(name) + " is not a number");
-    return value;
-}
-
-double positive(std::string_view text, const char* name, const Argument& argument) {
-    const double value = number(text, name, argument);
-    if (value < 0.0)
-        argument.fail(std::string(name) + " is negative");
-    return value;
-}
-
-/// "#rrggbb" (sRGB) or "R:G:B" (linear).
-glm::vec3 color(std::string_view text, const Argument& argument) {
-    glm::vec3 result;
-    if (text.starts_with('#')) {
-        const std::string_view digits = text.substr(1);
-        uint32_t value = 0;
-        const auto [end, error] =
-            std::from_chars(digits.data(), digits.data() + digits.size(), value, 16);
-        if (digits.size() != 6 || error != std::errc() || end != digits.data() + digits.size())
-            argument.fail("COLOUR is not #rrggbb");
-        for (int channel = 0; channel < 3; ++channel)
-            result[channel] =
-                static_cast<float>(srgb_to_linear(((value >> (16 - 8 * channel)) & 255u) / 255.0));
-        return result;
-    }
-    const std::vector<std::string_view> channels = split(text, ':');
-    if (channels.size() != 3)
-        argument.fail("COLOUR is neither #rrggbb nor R:G:B");
-    for (int channel = 0; channel < 3; ++channel)
-        result[channel] = static_cast<float>(positive(channels[channel], "COLOUR", argument));
-    if (!std::isfinite(result.x + result.y + result.z))
-        argument.fail("COLOUR is too large");
-    return result;
-}
-
-std::vector<std::string_view> fields(const Argument& argument, size_t required) {
-    std::vector<std::string_view> parts = split(argument.text, ',');
-    if (parts.size() != required && parts.size() != required + 1)
-        argument.fail(std::to_string(parts.size()) + " values were given");
-    return parts;
-}
-
-} // namespace
-
-Light parse_sun(const std::string& text) {
-    const Argument argument{text, "--sun", "AZIMUTH,ELEVATION,LUX[,COLOUR]",
-                            "45,30,100000,#fff4e0"};
-    const std::vector<std::string_view> parts = fields(argument, 3);
-    const double azimuth = glm::radians(number(parts[0], "AZIMUTH", argument));
-    const double elevation = glm::radians(number(parts[1], "ELEVATION", argument));
-    if (std::abs(elevation) > glm::radians(90.0))
-        argument.fail("ELEVATION is outside -90 to 90 degrees");
-    Light light;
-    light.type = LightType::directional;
-    light.name = "sun";
-    light.intensity = positive(parts[2], "LUX", argument);
-    light.direction = -glm::dvec3(std::cos(elevation) * std::sin(azimuth), std::sin(elevation),
-                                  std::cos(elevation) * std::cos(azimuth));
-    if (parts.size() == 4)
-        light.color = color(parts[3], argument);
-    return light;
-}
-
-Light parse_point(const std::string& text) {
-    const Argument argument{text, "--point", "X,Y,Z,CD[,COLOUR]", "0,1.8,0,100,1:0.8:0.6"};
-    const std::vector<std::string_view> parts = fields(argument, 4);
-    Light light;
-    light.type = LightType::point;
-    light.name = "point";
-    light.position = {number(parts[0], "X", argument), number(parts[1], "Y", argument),
-                      number(parts[2], "Z", argument)};
-    light.intensity = positive(parts[3], "CD", argument);
-    if (parts.size() == 5)
-        light.color = color(parts[4], argument);
-    return light;
-}
-
-Sky parse_sky(const std::string& text) {
-    const Argument argument{text, "--sky", "COLOUR,NITS or FILE[,SCALE]", "0.6:0.8:1,3000"};
-    const std::vector<std::string_view> parts = split(text, ',');
-    if (parts.size() != 2)
-        argument.fail(std::to_string(parts.size()) + " values were given");
-    Sky sky;
-    sky.luminance = color(parts[0], argument) * float(positive(parts[1], "NITS", argument));
-    if (!std::isfinite(sky.luminance.x + sky.luminance.y + sky.luminance.z))
-        argument.fail("NITS is too large");
-    return sky;
-}
 
 void check_light(const Light& light, const std::string& place) {
     const auto require = [&](bool ok, const char* what) {
@@ -163,15 +33,12 @@ void check_light_arrives(const std::string& place, const LightSources& sources) 
         return;
     if (!sources.punctual)
         throw Error(ErrorKind::invalid,
-                    place
-                        + ": no light and no emissive surface; add one with --sun "
-                          "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD, --sky COLOUR,NITS or --lights "
-                          "FILE");
+                    place + ": no light and no emissive surface; add `lights` or a `sky`");
     if (sources.bounces == 0)
         throw Error(ErrorKind::invalid,
                     place
                         + ": without reflections no light of its lights is in the field; set "
-                          "--bounces 1 or more");
+                          "`bounces` 1 or more");
 }
 
 } // namespace lpvbake

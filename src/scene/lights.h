@@ -1,4 +1,4 @@
-// Lights that do not come with the scene: from the command line or a JSON file.
+// What a light has to be, and which light a field can hold.
 #pragma once
 
 #include "scene/scene.h"
@@ -7,19 +7,6 @@
 #include <string>
 
 namespace lpvbake {
-
-/// "AZIMUTH,ELEVATION,LUX[,COLOUR]": where the sun stands. Azimuth in degrees from +Z towards +X,
-/// elevation in degrees above the horizon. COLOUR is #rrggbb (sRGB) or R:G:B (linear).
-/// Throws Error (argument) that shows the form.
-Light parse_sun(const std::string& text);
-
-/// "X,Y,Z,CD[,COLOUR]": a point light at X,Y,Z metres of CD candela.
-/// Throws Error (argument) that shows the form.
-Light parse_point(const std::string& text);
-
-/// "COLOUR,NITS": a sky of the same luminance everywhere. COLOUR as in parse_sun.
-/// Throws Error (argument) that shows the form.
-Sky parse_sky(const std::string& text);
 
 /// Throws Error (invalid), beginning with `place`, unless the light is one that KHR_lights_punctual
 /// allows: finite, color and intensity not negative, range not negative, cones with

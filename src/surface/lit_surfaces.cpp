@@ -273,7 +273,7 @@ void reflect_between(const Scene& scene, const Reflectors& reflectors,
             throw Error(ErrorKind::invalid,
                         scene.path
                             + ": light in a closed part of the scene is reflected without end, "
-                              "its albedo is 1; set --max-albedo below 1 or a number of --bounces");
+                              "its albedo is 1; set `max_albedo` below 1 or a number of `bounces`");
         lit.residual = ratio < 1.0 ? change * ratio / (1.0 - ratio) / all : 1.0;
         if (!settings.bounces && lit.residual <= double(settings.tolerance))
             break;

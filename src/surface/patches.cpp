@@ -169,7 +169,7 @@ private:
         if (++made > most_patches)
             throw Error(ErrorKind::memory,
                         scene.path + ": more than " + std::to_string(most_patches)
-                            + " patches of surface lie in the grid; lower --resolution");
+                            + " patches of surface lie in the grid; lower `resolution`");
         if (walls) {
             nodes[node].patch = uint32_t(patches.size());
             if (is_hidden(patch))

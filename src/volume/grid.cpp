@@ -35,12 +35,12 @@ Grid fit_grid(glm::dvec3 lo, glm::dvec3 hi, const GridSettings& settings) {
     const double longest = std::max({extent.x, extent.y, extent.z});
     for (int a = 0; a < 3; ++a) {
         if (!std::isfinite(lo[a]) || !std::isfinite(hi[a]) || !std::isfinite(extent[a]))
-            reject("the box ", lo, " to ", hi, " is not finite; set --bounds");
+            reject("the box ", lo, " to ", hi, " is not finite; set `bounds`");
         if (extent[a] < 0)
-            reject("the box ", lo, " to ", hi, " is inside out; set --bounds");
+            reject("the box ", lo, " to ", hi, " is inside out; set `bounds`");
     }
     if (longest <= 0)
-        reject("the box is the single point ", lo, "; set --bounds");
+        reject("the box is the single point ", lo, "; set `bounds`");
     const int margin = settings.margin;
     if (margin < 0)
         reject("the grid's margin of ", margin, " cells is negative");
@@ -60,13 +60,13 @@ Grid fit_grid(glm::dvec3 lo, glm::dvec3 hi, const GridSettings& settings) {
     if (!std::isnormal(grid.cell)
         || farthest * std::numeric_limits<double>::epsilon() > grid.cell / 1000)
         reject("cells of ", grid.cell, " m cannot be told apart at ", farthest,
-               " m from the origin; move the scene there or set a larger --cell-size");
+               " m from the origin; move the scene there or set a larger `cell_size`");
     glm::dvec3 dims;
     for (int a = 0; a < 3; ++a)
         dims[a] = cells_across(extent[a], grid.cell) + 2.0 * margin;
     if (dims.x * dims.y * dims.z > std::numeric_limits<int32_t>::max())
         reject("the grid would have ", dims.x, " x ", dims.y, " x ", dims.z,
-               " cells, more than 2^31 - 1; lower --resolution or raise --cell-size");
+               " cells, more than 2^31 - 1; lower `resolution` or raise `cell_size`");
     grid.dims = glm::ivec3(dims);
     grid.origin = lo + 0.5 * extent - 0.5 * grid.cell * dims;
     return grid;

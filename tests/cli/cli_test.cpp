@@ -5,6 +5,7 @@
 #include "exit_code.h"
 #include "image/image.h"
 #include "io/io.h"
+#include "options/wording.h"
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
@@ -231,6 +232,48 @@ TEST_F(Cli, WrittenReferenceIsThatOfTheProgram) {
     EXPECT_EQ(reference["commands"][0]["options"][1]["name"], "volume");
     EXPECT_EQ(run({"help", "bake"}).out, run({"bake", "--help"}).out);
     expect_error({"help", "cook"}, ExitCode::usage, "there is no command 'cook'");
+}
+
+TEST_F(Cli, TextsOfTheLibraryNameOptions) {
+    EXPECT_EQ(in_options("`a`: `resolution`, `max_albedo`; `resolution"),
+              "`a`: --resolution, --max-albedo; `resolution");
+    std::string help = run({"bake", "--help"}).out + run({"reference", "--help"}).out;
+    std::ranges::replace(help, ',', ' '); // between names of one option
+    for (const auto& [setting, option] : wordings())
+        for (std::istringstream words(option); words;) {
+            std::string word;
+            words >> word;
+            EXPECT_TRUE(!word.starts_with("--") || help.find(" " + word + " ") != std::string::npos)
+                << setting << ": " << word;
+        }
+
+    need_device();
+    expect_error({"bake", "dark.gltf", "-o", "a.vdb"}, ExitCode::invalid,
+                 "dark.gltf: no light and no emissive surface; add one with --sun "
+                 "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD, --sky COLOUR,NITS or --lights FILE\n");
+    std::string bright = read_file(folder_ / "room.gltf");
+    bright.replace(bright.find("0.8"), 3, "1.0");
+    write_file(folder_ / "bright.gltf", bright);
+    const std::string warning = "bright.gltf: materials: 1 clamped to a reflectance of 0.95; "
+                                "darken them or raise --max-albedo";
+    expect_error({"info", "bright.gltf", "--strict"}, ExitCode::invalid, warning + " (--strict)\n");
+    const Result info = run({"info", "bright.gltf", "--format", "json"});
+    EXPECT_EQ(info.err, "lpvbake: warning: " + warning + "\n");
+    EXPECT_EQ(json::parse(info.out)["warnings"], json{warning});
+    const Result bake = run({"bake", "bright.gltf", "--dry-run", "--format", "json", "--solver",
+                             "lpv", "--occlusion", "none"});
+    EXPECT_EQ(bake.err, "lpvbake: warning: " + warning + "\n");
+    const json plan = json::parse(bake.out);
+    EXPECT_EQ(plan["warnings"], json{warning});
+    EXPECT_TRUE(std::ranges::any_of(plan["skipped"], [](const json& stage) {
+        return stage["why"] == "--occlusion none";
+    })) << plan["skipped"];
+    const Result report = run({"report", "bright.gltf", "--solver", "lpv", "--resolution", "4",
+                               "--rays", "64", "--no-peer", "--format", "json"});
+    EXPECT_EQ(report.err.find('`'), std::string::npos) << report.err;
+    const json scene = json::parse(report.out)["scenes"][0];
+    EXPECT_EQ(scene["warnings"][0], warning);
+    EXPECT_EQ(report.out.find('`'), std::string::npos) << report.out;
 }
 
 TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {

@@ -502,10 +502,10 @@ TEST_F(Bake, SaysWhatIsWrong) {
             EXPECT_NE(std::string(error.what()).find(word), std::string::npos) << error.what();
         }
     };
-    fails(scenes::cornell_box(), coarse(), ErrorKind::invalid, "--sun");
+    fails(scenes::cornell_box(), coarse(), ErrorKind::invalid, "`lights`");
     fails(Scene{}, coarse(), ErrorKind::invalid, "no triangles");
     BakeSettings huge = coarse(1200);
-    fails(scenes::cornell_box_with_point(), huge, ErrorKind::memory, "--resolution");
+    fails(scenes::cornell_box_with_point(), huge, ErrorKind::memory, "`resolution`");
 }
 
 TEST_F(Bake, TheResolutionThatItNamesFits) {
@@ -534,7 +534,7 @@ TEST_F(Bake, WarnsOfEmptyBoundsAndOfBacks) {
     town.lights.push_back(scenes::sun({0.2, -1, 0.1}, 1e5));
     const BakePlan plan = plan_of(town, coarse());
     ASSERT_EQ(plan.warnings.size(), 1u);
-    EXPECT_NE(plan.warnings[0].find("--bounds"), std::string::npos);
+    EXPECT_NE(plan.warnings[0].find("`bounds`"), std::string::npos);
 
     Scene inside_out;
     scenes::add_box(inside_out, scenes::add_material(inside_out, glm::vec3(0.5f)), glm::vec3(-1.0f),
@@ -542,7 +542,7 @@ TEST_F(Bake, WarnsOfEmptyBoundsAndOfBacks) {
     inside_out.lights.push_back(scenes::point_light({0, 0, 0}, 100.0));
     const Baked baked = run(inside_out, coarse());
     ASSERT_FALSE(baked.warnings.empty());
-    EXPECT_NE(baked.warnings[0].find("--backfaces cull"), std::string::npos);
+    EXPECT_NE(baked.warnings[0].find("`cull_backfaces`"), std::string::npos);
 }
 
 TEST_F(Bake, AFitShowsSurfacesToItsReaderAndSaysHowWell) {

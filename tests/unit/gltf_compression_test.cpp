@@ -260,7 +260,7 @@ TEST_F(GltfCompression, ChecksDracosCountsBeforeItTakesMemory) {
                      place + "the Draco data cannot be decoded");
         expect_error(draco_document("DRACO", vertices, indices), "does not hold a Draco mesh");
         // What the document says is believed only as far as memory goes.
-        expect_error(draco_document(data, 2000000000, indices), "--max-memory", ErrorKind::memory);
+        expect_error(draco_document(data, 2000000000, indices), "`max_memory`", ErrorKind::memory);
         Document missing = draco_document(data, vertices, indices);
         missing.root["meshes"][0]["primitives"][0]["extensions"]["KHR_draco_mesh_compression"]
                     ["attributes"]["NORMAL"] = 7;

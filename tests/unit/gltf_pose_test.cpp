@@ -18,7 +18,7 @@ using GltfPose = Gltf;
 /// The default material is white, which is always worth a warning.
 long warnings_but_albedo(const Scene& scene) {
     return std::ranges::count_if(scene.warnings, [](const std::string& warning) {
-        return warning.find("--max-albedo") == std::string::npos;
+        return warning.find("`max_albedo`") == std::string::npos;
     });
 }
 
@@ -110,7 +110,7 @@ TEST_F(GltfPose, ListsWhatThereIsToChooseFrom) {
         FAIL();
     } catch (const Error& error) {
         EXPECT_EQ(error.kind, ErrorKind::argument);
-        EXPECT_STREQ(error.what(), "--animation dance: the file has no such; it has 0 \"move\"");
+        EXPECT_STREQ(error.what(), "`animation` dance: the file has no such; it has 0 \"move\"");
     }
     LoadSettings settings;
     settings.variant = "red";

@@ -517,7 +517,7 @@ TEST_F(Gltf, WarnsOfWhatItLeavesOut) {
     expect_warning(scene, path_ + ": materials: lit all the same: 1 with");
     expect_warning(scene, path_ + ": textures[0].extensions.KHR_texture_basisu: ");
     EXPECT_EQ(scene.materials[0].base_color_texture, -1);
-    expect_error(document, "(and 2 more; --strict)", ErrorKind::invalid, {.strict = true});
+    expect_error(document, "(and 2 more; `strict`)", ErrorKind::invalid, {.strict = true});
     // With an image to fall back on there is nothing to say.
     document.root["images"].push_back({{"uri", png}});
     document.root["textures"][0]["source"] = 1;
@@ -736,7 +736,7 @@ TEST_F(Gltf, EndsEveryKindOfFaultByItsTable) {
          [](Document& d) {
              d.root["nodes"][0]["scale"] = {0, 0, 1};
          }},
-        {"more than the memory allows", ErrorKind::memory, "--max-memory",
+        {"more than the memory allows", ErrorKind::memory, "`max_memory`",
          [](Document& d) {
              d.root["accessors"][0]["count"] = 2000000000;
              d.root["accessors"][0].erase("bufferView");
@@ -771,7 +771,7 @@ TEST_F(Gltf, EndsEveryKindOfFaultByItsTable) {
         for (const Mesh& mesh : scene.meshes)
             for (const glm::vec3 normal : mesh.normals)
                 EXPECT_NEAR(glm::length(normal), 1.0f, 1e-5f);
-        expect_error(text, ErrorKind::invalid, "--strict", {.strict = true});
+        expect_error(text, ErrorKind::invalid, "`strict`", {.strict = true});
     }
 }
 

@@ -466,7 +466,7 @@ TEST(Reference, StopsAtTheWantedNoise) {
     const Reference cut = reference(scene, grid, settings);
     EXPECT_EQ(cut.rays, 512u);
     ASSERT_EQ(cut.warnings.size(), 1u);
-    EXPECT_NE(cut.warnings[0].find("--rays"), std::string::npos);
+    EXPECT_NE(cut.warnings[0].find("`rays`"), std::string::npos);
 }
 
 TEST(Reference, SameBitsForAnyNumberOfThreads) {
@@ -623,7 +623,7 @@ void expect_refusal(const Scene& scene, const ReferenceSettings& settings, const
 TEST(Reference, ClosedSceneOfAlbedoOneIsRefused) {
     Scene scene = turned_furnace(1.0f);
     scene.rules.max_albedo = 1.0f;
-    expect_refusal(scene, settings_of(std::nullopt, 64), "--max-albedo");
+    expect_refusal(scene, settings_of(std::nullopt, 64), "`max_albedo`");
     const Reference finite = reference(scene, inside_furnace, settings_of(3, 256));
     EXPECT_NEAR(mean_luminance(finite), 4.0, 0.02);
     // Open, it has an answer.
@@ -637,11 +637,11 @@ TEST(Reference, ClosedSceneOfAlbedoOneIsRefused) {
 
 TEST(Reference, ScenesWithoutAnswerAreRefused) {
     expect_refusal(Scene{}, settings_of(1, 64), "no triangles");
-    expect_refusal(scenes::cornell_box(), settings_of(1, 64), "--sun");
-    expect_refusal(scenes::cornell_box_with_point(), settings_of(0, 64), "--bounces");
+    expect_refusal(scenes::cornell_box(), settings_of(1, 64), "`lights`");
+    expect_refusal(scenes::cornell_box_with_point(), settings_of(0, 64), "`bounces`");
     ReferenceSettings settings = settings_of(1, 64);
     settings.paths.emitters = false;
-    expect_refusal(scenes::furnace(2, 0.5f, 1), settings, "--sun");
+    expect_refusal(scenes::furnace(2, 0.5f, 1), settings, "`lights`");
     Scene solid; // its inside
     scenes::add_box(solid, scenes::add_material(solid, glm::vec3(0.5f)), glm::vec3(-1),
                     glm::vec3(1), scenes::Facing::outward);

@@ -272,7 +272,6 @@ Report made_up(const std::string& path) {
     report.threads = 2;
     SceneReport scene;
     scene.path = path;
-    scene.command = "lpvbake bake '" + path + "'";
     scene.grids.resize(2);
     for (std::size_t g = 0; g < 2; ++g) {
         GridResult& grid = scene.grids[g];
@@ -294,6 +293,7 @@ Report made_up(const std::string& path) {
         row.row.settings = BakeSettings(*find_solver("lpv"));
         row.shown = {{"unity", {.relative_l1 = 0.55}}, {"vrc", {.relative_l1 = 0.66}}};
         row.row.options = {{"resolution", "16"}, {"occlusion", occlusion}};
+        row.command = "lpvbake bake '" + path + "' --resolution 16 --occlusion " + occlusion;
         row.seconds = {0.5, 0.4, 0.7};
         row.error.relative_l1 = 0.7;
         row.projected.relative_l1 = 0.6;

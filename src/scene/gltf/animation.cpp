@@ -104,7 +104,7 @@ int chosen_animation(const Document& document, const LoadSettings& settings) {
     std::vector<std::string> names;
     for (const tinygltf::Animation& animation : document.model.animations)
         names.push_back(animation.name);
-    return find_named(names, settings.animation.empty() ? "0" : settings.animation, "--animation");
+    return find_named(names, settings.animation.empty() ? "0" : settings.animation, "`animation`");
 }
 
 } // namespace

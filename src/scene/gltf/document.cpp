@@ -378,7 +378,7 @@ std::vector<std::string> variant_names(const Document& document) {
 }
 
 int find_named(const std::vector<std::string>& names, const std::string& text,
-               const std::string& option) {
+               const char* setting) {
     if (const auto found = std::find(names.begin(), names.end(), text); found != names.end())
         return static_cast<int>(found - names.begin());
     size_t index = 0;
@@ -389,9 +389,9 @@ int find_named(const std::vector<std::string>& names, const std::string& text,
     for (size_t i = 0; i < std::min<size_t>(names.size(), 20); ++i)
         known +=
             (i ? ", " : "") + std::to_string(i) + (names[i].empty() ? "" : " \"" + names[i] + "\"");
-    throw Error(ErrorKind::argument, option + " " + text + ": the file has no such; it has "
-                                         + (names.empty() ? "none" : known)
-                                         + (names.size() > 20 ? ", ..." : ""));
+    throw Error(ErrorKind::argument,
+                std::string(setting) + " " + text + ": the file has no such; it has "
+                    + (names.empty() ? "none" : known) + (names.size() > 20 ? ", ..." : ""));
 }
 
 Document parse_document(const std::string& path, const LoadSettings& settings) {

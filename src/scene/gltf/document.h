@@ -60,10 +60,9 @@ std::string at(const char* array, size_t index);
 /// Reads the file and its buffers, whole. Throws Error, as load_gltf does.
 Document parse_document(const std::string& path, const LoadSettings& settings);
 
-/// The index of what `text` names, by name or, where no name fits, by number. Throws Error (argument),
-/// beginning with `option`, that lists what there is.
-int find_named(const std::vector<std::string>& names, const std::string& text,
-               const std::string& option);
+/// The index of what `text` names, by name or, where no name fits, by number. Throws Error
+/// (argument), beginning with `setting` as it is, that lists what there is.
+int find_named(const std::vector<std::string>& names, const std::string& text, const char* setting);
 
 /// Of KHR_materials_variants.
 std::vector<std::string> variant_names(const Document& document);

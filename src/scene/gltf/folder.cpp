@@ -86,7 +86,7 @@ fs::path resolve_uri(const fs::path& folder, std::string_view uri, const std::st
                     place + ": \"" + std::string(uri) + "\" " + why + "; " + remedy);
     };
     constexpr const char* stay_inside =
-        "files have to lie in the scene's folder unless --allow-external is given";
+        "files have to lie in the scene's folder unless `allow_external` is given";
     if (name.empty() || name.find('\0') != std::string::npos)
         refuse("is not a file name", "repair the file or export it again");
     if (has_scheme(uri))

@@ -31,7 +31,7 @@ void warn_of_bright_materials(const Scene& scene, const std::vector<glm::dvec3>&
         limit.erase(std::min(limit.size(), limit.find_last_not_of('0') + 1));
         warnings.add("bright materials", "materials",
                      std::to_string(count) + " clamped to a reflectance of " + limit
-                         + "; darken them or raise --max-albedo");
+                         + "; darken them or raise `max_albedo`");
     }
 }
 
@@ -58,7 +58,7 @@ void refuse_warnings(const std::vector<std::string>& warnings) {
     throw Error(
         ErrorKind::invalid,
         warnings.front()
-            + (more > 0 ? " (and " + std::to_string(more) + " more; --strict)" : " (--strict)"));
+            + (more > 0 ? " (and " + std::to_string(more) + " more; `strict`)" : " (`strict`)"));
 }
 
 Scene load(const std::string& path, const LoadSettings& settings) {

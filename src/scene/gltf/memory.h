@@ -23,7 +23,7 @@ public:
             throw Error(ErrorKind::memory,
                         file_ + ": " + place + ": would take the scene past "
                             + std::to_string(limit_ >> 20)
-                            + " MiB of memory; allow more with --max-memory or simplify the scene");
+                            + " MiB of memory; allow more with `max_memory` or simplify the scene");
         taken_ += bytes;
     }
 

@@ -416,7 +416,7 @@ void take_memory(Document& document, const tinygltf::Primitive& primitive, int p
 Jobs collect_jobs(Document& document, const LoadSettings& settings, const Graph& graph) {
     int variant = -1;
     if (!settings.variant.empty())
-        variant = find_named(variant_names(document), settings.variant, "--variant");
+        variant = find_named(variant_names(document), settings.variant, "`variant`");
     Jobs result;
     std::map<int, int> material_index;
     uint64_t not_triangles = 0, without_positions = 0;

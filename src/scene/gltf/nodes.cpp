@@ -303,13 +303,13 @@ std::vector<int> scene_roots(const Document& document, const LoadSettings& setti
         std::vector<std::string> names;
         for (const tinygltf::Scene& scene : model.scenes)
             names.push_back(scene.name);
-        index = find_named(names, settings.scene, "--scene");
+        index = find_named(names, settings.scene, "`scene`");
     }
     const std::vector<int>& roots = model.scenes.at(index).nodes;
     const std::string place = at("scenes", index);
     if (roots.empty())
         document.fail(place, model.scenes.size() > 1
-                                 ? "has no nodes: there is nothing to bake; name another --scene"
+                                 ? "has no nodes: there is nothing to bake; name another `scene`"
                                  : "has no nodes: there is nothing to bake; export it with some");
     std::vector<bool> is_child(model.nodes.size()), listed(model.nodes.size());
     for (const tinygltf::Node& node : model.nodes)

@@ -266,7 +266,7 @@ ImagePlan plan_images(Document& document, const std::vector<int>& images) {
         document.warnings.add("images", "images",
                               "halved, once or more, to fit into memory: " + std::to_string(reduced)
                                   + " of " + std::to_string(images.size())
-                                  + "; allow more with --max-memory or use smaller ones");
+                                  + "; allow more with `max_memory` or use smaller ones");
     return {halvings, full_texels};
 }
 

@@ -83,7 +83,7 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
         cost.stages.push_back(
             {"geometry", seconds::geometry_patch * work.patches, "geometry volume"});
     else
-        cost.skipped.push_back({"geometry", "--occlusion none"});
+        cost.skipped.push_back({"geometry", "`occlusion` none"});
     const int longest = std::max({work.grid.dims.x, work.grid.dims.y, work.grid.dims.z});
     cost.stages.push_back(
         {"links", seconds::links_cell * cells / longest,
@@ -153,7 +153,7 @@ public:
         if (field.residual > 0.1)
             stages.warn(
                 format("propagation stopped after %s with %.3g %% of the power under way: the "
-                       "field is too dark; raise --iterations, or leave it out",
+                       "field is too dark; raise `iterations`, or leave it out",
                        iterations.c_str(), 100.0 * field.residual));
 
         to_luminance(field, volume);

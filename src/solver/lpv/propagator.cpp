@@ -102,7 +102,7 @@ PropagatePlan plan_propagate(const gpu::Device& device, const Grid& grid, Occlus
     if (layers < 3)
         throw Error(ErrorKind::memory, "a layer of " + std::to_string(grid.dims.x) + " x "
                                            + std::to_string(grid.dims.y) + " cells exceeds what '"
-                                           + info.name + "' can bind; lower --resolution");
+                                           + info.name + "' can bind; lower `resolution`");
     plan.slab = uint32_t(std::min<uint64_t>(layers - 2, layout.nz));
     for (uint32_t z = 0; z < layout.nz; z += plan.slab)
         plan.partials +=

@@ -82,7 +82,7 @@ SweepPlan plan_sweep(const gpu::Device& device, const Grid& grid, int order, uin
         || front_cells * stride * texel > largest)
         throw Error(ErrorKind::memory, "a layer of " + std::to_string(grid.dims.x) + " x "
                                            + std::to_string(grid.dims.y) + " cells exceeds what '"
-                                           + info.name + "' can bind; lower --resolution");
+                                           + info.name + "' can bind; lower `resolution`");
     const uint64_t weights = max_project_weights * sizeof(float);
     return {layout,
             tiling_for(device),

@@ -1,0 +1,23 @@
+// --sun, --point and --sky as the command line has them.
+#pragma once
+
+#include "scene/scene.h"
+
+#include <string>
+
+namespace lpvbake {
+
+/// "AZIMUTH,ELEVATION,LUX[,COLOUR]": where the sun stands. Azimuth in degrees from +Z towards +X,
+/// elevation in degrees above the horizon. COLOUR is #rrggbb (sRGB) or R:G:B (linear).
+/// Throws Error (argument) that shows the form.
+Light parse_sun(const std::string& text);
+
+/// "X,Y,Z,CD[,COLOUR]": a point light at X,Y,Z metres of CD candela.
+/// Throws Error (argument) that shows the form.
+Light parse_point(const std::string& text);
+
+/// "COLOUR,NITS": a sky of the same luminance everywhere. COLOUR as in parse_sun.
+/// Throws Error (argument) that shows the form.
+Sky parse_sky(const std::string& text);
+
+} // namespace lpvbake

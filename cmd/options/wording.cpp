@@ -1,0 +1,47 @@
+#include "options/wording.h"
+
+#include <cstring>
+
+namespace lpvbake {
+namespace {
+
+constexpr Wording table[] = {
+    {"`lights` or a `sky`", "one with --sun AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD, --sky "
+                            "COLOUR,NITS or --lights FILE"},
+    {"`allow_external`", "--allow-external"},
+    {"`animation`", "--animation"},
+    {"`bounces`", "--bounces"},
+    {"`bounds`", "--bounds"},
+    {"`cell_size`", "--cell-size"},
+    {"`cull_backfaces`", "--backfaces cull"},
+    {"`device`", "--device"},
+    {"`error`", "--error"},
+    {"`fit`", "--fit"},
+    {"`iterations`", "--iterations"},
+    {"`max_albedo`", "--max-albedo"},
+    {"`max_memory`", "--max-memory"},
+    {"`occlusion`", "--occlusion"},
+    {"`rays`", "--rays"},
+    {"`resolution`", "--resolution"},
+    {"`scene`", "--scene"},
+    {"`sh_order`", "--sh-order"},
+    {"`strict`", "--strict"},
+    {"`time_budget`", "--time-budget"},
+    {"`variant`", "--variant"},
+};
+
+} // namespace
+
+std::span<const Wording> wordings() {
+    return table;
+}
+
+std::string in_options(std::string text) {
+    for (const auto& [setting, option] : table)
+        for (std::size_t at = 0; (at = text.find(setting, at)) != std::string::npos;
+             at += std::strlen(option))
+            text.replace(at, std::strlen(setting), option);
+    return text;
+}
+
+} // namespace lpvbake
