@@ -16,8 +16,8 @@ packages=(
     gnuplot-nox
     # test
     libgtest-dev libbenchmark-dev vulkan-validationlayers
-    clang libclang-rt-14-dev
-    libopenvdb-tools openimageio-tools python3 python3-openvdb python3-openimageio python3-numpy
+    clang clang-tidy-14 libclang-rt-14-dev gcovr
+    libopenvdb-tools openimageio-tools python3 python3-openvdb python3-openimageio python3-numpy python3-jsonschema
 )
 if [[ ${1:-} == --clients ]]; then
     packages+=(blender chromium chromium-driver)

@@ -328,21 +328,24 @@ void add_axes(Options& options, ReportOptions& o) {
     const Action keeps_fields = bake_command().declare(bake);
     for (const std::string& name : sweep_options())
         o.axes.push_back({name, ""});
-    for (auto& [name, values] : o.axes)
+    for (auto& axis : o.axes) {
+        const std::string& name = axis.first;
+        const Option& of_bake = *bake.find(name);
         options
             .value(
-                "--" + name, values, "V,V,...",
+                "--" + name, axis.second, "V,V,...",
                 [name](const std::string& text) {
                     for (const std::string& part : split(text, ','))
                         try {
                             check_sweep_value(name, part);
-                        } catch (const Error& error) {
-                            throw Error(error.kind, "--" + std::string(error.what()));
+                        } catch (const Error& error) { // "NAME: " is told
+                            throw Error(error.kind, error.what() + name.size() + 2);
                         }
                     return text;
                 },
-                bake.find(name)->type + ": " + bake.find(name)->help)
+                of_bake.type + ": " + of_bake.help)
             .record();
+    }
 }
 
 Action declare(Options& options) {

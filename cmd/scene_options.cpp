@@ -315,15 +315,18 @@ std::string outputs_help() {
 std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std::string>& paths,
                                    Volume& volume, TerminalProgress& progress) {
     const Target storage = o.storage();
-    Volume whole = std::move(volume);
-    volume.metadata = whole.metadata; // lattice and order are no more than copied
+    Volume whole;
+    whole.grid = volume.grid;
+    whole.sh_order = volume.sh_order;
+    whole.metadata = volume.metadata;
+    std::swap(whole, volume); // what stays has no grids
     std::vector<Written> written;
     progress.begin("write", paths.size());
     for (const std::string& path : paths) {
         progress.advance(written.size());
-        const WriteReport report = &path == &paths.back()
-                                       ? write_for(storage, path, std::move(whole))
-                                       : write_for(storage, path, whole);
+        const bool last = &path == &paths.back();
+        const WriteReport report = // NOLINTNEXTLINE(bugprone-use-after-move): by the last one alone
+            last ? write_for(storage, path, std::move(whole)) : write_for(storage, path, whole);
         for (const std::string& warning : report.warnings)
             progress.warn(warning);
         written.push_back({path, report.files});

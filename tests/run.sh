@@ -8,7 +8,7 @@
 #                 three.js from the npm registry.
 #   --allow-skip  tests that did not run (no Vulkan device, no reader) do not fail the run.
 #   --no-fuzz     leaves out the fuzzers, which are built apart and run for seconds each.
-#   --preset      default, debug or sanitize (see CMakePresets.json).
+#   --preset      default, debug, sanitize, tsan or lto (see CMakePresets.json).
 #
 # The last line says how many tests passed, failed and were skipped.
 set -euo pipefail

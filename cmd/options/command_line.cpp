@@ -59,7 +59,7 @@ std::string explain_in_command(const CLI::App& app, const CLI::ParseError& error
         for (const CLI::Option* option : app.get_options())
             if (option->get_required() && option->count() == 0)
                 return option->get_name() + " is missing: " + usage_of(app);
-    const std::string text = error.what();
+    std::string text = error.what();
     if (error.get_exit_code() == int(CLI::ExitCodes::ArgumentMismatch)) {
         const std::string name = text.substr(0, text.find(':'));
         if (const CLI::Option* option = app.get_option_no_throw(name))

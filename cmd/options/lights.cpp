@@ -1,7 +1,7 @@
 #include "options/lights.h"
 
 #include "colour/colour.h"
-#include "error.h"
+#include "options/values.h"
 
 #include <charconv>
 #include <cmath>
@@ -11,30 +11,16 @@
 namespace lpvbake {
 namespace {
 
-/// An option's text with what is needed to complain about it.
+/// A text with what is needed to complain about it.
 struct Argument {
     std::string text;
-    const char* option;
     const char* form;
     const char* example;
 
     [[noreturn]] void fail(const std::string& why) const {
-        throw Error(ErrorKind::argument, std::string(option) + " " + text + ": " + why
-                                             + "; the form is " + form + ", for example " + option
-                                             + " " + example);
+        refuse(text, "is no light: " + why + "; the form is " + form + ", for example " + example);
     }
 };
-
-std::vector<std::string_view> split(std::string_view text, char separator) {
-    std::vector<std::string_view> parts;
-    for (;;) {
-        const size_t end = text.find(separator);
-        parts.push_back(text.substr(0, end));
-        if (end == std::string_view::npos)
-            return parts;
-        text.remove_prefix(end + 1);
-    }
-}
 
 double number(std::string_view text, const char* name, const Argument& argument) {
     while (!text.empty() && text.front() == ' ')
@@ -72,7 +58,7 @@ glm::vec3 color(std::string_view text, const Argument& argument) {
                 static_cast<float>(srgb_to_linear(((value >> (16 - 8 * channel)) & 255u) / 255.0));
         return result;
     }
-    const std::vector<std::string_view> channels = split(text, ':');
+    const std::vector<std::string> channels = split(std::string(text), ':');
     if (channels.size() != 3)
         argument.fail("COLOUR is neither #rrggbb nor R:G:B");
     for (int channel = 0; channel < 3; ++channel)
@@ -82,8 +68,8 @@ glm::vec3 color(std::string_view text, const Argument& argument) {
     return result;
 }
 
-std::vector<std::string_view> fields(const Argument& argument, size_t required) {
-    std::vector<std::string_view> parts = split(argument.text, ',');
+std::vector<std::string> fields(const Argument& argument, size_t required) {
+    std::vector<std::string> parts = split(argument.text, ',');
     if (parts.size() != required && parts.size() != required + 1)
         argument.fail(std::to_string(parts.size()) + " values were given");
     return parts;
@@ -92,9 +78,8 @@ std::vector<std::string_view> fields(const Argument& argument, size_t required) 
 } // namespace
 
 Light parse_sun(const std::string& text) {
-    const Argument argument{text, "--sun", "AZIMUTH,ELEVATION,LUX[,COLOUR]",
-                            "45,30,100000,#fff4e0"};
-    const std::vector<std::string_view> parts = fields(argument, 3);
+    const Argument argument{text, "AZIMUTH,ELEVATION,LUX[,COLOUR]", "45,30,100000,#fff4e0"};
+    const std::vector<std::string> parts = fields(argument, 3);
     const double azimuth = glm::radians(number(parts[0], "AZIMUTH", argument));
     const double elevation = glm::radians(number(parts[1], "ELEVATION", argument));
     if (std::abs(elevation) > glm::radians(90.0))
@@ -111,8 +96,8 @@ Light parse_sun(const std::string& text) {
 }
 
 Light parse_point(const std::string& text) {
-    const Argument argument{text, "--point", "X,Y,Z,CD[,COLOUR]", "0,1.8,0,100,1:0.8:0.6"};
-    const std::vector<std::string_view> parts = fields(argument, 4);
+    const Argument argument{text, "X,Y,Z,CD[,COLOUR]", "0,1.8,0,100,1:0.8:0.6"};
+    const std::vector<std::string> parts = fields(argument, 4);
     Light light;
     light.type = LightType::point;
     light.name = "point";
@@ -125,8 +110,8 @@ Light parse_point(const std::string& text) {
 }
 
 Sky parse_sky(const std::string& text) {
-    const Argument argument{text, "--sky", "COLOUR,NITS or FILE[,SCALE]", "0.6:0.8:1,3000"};
-    const std::vector<std::string_view> parts = split(text, ',');
+    const Argument argument{text, "COLOUR,NITS or FILE[,SCALE]", "0.6:0.8:1,3000"};
+    const std::vector<std::string> parts = split(text, ',');
     if (parts.size() != 2)
         argument.fail(std::to_string(parts.size()) + " values were given");
     Sky sky;

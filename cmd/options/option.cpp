@@ -54,10 +54,7 @@ void Option::take(const std::string& text) {
     try {
         value = read(text);
     } catch (const Error& error) {
-        const std::string why = error.what();
-        throw Error(error.kind, why.starts_with("--")
-                                    ? why
-                                    : (is_positional() ? "" : "--") + name() + ": " + why);
+        throw Error(error.kind, (is_positional() ? "" : "--") + name() + ": " + error.what());
     }
     if (!many)
         given.clear();
@@ -133,8 +130,8 @@ void Options::check() const {
 
 bool Options::is_replaced(const Option& option) const {
     return !option.is_given() && std::ranges::any_of(rows_, [&](const Option& other) {
-               return other.is_given() && std::ranges::count(other.excludes, option.name()) > 0;
-           });
+        return other.is_given() && std::ranges::count(other.excludes, option.name()) > 0;
+    });
 }
 
 std::string Options::config() const {

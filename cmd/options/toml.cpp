@@ -55,6 +55,7 @@ public:
             return std::pair(each.first.line, each.first.column);
         });
         std::vector<ConfigEntry> entries;
+        entries.reserve(found.size());
         for (auto& [place, entry] : found)
             entries.push_back(std::move(entry));
         return entries;

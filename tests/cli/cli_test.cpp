@@ -2,7 +2,7 @@
 //
 // LPVBAKE_BINARY is the program's path. Scenes are written as text by the tests themselves.
 
-#include "exit_code.h"
+#include "cli/run.h"
 #include "image/image.h"
 #include "io/io.h"
 #include "options/wording.h"
@@ -35,35 +35,15 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 using Environment = std::map<std::string, std::string>;
 
-std::string read_file(const fs::path& path) {
-    std::ifstream file(path, std::ios::binary);
-    std::ostringstream text;
-    text << file.rdbuf();
-    return text.str();
-}
-
-void write_file(const fs::path& path, const std::string& text) {
-    std::ofstream(path, std::ios::binary) << text;
-}
-
-struct Result {
-    int status = -1; ///< exit status, or 1000 + the signal that killed it
-    std::string out;
-    std::string err;
-};
+using Result = CliResult;
 
 /// A temporary folder in which the program runs, with a scene or two.
 class Cli : public ::testing::Test {
 protected:
-    void SetUp() override {
-        std::string name = (fs::temp_directory_path() / "lpvbake-cli-XXXXXX").string();
-        ASSERT_NE(mkdtemp(name.data()), nullptr);
-        folder_ = name;
-        write_file(folder_ / "room.gltf", room(true).dump());
-        write_file(folder_ / "dark.gltf", room(false).dump());
+    Cli() {
+        spill(folder_ / "room.gltf", room(true).dump());
+        spill(folder_ / "dark.gltf", room(false).dump());
     }
-
-    void TearDown() override { fs::remove_all(folder_); }
 
     /// Starts the program; `output` and `error` are files in the folder or absolute paths.
     pid_t start(const std::vector<std::string>& arguments, const Environment& environment = {},
@@ -96,7 +76,7 @@ protected:
         int status = 0;
         waitpid(child, &status, 0);
         return {WIFEXITED(status) ? WEXITSTATUS(status) : 1000 + WTERMSIG(status),
-                read_file(folder_ / "stdout"), read_file(folder_ / "stderr")};
+                slurp(folder_ / "stdout"), slurp(folder_ / "stderr")};
     }
 
     Result run(const std::vector<std::string>& arguments, const Environment& environment = {}) {
@@ -110,11 +90,7 @@ protected:
         std::string command;
         for (const std::string& argument : arguments)
             command += argument + " ";
-        EXPECT_EQ(result.status, int(code)) << command << "\n" << result.err;
-        EXPECT_EQ(result.out, "") << command;
-        EXPECT_EQ(result.err.find("lpvbake: error: "), 0u) << command << "\n" << result.err;
-        EXPECT_EQ(std::count(result.err.begin(), result.err.end(), '\n'), 1) << result.err;
-        EXPECT_NE(result.err.find(text), std::string::npos) << command << "\n" << result.err;
+        expect_one_error(result, command, code, text);
     }
 
     void need_device() {
@@ -130,7 +106,8 @@ protected:
         return names;
     }
 
-    fs::path folder_;
+    const TemporaryFolder temporary_;
+    const fs::path folder_ = temporary_.path();
 
 private:
     static std::string base64(const std::string& bytes) {
@@ -224,7 +201,7 @@ TEST_F(Cli, HelpNamesEveryExitCodeAndCommand) {
 }
 
 TEST_F(Cli, WrittenReferenceIsThatOfTheProgram) {
-    EXPECT_TRUE(read_file(LPVBAKE_EXAMPLES "/../cmd/README.md")
+    EXPECT_TRUE(slurp(LPVBAKE_EXAMPLES "/../cmd/README.md")
                 == run({"help", "--format", "markdown"}).out)
         << "run lpvbake help --format markdown > cmd/README.md";
     const json reference = json::parse(run({"help", "render", "--format", "json"}).out);
@@ -251,9 +228,9 @@ TEST_F(Cli, TextsOfTheLibraryNameOptions) {
     expect_error({"bake", "dark.gltf", "-o", "a.vdb"}, ExitCode::invalid,
                  "dark.gltf: no light and no emissive surface; add one with --sun "
                  "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD, --sky COLOUR,NITS or --lights FILE\n");
-    std::string bright = read_file(folder_ / "room.gltf");
+    std::string bright = slurp(folder_ / "room.gltf");
     bright.replace(bright.find("0.8"), 3, "1.0");
-    write_file(folder_ / "bright.gltf", bright);
+    spill(folder_ / "bright.gltf", bright);
     const std::string warning = "bright.gltf: materials: 1 clamped to a reflectance of 0.95; "
                                 "darken them or raise --max-albedo";
     expect_error({"info", "bright.gltf", "--strict"}, ExitCode::invalid, warning + " (--strict)\n");
@@ -435,11 +412,11 @@ TEST_F(Cli, ConfigFileRoundTrips) {
                                              "none"};
     const Result first = run(arguments + std::vector<std::string>{"--print-config"});
     ASSERT_EQ(first.status, 0) << first.err;
-    write_file(folder_ / "a.toml", first.out);
+    spill(folder_ / "a.toml", first.out);
     const Result second = run({"bake", "--config", "a.toml", "--print-config"});
     EXPECT_EQ(second.status, 0) << second.err;
     EXPECT_EQ(second.out, first.out);
-    write_file(folder_ / "b.toml", "# a comment\n[bake]\n\n" + first.out);
+    spill(folder_ / "b.toml", "# a comment\n[bake]\n\n" + first.out);
     EXPECT_EQ(run({"bake", "--config", "b.toml", "--print-config"}).out, first.out);
 
     // Every option of the help that is not about the file itself is in it.
@@ -469,7 +446,7 @@ TEST_F(Cli, ConfigFileRoundTrips) {
 
 TEST_F(Cli, BrokenConfigFilesNameTheLine) {
     const auto refused = [&](const std::string& text, const std::string& message) {
-        write_file(folder_ / "c.toml", text);
+        spill(folder_ / "c.toml", text);
         expect_error({"bake", "--config", "c.toml", "--print-config"}, ExitCode::usage, message);
     };
     refused("resolution = 8\nflavour = 1\n", "c.toml:2: 'flavour' is not an option");
@@ -495,12 +472,12 @@ TEST_F(Cli, SkyFromAPicture) {
         Pixels pixels{width, 4, 3, std::vector<float>(std::size_t(width) * 12, 2.0f)};
         pixels.samples[0] = first;
         const auto bytes = encode_exr(pixels, false, {}, name);
-        write_file(folder_ / name, std::string(bytes.begin(), bytes.end()));
+        spill(folder_ / name, std::string(bytes.begin(), bytes.end()));
     };
     picture("even.exr", 8, 2.0f);
     picture("bad.exr", 8, std::nanf(""));
     picture("negative.exr", 9, -1.0f);
-    write_file(folder_ / "text.hdr", "no picture");
+    spill(folder_ / "text.hdr", "no picture");
     const std::vector<std::string> sky{"reference", "dark.gltf", "--resolution", "4",
                                        "--rays",    "64",        "-o",           "a.vdb"};
     expect_error(sky + std::vector<std::string>{"--sky", "none.exr"}, ExitCode::file, "none.exr: ");
@@ -556,24 +533,24 @@ TEST_F(Cli, FilesThatCannotBeReadOrWritten) {
 }
 
 TEST_F(Cli, InvalidInput) {
-    write_file(folder_ / "broken.gltf", "{\"asset\": ");
+    spill(folder_ / "broken.gltf", "{\"asset\": ");
     expect_error({"bake", "broken.gltf", "-o", "a.vdb"}, ExitCode::invalid, "broken.gltf");
     expect_error({"info", "broken.gltf"}, ExitCode::invalid, "broken.gltf");
-    write_file(folder_ / "broken.glb", "glTF");
+    spill(folder_ / "broken.glb", "glTF");
     expect_error({"info", "broken.glb"}, ExitCode::invalid, "broken.glb");
-    write_file(folder_ / "broken.vdb", "no volume");
+    spill(folder_ / "broken.vdb", "no volume");
     expect_error({"info", "broken.vdb"}, ExitCode::invalid, "broken.vdb");
-    write_file(folder_ / "broken.json", "[]");
+    spill(folder_ / "broken.json", "[]");
     expect_error({"info", "broken.json"}, ExitCode::invalid, "broken.json");
     expect_error(quick + std::vector<std::string>{"-o", "a.vdb", "--lights", "broken.json"},
                  ExitCode::invalid, "broken.json");
 }
 
 TEST_F(Cli, UnsupportedFeatureIsNamed) {
-    json scene = json::parse(read_file(folder_ / "room.gltf"));
+    json scene = json::parse(slurp(folder_ / "room.gltf"));
     scene["extensionsUsed"].push_back("EXT_from_the_future");
     scene["extensionsRequired"] = {"EXT_from_the_future"};
-    write_file(folder_ / "future.gltf", scene.dump());
+    spill(folder_ / "future.gltf", scene.dump());
     expect_error({"bake", "future.gltf", "-o", "a.vdb"}, ExitCode::unsupported,
                  "EXT_from_the_future");
 }
@@ -605,7 +582,7 @@ TEST_F(Cli, AProgramWithoutItsImageModuleFailsWhileRunning) {
     const int status = std::system(command.c_str());
     ASSERT_TRUE(WIFEXITED(status));
     EXPECT_EQ(WEXITSTATUS(status), int(ExitCode::failure));
-    EXPECT_NE(read_file(folder_ / "err").find("image module"), std::string::npos);
+    EXPECT_NE(slurp(folder_ / "err").find("image module"), std::string::npos);
     EXPECT_FALSE(fs::exists(folder_ / "s.png"));
 }
 
@@ -720,7 +697,7 @@ TEST_F(Cli, AutoSaysWhatItChose) {
     const Result first = run(wish + std::vector<std::string>{"-o", "a.vdb"});
     EXPECT_NE(first.out.find("choice        gather, order 2, "), std::string::npos) << first.out;
     ASSERT_EQ(run(wish + std::vector<std::string>{"-o", "b.vdb"}).status, 0);
-    EXPECT_EQ(read_file(folder_ / "a.vdb"), read_file(folder_ / "b.vdb"));
+    EXPECT_EQ(slurp(folder_ / "a.vdb"), slurp(folder_ / "b.vdb"));
     const Volume volume = read_volume((folder_ / "a.vdb").string());
     EXPECT_EQ(volume.metadata.at("solver"), "gather");
     EXPECT_EQ(volume.metadata.at("choice").find("gather, order 2, "), 0u);
@@ -803,10 +780,10 @@ TEST_F(Cli, ConfigFileBakesTheSameBytes) {
     const std::vector<std::string> arguments =
         quick + std::vector<std::string>{"--sun", "30,40,1000,#ff8000", "--occlusion", "sh"};
     ASSERT_EQ(run(arguments + std::vector<std::string>{"-o", "a.vdb"}).status, 0);
-    write_file(folder_ / "a.toml", run(arguments + std::vector<std::string>{"--print-config"}).out);
+    spill(folder_ / "a.toml", run(arguments + std::vector<std::string>{"--print-config"}).out);
     const Result result = run({"bake", "--config", "a.toml", "-o", "b.vdb"});
     ASSERT_EQ(result.status, 0) << result.err;
-    EXPECT_EQ(read_file(folder_ / "a.vdb"), read_file(folder_ / "b.vdb"));
+    EXPECT_EQ(slurp(folder_ / "a.vdb"), slurp(folder_ / "b.vdb"));
 }
 
 /// The most rasteriser threads of Mesa's llvmpipe seen while the process ran.
@@ -818,7 +795,7 @@ int llvmpipe_threads(pid_t child) {
         const fs::path tasks = "/proc/" + std::to_string(child) + "/task";
         for (fs::directory_iterator entry(tasks, ended), end; !ended && entry != end;
              entry.increment(ended))
-            count += read_file(entry->path() / "comm").starts_with("llvmpipe-");
+            count += slurp(entry->path() / "comm").starts_with("llvmpipe-");
         most = std::max(most, count);
         siginfo_t state = {};
         status = waitid(P_PID, id_t(child), &state, WEXITED | WNOHANG | WNOWAIT);
@@ -846,7 +823,7 @@ TEST_F(Cli, BytesDependNeitherOnTheRunNorOnThreads) {
         std::map<std::string, std::string> files;
         for (const std::string& name : entries())
             if (name.starts_with("a"))
-                files[name] = read_file(folder_ / name);
+                files[name] = slurp(folder_ / name);
         EXPECT_GE(files.size(), 6u);
         if (first.empty())
             first = files;
@@ -859,12 +836,12 @@ TEST_F(Cli, SignalsEndABakeAndLeaveTheOldFile) {
     need_device();
     for (const auto& [signal, code] :
          {std::pair(SIGINT, ExitCode::interrupted), std::pair(SIGTERM, ExitCode::terminated)}) {
-        write_file(folder_ / "a.vdb", "old");
+        spill(folder_ / "a.vdb", "old");
         fs::remove(folder_ / "stderr");
         const pid_t child = start({"bake", "room.gltf", "--resolution", "48", "--iterations",
                                    "1000000", "-o", "a.vdb", "--progress", "plain"});
         for (int tries = 0; tries < 3000; ++tries) {
-            if (read_file(folder_ / "stderr").find("propagat") != std::string::npos)
+            if (slurp(folder_ / "stderr").find("propagat") != std::string::npos)
                 break;
             std::this_thread::sleep_for(std::chrono::milliseconds(10));
         }
@@ -876,7 +853,7 @@ TEST_F(Cli, SignalsEndABakeAndLeaveTheOldFile) {
         EXPECT_EQ(result.out, "");
         EXPECT_NE(result.err.find("propagat"), std::string::npos) << result.err;
         EXPECT_NE(result.err.find("lpvbake: error: "), std::string::npos) << result.err;
-        EXPECT_EQ(read_file(folder_ / "a.vdb"), "old");
+        EXPECT_EQ(slurp(folder_ / "a.vdb"), "old");
         for (const std::string& name : entries())
             EXPECT_NE(name[0], '.') << name;
     }
@@ -936,7 +913,7 @@ TEST_F(Cli, InfoOfAVolumeAgreesBetweenFormatsAndDrawsASlice) {
 
     const Result slice = run({"info", "a.vdb", "--slice", "z=4", "-o", "slice.png"});
     EXPECT_EQ(slice.status, 0) << slice.err;
-    EXPECT_EQ(read_file(folder_ / "slice.png").substr(1, 3), "PNG");
+    EXPECT_EQ(slurp(folder_ / "slice.png").substr(1, 3), "PNG");
     for (const char* bad : {"z=8", "z=-1", "w=1", "z", "z=", "z=1x"})
         expect_error({"info", "a.vdb", "--slice", bad, "-o", "s.png"}, ExitCode::usage, bad);
 }

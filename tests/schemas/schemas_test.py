@@ -1,0 +1,138 @@
+#!/usr/bin/env python3
+"""Every JSON document of the program, held against the schema beside this file that says what is in
+it. A key that the schema does not name is a failure, and so is one that is missing.
+
+Usage: schemas_test.py LPVBAKE HARD_CASES CORNELL_BOX
+"""
+
+import copy
+import json
+import pathlib
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import jsonschema
+
+LPVBAKE, HARD_CASES, SCENE = sys.argv[1:4]
+SCHEMAS = pathlib.Path(__file__).resolve().parent
+LOADED = {path.stem: json.loads(path.read_text()) for path in SCHEMAS.glob("*.json")}
+SMALL = ["--threads", "1", "--resolution", "8"]
+TARGETS = ["generic", "unity", "threejs", "vrc", "bevy"]  # each packing once
+
+
+def validator(name):
+    resolver = jsonschema.RefResolver(base_uri="", referrer=LOADED[name],
+                                      store={f"{stem}.json": schema for stem, schema in LOADED.items()})
+    return jsonschema.Draft202012Validator(LOADED[name], resolver=resolver)
+
+
+def objects(document):
+    """Every object in the document."""
+    if isinstance(document, dict):
+        yield document
+    for part in document.values() if isinstance(document, dict) else document:
+        if isinstance(part, (dict, list)):
+            yield from objects(part)
+
+
+class Documents(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        temporary = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(temporary.cleanup)
+        cls.folder = pathlib.Path(temporary.name)
+        cls.documents = []  # (schema, what was run, document)
+        shutil.copy(SCENE, cls.folder / "box.gltf")
+        subprocess.run([HARD_CASES, cls.folder], check=True)
+        (cls.folder / "suite.json").write_text(json.dumps({"cases": [
+            {"name": "box", "reason": "a case", "scene": "box.gltf", "truth": "reference", "limits": {"sn": {"error": 1}},
+             "options": {"resolution": 8, "probes": 20, "rays": 64, "noise": 1}}]}))
+        cls.run_program()
+
+    @classmethod
+    def run_one(cls, schema, *arguments, status=0):
+        command = [LPVBAKE, *arguments, "--format", "json"]
+        result = subprocess.run(command, cwd=cls.folder, capture_output=True, text=True, timeout=120)
+        if result.returncode != status:
+            raise AssertionError(f"{command}: status {result.returncode}\n{result.stderr}")
+        cls.documents.append((schema, " ".join(command), json.loads(result.stdout)))
+
+    @classmethod
+    def run_program(cls):
+        run = cls.run_one
+        run("devices", "devices")
+        run("help", "help")
+        for path in sorted(cls.folder.glob("*.gltf")):
+            run("info_scene", "info", path.name)
+
+        bake = ["bake", "box.gltf", *SMALL]
+        run("bake", *bake, "-o", "sn.vdb", "-o", "sn.exr", "--fit", "surfaces")
+        run("bake", *bake, "-o", "gather.vdb", "--solver", "gather", "--sky", "#ffffff,10")
+        run("bake", *bake, "-o", "lpv.vdb", "--solver", "lpv")
+        run("bake_dry_run", *bake, "-o", "none.vdb", "--dry-run")
+        run("bake_dry_run", *bake, "-o", "none.vdb", "--dry-run", "--solver", "lpv")
+        reference = ["reference", "box.gltf", *SMALL, "--rays", "16", "--noise", "1"]
+        run("reference", *reference, "-o", "reference.vdb")
+        run("reference", *reference, "-o", "all.vdb", "--bounces", "inf", "--probes", "10")
+
+        run("info_volume", "info", "sn.vdb")
+        run("info_volume", "info", "lpv.vdb", "--slice", "z=3", "-o", "slice.png")
+        run("diff", "diff", "sn.vdb", "sn.exr")
+        run("diff", "diff", "sn.vdb", "lpv.vdb", "-o", "difference.vdb", status=7)
+        run("diff", "diff", "gather.vdb", "reference.vdb", "--fail", "1%", "--warn", "0.1%", "--slice", "z=3", "-o",
+            "error.png", status=7)
+        for target in TARGETS:
+            run("convert", "convert", "sn.vdb", f"{target}.exr", "--target", target)
+            text = (cls.folder / f"{target}.json").read_text()
+            cls.documents.append(("sidecar", f"{target}.json", json.loads(text)))
+
+        render = ["render", "box.gltf", "sn.vdb", "--threads", "1", "--size", "16x16", "-o", "picture.png"]
+        run("render", *render, "--samples", "1")
+        run("render", *render, "--samples", "1", "--reference", "1")
+        run("render_dry_run", *render, "--dry-run")
+
+        report = ["report", "box.gltf", *SMALL, "--solver", "sn,lpv", "--repeats", "1", "--probes", "10", "--noise",
+                  "1", "--rays", "64"]
+        run("report", *report)
+        run("report", *report, "--no-peer")
+        run("report_dry_run", *report, "--dry-run")
+        run("report_suite", "report", "--suite", "suite.json", "--threads", "1")
+
+    def test_every_schema_is_one_and_has_its_document(self):
+        self.assertEqual({schema for schema, _, _ in self.documents} | {"parts"}, set(LOADED))
+        for name, schema in LOADED.items():
+            with self.subTest(schema=name):
+                jsonschema.Draft202012Validator.check_schema(schema)
+                for part in objects(schema):
+                    if isinstance(part.get("properties"), dict) and part.get("type") == "object":
+                        self.assertIs(part["additionalProperties"], False)
+
+    def test_documents_are_as_their_schemas_say(self):
+        for schema, command, document in self.documents:
+            with self.subTest(command=command):
+                errors = [f"{error.json_path}: {error.message}" for error in validator(schema).iter_errors(document)]
+                self.assertEqual(errors, [])
+
+    def test_a_key_more_anywhere_is_seen(self):
+        for schema, command, document in self.documents:
+            check = validator(schema)
+            with self.subTest(command=command):
+                for part in objects(copied := copy.deepcopy(document)):
+                    part["undocumented"] = {}  # no mapping by names of data has objects like this
+                    self.assertFalse(check.is_valid(copied), part)
+                    del part["undocumented"]
+
+    def test_a_key_less_is_seen(self):
+        for schema, command, document in self.documents:
+            check = validator(schema)
+            for key in document:
+                with self.subTest(command=command, key=key):
+                    less = {name: value for name, value in document.items() if name != key}
+                    self.assertEqual(check.is_valid(less), key == "fit")  # which is there after one
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
