@@ -138,7 +138,7 @@ void add_parameters(Options& options, BakeOptions& o) {
                     o.parameters[name] = *value;
                     return value_text(*each, *value);
                 }
-            refuse(text, "is none of " + values_of(*all.front()));
+            refuse(text, "is none of its values, " + values_of(*all.front()));
         };
         option.implies(value_text(*all.front(), all.front()->usual)).record(Recorded::if_changed);
     }
@@ -148,7 +148,7 @@ void add_parameters(Options& options, BakeOptions& o) {
 
 /// All that can be known to be wrong before any work is done.
 void check_options(const BakeOptions& o) {
-    check_paths("bake", o, o.outputs.paths);
+    check_paths("bake", o, o, o.outputs.paths);
     if (o.outputs.paths.empty() && !o.dry_run)
         throw Error(ErrorKind::argument, "no output: add -o FILE" + format_list(" or -o FILE"));
     const SolverKind& solver = *solvers_of(o).front();

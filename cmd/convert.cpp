@@ -35,15 +35,11 @@ void limit_order(Volume& volume, int order, const std::string& path) {
 }
 
 void run(const ConvertOptions& o) {
-    namespace fs = std::filesystem;
-    for (const std::string& path : o.outputs.paths) {
+    for (const std::string& path : o.outputs.paths)
         if (!volume_format(path))
             throw Error(ErrorKind::argument,
                         path + ": unknown kind of volume file; use " + format_list());
-        std::error_code none;
-        if (fs::weakly_canonical(path, none) == fs::weakly_canonical(o.file, none))
-            throw Error(ErrorKind::argument, path + ": is what is read; give another name");
-    }
+    check_files({}, {o.file}, o.outputs.paths);
     Volume volume = read_volume(o.file);
     if (o.sh_order)
         limit_order(volume, *o.sh_order, o.file);

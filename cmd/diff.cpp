@@ -37,30 +37,17 @@ struct DiffOptions {
 
 // ---------------------------------------------------------------- reading the command line
 
-/// One name for a volume's files: that of a flipbook's sidecar for any of its own.
-fs::path identity(const std::string& path) {
-    fs::path name = fs::weakly_canonical(fs::absolute(path));
-    const VolumeFormat* format = volume_format(path);
-    return format && format->sidecar[0] ? name.replace_extension(format->sidecar) : name;
-}
-
 /// All that can be known to be wrong before the volumes are read.
 void check_options(const DiffOptions& o) {
     bool picture = false;
-    std::vector<fs::path> names;
     for (const std::string& output : o.outputs) {
         const bool png = has_extension(output, ".png");
         picture = picture || png;
         if (!png && !volume_format(output))
             throw Error(ErrorKind::argument, output + ": the name of an output ends in "
                                                  + format_list(", ") + " or .png");
-        for (const std::string& input : {o.a, o.b})
-            if (identity(output) == identity(input))
-                throw Error(ErrorKind::argument, output + ": would replace the input " + input);
-        if (std::ranges::find(names, identity(output)) != names.end())
-            throw Error(ErrorKind::argument, output + ": given twice as an output");
-        names.push_back(identity(output));
     }
+    check_files({}, {o.a, o.b}, o.outputs);
     if (o.slice.has_value() != picture)
         throw Error(ErrorKind::argument,
                     "--slice and a picture belong together: --slice z=16 -o error.png");

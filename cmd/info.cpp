@@ -79,10 +79,11 @@ Action declare(Options& options) {
     options.text("file", o.file, "FILE", "Scene or volume").require();
     options.value("--slice", o.slice, "AXIS=INDEX", parse_slice,
                   "Layer of cells to draw, such as z=16; needs -o");
-    options.number(
-        "--white", o.white, 1e-12, 1e12,
-        "Mean luminance drawn white, nits; default: the slice's 99th percentile, at most "
-        "ten times its median");
+    options
+        .number("--white", o.white, 1e-12, 1e12,
+                "Mean luminance drawn white, nits; default: the slice's 99th percentile, at most "
+                "ten times its median")
+        .need("slice");
     options.text("-o,--output", o.output, "FILE", "PNG to write");
     add_format_option(options, o.format);
     add_load_options(options, o.load);

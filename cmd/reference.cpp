@@ -85,7 +85,7 @@ void run(const ReferenceOptions& o, const std::string& settings) {
     std::vector<std::string> outputs = o.outputs.paths;
     if (!o.error_output.empty())
         outputs.push_back(o.error_output);
-    check_paths("reference", o, outputs);
+    check_paths("reference", o, o, outputs);
     if (o.outputs.paths.empty())
         throw Error(ErrorKind::argument, "no output: add -o FILE" + format_list(" or -o FILE"));
     Run run(o, o, outputs);

@@ -229,22 +229,11 @@ void check_options(const RenderOptions& o) {
         && (o.show == Show::occlusion || o.show == Show::validity || o.show == Show::cells))
         throw Error(ErrorKind::argument,
                     "--reference: paths know nothing of --show " + name_of(o.show));
-    std::vector<fs::path> names{fs::weakly_canonical(o.scene), fs::weakly_canonical(o.volume)};
-    for (const std::string& lights : o.light_files)
-        names.push_back(fs::weakly_canonical(lights));
-    const std::size_t inputs = names.size();
-    for (const std::string& output : all_outputs(o)) {
+    for (const std::string& output : all_outputs(o))
         if (!has_extension(output, ".png") && !has_extension(output, ".exr"))
             throw Error(ErrorKind::argument,
                         output + ": the name of a picture ends in .png or .exr");
-        const fs::path name = fs::weakly_canonical(output);
-        const auto at = std::size_t(std::ranges::find(names, name) - names.begin());
-        if (at < names.size())
-            throw Error(
-                ErrorKind::argument,
-                output + (at < inputs ? ": would replace an input" : ": given twice as an output"));
-        names.push_back(name);
-    }
+    check_files(inputs_of(o, o), {o.volume}, all_outputs(o), true);
 }
 
 // ---------------------------------------------------------------- what is drawn

@@ -18,14 +18,11 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <filesystem>
 #include <iostream>
 #include <memory>
 
 namespace lpvbake {
 namespace {
-
-namespace fs = std::filesystem;
 
 const char manual[] =
 #include "manual/report.txt.h"
@@ -81,22 +78,14 @@ void check_options(const ReportOptions& o) {
     if (o.scenes.empty())
         throw Error(ErrorKind::argument, "no scene: lpvbake report SCENE... (see lpvbake report "
                                          "--help)");
-    std::vector<fs::path> names;
-    for (const std::string& output : o.outputs) {
+    for (const std::string& output : o.outputs)
         if (extension_of(output).empty())
             throw Error(ErrorKind::argument,
                         output + ": the name of an output ends in .html, .svg, .csv or .json");
-        const fs::path name = fs::weakly_canonical(fs::absolute(output));
-        if (std::ranges::find(names, name) != names.end())
-            throw Error(ErrorKind::argument, output + ": given twice as an output");
-        names.push_back(name);
-        std::vector<std::string> inputs = o.light_files;
-        inputs.insert(inputs.end(), o.scenes.begin(), o.scenes.end());
-        inputs.push_back(o.sweep);
-        for (const std::string& input : inputs)
-            if (!input.empty() && fs::weakly_canonical(fs::absolute(input)) == name)
-                throw Error(ErrorKind::argument, output + ": would replace the input " + input);
-    }
+    std::vector<std::string> inputs = inputs_of(o, o);
+    inputs.insert(inputs.end(), o.scenes.begin(), o.scenes.end());
+    inputs.insert(inputs.end(), {o.sweep, o.suite.baseline.path});
+    check_files(inputs, {}, o.outputs, true);
 }
 
 /// Throws Error (argument: names file, line and key).

@@ -244,30 +244,64 @@ void add_run_options(Options& options, RunOptions& o) {
         .keep_out_of_files();
 }
 
-void check_paths(const char* command, const SceneOptions& scene,
+std::vector<std::string> inputs_of(const SceneOptions& scene, const RunOptions& run) {
+    std::vector<std::string> inputs = scene.light_files;
+    inputs.insert(inputs.end(), {scene.scene, run.config});
+    if (const SkyPicture* picture = scene.sky_picture())
+        inputs.push_back(picture->path);
+    return inputs;
+}
+
+namespace {
+
+/// Whether the file is one of those that the volume of this name has.
+bool has_file(const std::string& volume, const std::string& file) {
+    const fs::path own = fs::weakly_canonical(fs::absolute(volume));
+    const fs::path other = fs::weakly_canonical(fs::absolute(file));
+    if (own == other)
+        return true;
+    const VolumeFormat* format = readable_format(volume);
+    return format && format->sidecar[0] && own.parent_path() == other.parent_path()
+           && (other.filename() == own.stem().string() + format->sidecar
+               || (other.filename().string().starts_with(own.stem().string() + "_")
+                   && has_extension(file, format->extension)));
+}
+
+bool is_same(const std::string& a, const std::string& b) {
+    return fs::weakly_canonical(fs::absolute(a)) == fs::weakly_canonical(fs::absolute(b));
+}
+
+} // namespace
+
+void check_files(const std::vector<std::string>& inputs, const std::vector<std::string>& volumes,
+                 const std::vector<std::string>& outputs, bool pictures) {
+    for (const std::string& output : outputs) {
+        const auto replace = [&](const std::string& input) {
+            throw Error(ErrorKind::argument, output + ": would replace the input " + input);
+        };
+        for (const std::string& input : inputs)
+            if (!input.empty() && (pictures ? is_same(output, input) : has_file(output, input)))
+                replace(input);
+        for (const std::string& input : volumes)
+            if (has_file(input, output) || (!pictures && has_file(output, input)))
+                replace(input);
+        for (const std::string& other : outputs)
+            if (&other < &output && is_same(other, output))
+                throw Error(ErrorKind::argument, output + ": given twice as an output");
+    }
+}
+
+void check_paths(const char* command, const SceneOptions& scene, const RunOptions& run,
                  const std::vector<std::string>& outputs) {
     if (scene.scene.empty())
         throw Error(ErrorKind::argument, std::string("no scene: lpvbake ") + command
                                              + " SCENE -o OUTPUT (see lpvbake " + command
                                              + " --help)");
-    std::vector<fs::path> names;
-    for (const std::string& output : outputs) {
+    for (const std::string& output : outputs)
         if (!volume_format(output))
             throw Error(ErrorKind::argument,
                         output + ": the name of an output ends in " + format_list());
-        const fs::path name = fs::weakly_canonical(fs::absolute(output));
-        for (const fs::path& other : names)
-            if (other == name)
-                throw Error(ErrorKind::argument, output + ": given twice as an output");
-        names.push_back(name);
-        for (const std::string& lights : scene.light_files)
-            if (const std::string sidecar = volume_format(output)->sidecar;
-                !sidecar.empty()
-                && fs::path(name).replace_extension(sidecar)
-                       == fs::weakly_canonical(fs::absolute(lights)))
-                throw Error(ErrorKind::argument,
-                            output + ": its sidecar would replace the light file " + lights);
-    }
+    check_files(inputs_of(scene, run), {}, outputs);
 }
 
 void probe_outputs(const std::vector<std::string>& outputs) {

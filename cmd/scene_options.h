@@ -103,9 +103,17 @@ Json outputs_json(const std::vector<Written>& outputs);
 Json outputs_json(const std::vector<std::string>& paths);
 void print_outputs(const std::vector<Written>& outputs);
 
+/// The files that these options read.
+std::vector<std::string> inputs_of(const SceneOptions& scene, const RunOptions& run);
+
+/// Throws Error (argument) for an output that is given twice, or would replace what is read; a
+/// volume may be several files. `pictures`: outputs are no volumes.
+void check_files(const std::vector<std::string>& inputs, const std::vector<std::string>& volumes,
+                 const std::vector<std::string>& outputs, bool pictures = false);
+
 /// All that can be known to be wrong before any work is done: no scene, an output that is no
-/// volume, is given twice or would replace a light file. Throws Error (argument).
-void check_paths(const char* command, const SceneOptions& scene,
+/// volume, and what check_files finds. Throws Error (argument).
+void check_paths(const char* command, const SceneOptions& scene, const RunOptions& run,
                  const std::vector<std::string>& outputs);
 
 /// Makes and removes a file beside each output, so that work does not end with nowhere to go.

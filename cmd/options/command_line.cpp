@@ -117,9 +117,10 @@ void add_option(Option& row, CLI::App& app) {
     const std::string help = wrapped(row.help, 68);
     if (row.is_flag()) {
         // What follows "=" is ours to judge.
-        app.add_flag(row.names, help)->group(row.group)->each([&row](const std::string& text) {
-            row.take(text);
-        });
+        app.add_flag(row.names, help)
+            ->group(row.group)
+            ->multi_option_policy(CLI::MultiOptionPolicy::Throw)
+            ->each([&row](const std::string& text) { row.take(text); });
         return;
     }
     const CLI::callback_t take = [&row](const CLI::results_t& texts) {

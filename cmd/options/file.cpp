@@ -55,10 +55,12 @@ void read_options(const std::string& path, const std::string& command, Options& 
     for (const ConfigEntry& entry : read_config(path, command)) {
         const std::string place = path + ":" + std::to_string(entry.line) + ": ";
         Option* row = options.find(entry.key);
-        if (!row || !row->in_files)
+        if (!row)
             throw Error(ErrorKind::argument, place + "'" + entry.key + "' is not an option of "
-                                                 + command + " that a file can set"
-                                                 + did_you_mean(entry.key, names));
+                                                 + command + did_you_mean(entry.key, names));
+        if (!row->in_files)
+            throw Error(ErrorKind::argument,
+                        place + "'" + entry.key + "' belongs on the command line, not into a file");
         if (entry.values.size() != 1 && !row->many)
             throw Error(ErrorKind::argument, place + entry.key + " takes one value");
         if (std::ranges::count(kept, entry.key) > 0)

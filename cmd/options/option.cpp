@@ -6,6 +6,15 @@
 #include <algorithm>
 
 namespace lpvbake {
+namespace {
+
+std::string not_empty(const std::string& text) {
+    if (text.empty())
+        refuse(text, "is empty");
+    return text;
+}
+
+} // namespace
 
 Option& Option::record(Recorded when) {
     recorded = when;
@@ -87,14 +96,13 @@ Option& Options::text(const std::string& names, std::string& field, const char* 
                       const std::string& help) {
     Option& option = add(names, type, help);
     option.usual = field;
-    option.read = [&field](const std::string& text) { return field = text; };
+    option.read = [&field](const std::string& text) { return field = not_empty(text); };
     return option;
 }
 
 Option& Options::texts(const std::string& names, std::vector<std::string>& field, const char* type,
                        const std::string& help) {
-    return values(
-        names, field, type, [](const std::string& text) { return text; }, help);
+    return values(names, field, type, not_empty, help);
 }
 
 Option& Options::add(const std::string& names, const std::string& type, const std::string& help) {

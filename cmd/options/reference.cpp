@@ -22,15 +22,15 @@ Json json_of(const Option& option) {
             {"help", option.help}};
 }
 
-/// The text as code in a cell of a table.
-std::string code(const std::string& text) {
-    std::string escaped = "`";
+/// The text in a cell of a table.
+std::string cell(const std::string& text) {
+    std::string escaped;
     for (const char c : text) {
         if (c == '|')
             escaped += '\\';
         escaped += c;
     }
-    return escaped + "`";
+    return escaped;
 }
 
 } // namespace
@@ -54,11 +54,14 @@ std::string reference_markdown(const Command& command) {
     std::string group;
     for (const Option& option : options.rows()) {
         if (option.group != group)
-            text += "\n| " + option.group + " | default | |\n|---|---|---|\n";
+            text.append("\n| ").append(option.group).append(" | default | |\n|---|---|---|\n");
         group = option.group;
         const bool usual = !option.usual.empty() && !option.implied && !option.is_flag();
-        text += "| " + code(option.names + (option.is_flag() ? "" : " ") + option.type) + " | "
-                + (usual ? code(option.usual) : "") + " | " + option.help + " |\n";
+        text.append("| `").append(cell(option.names)).append(option.is_flag() ? "" : " ");
+        text.append(cell(option.type)).append("` | ");
+        if (usual)
+            text.append("`").append(cell(option.usual)).append("`");
+        text.append(" | ").append(cell(option.help)).append(" |\n");
     }
     return text + "\n```\n" + command.manual + "\n```\n";
 }

@@ -91,8 +91,11 @@ private:
     }
 
     std::string value(const toml::node& node) const {
-        if (const auto* text = node.as_string())
+        if (const auto* text = node.as_string()) {
+            if (text->get().find('\0') != std::string::npos)
+                fail(node.source(), "a string holds a NUL character");
             return text->get();
+        }
         if (const auto* flag = node.as_boolean())
             return flag->get() ? "true" : "false";
         if (const auto* whole = node.as_integer())

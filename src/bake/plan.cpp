@@ -191,6 +191,13 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                                      .sky = scene.sky,
                                      .bounces = settings.bounces});
     fit(scene, device, plan);
+    for (const Light& light : scene.lights) // its square is a float
+        if (light.type != LightType::directional
+            && glm::length(light.position - plan.grid.origin) > 1e18 * plan.grid.cell)
+            throw Error(ErrorKind::invalid,
+                        scene.path + ": the light \"" + light.name
+                            + "\" is farther than 1e18 cells from the grid; make "
+                              "it a directional one");
     const int map_size = solver.kind().map_size(plan.grid, solver);
     plan.lit = map_size == 0 || settings.bounces != 1 || plan.emitters || scene.sky;
 

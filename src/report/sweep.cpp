@@ -82,6 +82,18 @@ void apply(const std::string& name, const std::string& value, SolverKinds kinds,
         set_parameter(name, value, kinds, settings);
 }
 
+/// False for a parameter that another kind of solver has, or that needs what is not set.
+bool means_something(const std::string& name, const SolverSettings& solver, SolverKinds kinds) {
+    if (name == quality.name)
+        return std::ranges::count_if(solver.kind().ladder,
+                                     [](const Rung& rung) { return rung.preset.has_value(); })
+               > 1;
+    if (const Parameter* own = find_parameter(solver.kind(), name))
+        return !own->needs || solver[own->needs] > 0;
+    return std::ranges::none_of(
+        kinds, [&](const SolverKind* kind) { return find_parameter(*kind, name) != nullptr; });
+}
+
 /// What bake's --solver auto makes of options without a solver: the first that has them; null where
 /// that leaves it open.
 const SolverKind* implied_solver(const std::vector<std::pair<std::string, std::string>>& options,
@@ -180,6 +192,9 @@ std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const BakeSet
             for (const auto& [option, value] : row.options)
                 if (option != "solver")
                     apply(option, value, kinds, row.settings);
+            std::erase_if(row.options, [&](const auto& option) {
+                return !means_something(option.first, row.settings.solver, kinds);
+            });
             if (std::ranges::none_of(
                     rows, [&](const SweepRow& other) { return other.options == row.options; }))
                 rows.push_back(std::move(row));

@@ -42,9 +42,10 @@ void check_sweep_value(const std::string& option, const std::string& value,
 std::vector<Sweep> default_sweeps();
 
 /// The rows of all sweeps in order, the last axis of each running fastest; a row that was there
-/// before is left out. All start from `base`. The solver is that of a row's "solver", else the
-/// first that has its other options, else that of `base`. Throws Error (argument): see
-/// check_sweep_value; more than most_rows rows; an axis without values or given twice.
+/// before is left out, and of a row what its solver lacks. All start from `base`. The solver is
+/// that of a row's "solver", else the first that has its other options, else that of `base`. Throws
+/// Error (argument): see check_sweep_value; more than most_rows rows; an axis without values or
+/// given twice.
 std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const BakeSettings& base,
                                  SolverKinds kinds = solver_kinds());
 

@@ -225,6 +225,8 @@ TEST_F(Cli, TextsOfTheLibraryNameOptions) {
         }
 
     need_device();
+    expect_error({"bake", "room.gltf", "-o", "a.vdb", "--point", "1e19,2,3,1"}, ExitCode::invalid,
+                 "farther than 1e18 cells");
     expect_error({"bake", "dark.gltf", "-o", "a.vdb"}, ExitCode::invalid,
                  "dark.gltf: no light and no emissive surface; add one with --sun "
                  "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD, --sky COLOUR,NITS or --lights FILE\n");
@@ -271,7 +273,16 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
         refused({"bake", near, "8", "room.gltf"}, "; did you mean --resolution? (see lpvbake bake");
     refused({"bake", "room.gltf", "-o", "a.txt"}, "a.txt: the name of an output ends in .vdb");
     refused({"bake", "room.gltf", "-o", "a.vdb", "-o", "./a.vdb"}, "./a.vdb: given twice");
-    refused({"bake", "room.gltf", "-o", "l.exr", "--lights", "l.json"}, "");
+    refused({"bake", "room.gltf", "-o", "l.exr", "--lights", "l.json"}, "would replace");
+    refused({"bake", "room.gltf", "-o", "t.exr", "--sky", "t_sh_l0.exr"}, "would replace");
+    refused({"convert", "v.exr", "v_sh_l0.exr"}, "would replace the input v.exr");
+    refused({"convert", "v.vdb", "a.vdb", "./a.vdb"}, "given twice");
+    refused({"render", "room.gltf", "v.exr", "-o", "v_sh_l0.exr"}, "would replace the input v.exr");
+    refused({"render", "room.gltf", "v.vdb", "-o", "s.exr", "--sky", "s.exr"}, "would replace");
+    refused({"report", "room.gltf", "-o", "b.json", "--baseline", "b.json"}, "would replace");
+    refused({"bake", "room.gltf", "--device", ""}, "--device: '' is empty");
+    refused({"bake", "room.gltf", "--strict", "--strict=false"}, "more than once");
+    refused({"info", "a.vdb", "--white", "3"}, "--white needs --slice");
     refused(bake + std::vector<std::string>{"more"},
             "bake: 'more' is one argument too many: lpvbake bake scene");
     refused(bake + std::vector<std::string>{"--flavour", "sweet"}, "unknown option --flavour (see");

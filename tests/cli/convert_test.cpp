@@ -167,7 +167,7 @@ TEST_F(Convert, SaysWhatItWrote) {
 TEST_F(Convert, WrongCommandsAreRefused) {
     write("a.vdb", random_volume({3, 3, 3}, 2, false, 3));
     expect_error("a.vdb b.png", ExitCode::usage, "unknown kind of volume file");
-    expect_error("a.vdb ./a.vdb", ExitCode::usage, "is what is read");
+    expect_error("a.vdb ./a.vdb", ExitCode::usage, "would replace the input a.vdb");
     expect_error("a.vdb b.vdb --sh-order 4", ExitCode::usage, "has order 2, not 4");
     expect_error("a.vdb b.vdb --sh-convention lpv", ExitCode::unsupported, "set --sh-order");
     expect_error("none.vdb b.vdb", ExitCode::file, "none.vdb");

@@ -384,6 +384,19 @@ TEST(Written, Base64OfTheStandardsExamples) {
     EXPECT_EQ(base64("\xff\xfe"), "//4=");
 }
 
+TEST(Sweep, RowsHaveNoOptionsThatTheirSolverLacks) {
+    const auto rows = sweep_rows({{{"solver", {"lpv", "sn"}},
+                                   {"directions", {"48", "96"}},
+                                   {"quality", {"fast"}},
+                                   {"rsm-size", {"64"}}}},
+                                 {});
+    ASSERT_EQ(rows.size(), 3u);
+    using Set = std::vector<std::pair<std::string, std::string>>;
+    EXPECT_EQ(rows[0].options, (Set{{"solver", "lpv"}, {"rsm-size", "64"}}));
+    EXPECT_EQ(rows[1].options, (Set{{"solver", "sn"}, {"directions", "48"}, {"quality", "fast"}}));
+    EXPECT_EQ(rows[2].options, (Set{{"solver", "sn"}, {"directions", "96"}, {"quality", "fast"}}));
+}
+
 // ---------------------------------------------------------------- baselines
 
 TEST(Baseline, TellsWhatBecameWorseAndNothingElse) {
