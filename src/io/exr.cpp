@@ -149,6 +149,7 @@ struct Texture {
 /// The scalars of a grid.
 std::vector<Component> components(const ConstGridView& grid) {
     std::vector<Component> all;
+    all.reserve(size_t(grid.kind->width()));
     for (int c = 0; c < grid.kind->width(); ++c)
         all.push_back({grid.channel_name(c), grid.data + c, size_t(grid.kind->width())});
     return all;

@@ -317,7 +317,7 @@ WriteReport write_vdb(const std::string& path, const Stored& stored, Precision w
     const std::vector<uint8_t> active = active_cells(volume);
     const auto transform = transform_of(volume.grid, encoding.corner_index);
     const auto make = [&](const ConstGridView& view, const Quantity& quantity) {
-        const openvdb::GridBase::Ptr grid = make_grid(view, volume.grid, active);
+        openvdb::GridBase::Ptr grid = make_grid(view, volume.grid, active);
         grid->setName(view.name());
         grid->setTransform(transform->copy());
         grid->setSaveFloatAsHalf(half);
