@@ -2,6 +2,7 @@
 
 #include "commands.h"
 #include "error.h"
+#include "options/file.h"
 #include "options/reference.h"
 #include "result.h"
 
@@ -26,8 +27,13 @@ void run(const HelpOptions& o) {
     Commands commands = all_commands();
     if (!o.command.empty())
         std::erase_if(commands, [&](const Command& each) { return each.name != o.command; });
-    if (commands.empty())
-        throw Error(ErrorKind::argument, "help: there is no command '" + o.command + "'");
+    if (commands.empty()) {
+        std::vector<std::string> names;
+        for (const Command& each : all_commands())
+            names.push_back(each.name);
+        throw Error(ErrorKind::argument, "help: there is no command '" + o.command + "'"
+                                             + did_you_mean(o.command, names));
+    }
     if (o.format == HelpFormat::text) {
         std::vector<std::string> words{"--help"};
         if (!o.command.empty())

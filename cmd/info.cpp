@@ -32,7 +32,15 @@ void draw_slice(const InfoOptions& o, const Volume& volume) {
     write_png(o.output, slice_picture(volume, o.slice->axis, o.slice->index, o.white));
 }
 
-void run(const InfoOptions& o) {
+/// Throws Error (argument) for options that a volume has no use for.
+void refuse_scene_options(const std::string& file, const Options& options) {
+    for (const Option& option : options.rows())
+        if (option.group == "Scene" && option.is_set())
+            throw Error(ErrorKind::argument,
+                        "--" + option.name() + ": " + file + " is a volume, not a scene");
+}
+
+void run(const InfoOptions& o, const Options& options) {
     if (o.slice.has_value() == o.output.empty())
         throw Error(ErrorKind::argument,
                     "--slice and -o belong together: --slice z=16 -o slice.png");
@@ -56,6 +64,7 @@ void run(const InfoOptions& o) {
         o.format == Format::json ? print_json(scene_json(o.file, scene))
                                  : print_text(scene_text(o.file, scene));
     } else if (readable_format(o.file)) {
+        refuse_scene_options(o.file, options);
         const Volume volume = read_volume(o.file);
         if (o.slice)
             draw_slice(o, volume);
@@ -87,7 +96,7 @@ Action declare(Options& options) {
     options.text("-o,--output", o.output, "FILE", "PNG to write");
     add_format_option(options, o.format);
     add_load_options(options, o.load);
-    return [fields] { run(*fields); };
+    return [fields, &options] { run(*fields, options); };
 }
 
 } // namespace

@@ -3,6 +3,7 @@
 #include "colour/colour.h"
 #include "options/values.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <string_view>
@@ -68,6 +69,13 @@ glm::vec3 color(std::string_view text, const Argument& argument) {
     return result;
 }
 
+/// A light's brightest channel has to be a float.
+void check_brightness(const Light& light, const Argument& argument) {
+    const float most = std::max({light.color.r, light.color.g, light.color.b});
+    if (!std::isfinite(float(light.intensity) * most))
+        argument.fail("it is too bright");
+}
+
 std::vector<std::string> fields(const Argument& argument, size_t required) {
     std::vector<std::string> parts = split(argument.text, ',');
     if (parts.size() != required && parts.size() != required + 1)
@@ -92,6 +100,7 @@ Light parse_sun(const std::string& text) {
                                   std::cos(elevation) * std::cos(azimuth));
     if (parts.size() == 4)
         light.color = color(parts[3], argument);
+    check_brightness(light, argument);
     return light;
 }
 
@@ -106,6 +115,7 @@ Light parse_point(const std::string& text) {
     light.intensity = positive(parts[3], "CD", argument);
     if (parts.size() == 5)
         light.color = color(parts[4], argument);
+    check_brightness(light, argument);
     return light;
 }
 

@@ -208,7 +208,7 @@ TEST_F(Cli, WrittenReferenceIsThatOfTheProgram) {
     ASSERT_EQ(reference["commands"].size(), 1u);
     EXPECT_EQ(reference["commands"][0]["options"][1]["name"], "volume");
     EXPECT_EQ(run({"help", "bake"}).out, run({"bake", "--help"}).out);
-    expect_error({"help", "cook"}, ExitCode::usage, "there is no command 'cook'");
+    expect_error({"help", "bak"}, ExitCode::usage, "no command 'bak'; did you mean bake?");
 }
 
 TEST_F(Cli, TextsOfTheLibraryNameOptions) {
@@ -283,6 +283,7 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
     refused({"bake", "room.gltf", "--device", ""}, "--device: '' is empty");
     refused({"bake", "room.gltf", "--strict", "--strict=false"}, "more than once");
     refused({"info", "a.vdb", "--white", "3"}, "--white needs --slice");
+    refused({"info", "a.vdb", "--scene", "3"}, "--scene-name: a.vdb is a volume");
     refused(bake + std::vector<std::string>{"more"},
             "bake: 'more' is one argument too many: lpvbake bake scene");
     refused(bake + std::vector<std::string>{"--flavour", "sweet"}, "unknown option --flavour (see");
