@@ -3,7 +3,7 @@
 #include "bake/bake.h"
 
 #include "commands.h"
-#include "error.h"
+#include "lpvbake/error.h"
 #include "options/wording.h"
 #include "readers/readers.h"
 #include "scene_options.h"

@@ -1,6 +1,6 @@
 #include "baseline.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "scene_options.h"
 #include "text.h"
 

@@ -1,7 +1,7 @@
 // lpvbake convert: a volume in another file format, convention or order.
 
 #include "commands.h"
-#include "error.h"
+#include "lpvbake/error.h"
 #include "scene_options.h"
 #include "volume/dilate.h"
 #include "volume/sh.h"

@@ -1,8 +1,8 @@
 // lpvbake devices: lists what --device can name.
 
 #include "commands.h"
-#include "error.h"
 #include "gpu/gpu.h"
+#include "lpvbake/error.h"
 #include "result.h"
 #include "scene_options.h"
 

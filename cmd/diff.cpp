@@ -1,9 +1,9 @@
 // lpvbake diff: how far one volume is from another, and where.
 
 #include "commands.h"
-#include "error.h"
 #include "io/io.h"
 #include "io/slice.h"
+#include "lpvbake/error.h"
 #include "report/difference.h"
 #include "scene_options.h"
 #include "volume/light_content.h"

@@ -1,7 +1,7 @@
 // What the process returns.
 #pragma once
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 #include <optional>
 

@@ -1,7 +1,7 @@
 // lpvbake help: the written reference of the command line, made from the tables of options.
 
 #include "commands.h"
-#include "error.h"
+#include "lpvbake/error.h"
 #include "options/file.h"
 #include "options/reference.h"
 #include "result.h"

@@ -1,8 +1,8 @@
 // lpvbake info: what a scene or a volume holds.
 
 #include "commands.h"
-#include "error.h"
 #include "io/slice.h"
+#include "lpvbake/error.h"
 #include "options/wording.h"
 #include "report/describe.h"
 #include "scene_options.h"

@@ -3,7 +3,7 @@
 #include "reference/reference.h"
 
 #include "commands.h"
-#include "error.h"
+#include "lpvbake/error.h"
 #include "scene_options.h"
 #include "text.h"
 

@@ -3,9 +3,9 @@
 #include "render/render.h"
 
 #include "commands.h"
-#include "error.h"
 #include "io/atomic_file.h"
 #include "io/slice.h"
+#include "lpvbake/error.h"
 #include "readers/readers.h"
 #include "render/display.h"
 #include "render/flip.h"

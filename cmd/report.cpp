@@ -4,8 +4,8 @@
 
 #include "bake/plan.h"
 #include "commands.h"
-#include "error.h"
 #include "io/atomic_file.h"
+#include "lpvbake/error.h"
 #include "options/toml.h"
 #include "options/wording.h"
 #include "report/page.h"

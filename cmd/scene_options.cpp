@@ -1,9 +1,8 @@
 #include "scene_options.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
+#include "lpvbake/scene.h"
 #include "options/lights.h"
-#include "scene/gltf/light_file.h"
-#include "scene/gltf/sky_file.h"
 #include "scene/scene_hash.h"
 
 #include <cerrno>
@@ -154,8 +153,8 @@ Scene load_scene(const SceneOptions& o, const std::vector<Light>& lights) {
         scene.lights.clear();
     scene.lights.insert(scene.lights.end(), lights.begin(), lights.end());
     if (const SkyPicture* picture = o.sky_picture())
-        scene.sky = load_sky(picture->path, picture->scale, o.sky_rotation, o.load.max_memory,
-                             scene.warnings);
+        scene.sky = load_sky(picture->path, scene.warnings, picture->scale, o.sky_rotation,
+                             o.load.max_memory);
     else if (const Sky* sky = std::get_if<Sky>(&o.sky))
         scene.sky = *sky;
     return scene;

@@ -3,9 +3,9 @@
 
 #include "image/image.h"
 #include "io/target.h"
+#include "lpvbake/scene.h"
 #include "options/option.h"
 #include "result.h"
-#include "scene/gltf/load.h"
 #include "scene/scene.h"
 #include "terminal.h"
 #include "volume/grid.h"

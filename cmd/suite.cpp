@@ -1,6 +1,6 @@
 #include "suite.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "options/wording.h"
 #include "report/suite_table.h"
 #include "text.h"

@@ -1,6 +1,6 @@
 #include "terminal.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "options/wording.h"
 
 #include <algorithm>

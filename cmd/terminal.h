@@ -1,7 +1,7 @@
 // What a person at the terminal sees and does: progress, warnings, signals.
 #pragma once
 
-#include "progress.h"
+#include "lpvbake/progress.h"
 
 #include <chrono>
 #include <string>

@@ -1,6 +1,6 @@
 #include "options/option.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "options/toml.h"
 
 #include <algorithm>

@@ -1,6 +1,6 @@
 #include "options/toml.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "options/values.h"
 
 #include <toml++/toml.h>

@@ -1,6 +1,6 @@
 #include "options/values.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 #include <cctype>
 #include <charconv>

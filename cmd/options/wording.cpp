@@ -25,7 +25,9 @@ constexpr Wording table[] = {
     {"`resolution`", "--resolution"},
     {"`scene`", "--scene"},
     {"`sh_order`", "--sh-order"},
+    {"`solver`", "--solver"},
     {"`strict`", "--strict"},
+    {"`target`", "--target"},
     {"`time_budget`", "--time-budget"},
     {"`variant`", "--variant"},
 };

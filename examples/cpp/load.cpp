@@ -2,9 +2,9 @@
 // a normal:
 //
 //     load room.vdb  0 1 0  0 1 0
-#include "error.h"
-#include "io/io.h"
-#include "volume/sampler.h"
+#include "lpvbake/error.h"
+#include "lpvbake/file.h"
+#include "lpvbake/volume.h"
 
 #include <cstdio>
 #include <cstdlib>

@@ -10,19 +10,9 @@
 #include "bake/plan.h"
 #include "bake/settings.h"
 #include "gpu/gpu.h"
-#include "progress.h"
-#include "volume/volume.h"
-
-#include <string>
-#include <vector>
+#include "lpvbake/bake.h"
 
 namespace lpvbake {
-
-struct Baked {
-    Volume volume;
-    std::vector<StageReport> stages;
-    std::vector<std::string> warnings;
-};
 
 /// Runs the plan, which must be one of this scene. Throws Error: memory, device, and whatever
 /// `progress` throws.

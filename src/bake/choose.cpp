@@ -1,6 +1,6 @@
 #include "bake/choose.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "solver/models.h"
 #include "text.h"
 

@@ -1,6 +1,6 @@
 #include "bake/facts.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 namespace lpvbake {
 namespace {

@@ -1,7 +1,7 @@
 #include "bake/plan.h"
 
 #include "bake/surface_fit.h"
-#include "error.h"
+#include "lpvbake/error.h"
 #include "raster/view.h"
 #include "scene/lights.h"
 #include "solver/models.h"

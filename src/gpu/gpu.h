@@ -1,8 +1,13 @@
-// Vulkan compute and buffers: a device, memory, programs, and batches of dispatches.
+// Vulkan compute and buffers on a device: memory, programs, and batches of dispatches.
+//
+// Programs may be made on any number of threads, while others use the device, too; all else that a
+// device is given to (buffers, copies, batches, maps) is for one thread at a time.
 //
 // Nothing here or in a stage's header names a Vulkan type. Failures are Error: device (missing or
 // lost), memory (out of device or host memory), failure (anything else, validation messages too).
 #pragma once
+
+#include "lpvbake/device.h"
 
 #include <cstddef>
 #include <cstdint>
@@ -12,51 +17,6 @@
 #include <vector>
 
 namespace lpvbake::gpu {
-
-struct DeviceInfo {
-    int index = 0;
-    std::string name;
-    std::string type;               ///< cpu, integrated, discrete, virtual, other
-    std::string uuid;               ///< hex digits as vulkaninfo prints them
-    std::string driver;             ///< name and version
-    std::string api;                ///< Vulkan version
-    uint64_t memory = 0;            ///< bytes of the largest device-local heap
-    uint64_t max_allocation = 0;    ///< bytes of one buffer
-    uint64_t max_storage_range = 0; ///< bytes of one storage-buffer binding
-    uint64_t max_texels = 0;        ///< elements of one texel-buffer binding
-    uint64_t window_alignment = 0;  ///< bytes that a binding's offset is a multiple of
-};
-
-/// All devices with Vulkan 1.2 and a queue for graphics and compute, in the driver's order.
-/// Throws Error (device) where there is no Vulkan at all.
-std::vector<DeviceInfo> list_devices();
-
-struct DeviceOptions {
-    std::string selector;    ///< index, UUID or part of the name; empty: the first device
-    bool validation = false; ///< load the validation layer; its messages become errors
-};
-
-/// A logical device with one queue. Not copied; passed by reference to every stage. Programs may be
-/// made on any number of threads, while others use the device, too; all else that a device is given
-/// to (buffers, copies, batches, maps) is for one thread at a time.
-class Device {
-public:
-    explicit Device(const DeviceOptions& options);
-    ~Device();
-    Device(const Device&) = delete;
-    Device& operator=(const Device&) = delete;
-
-    const DeviceInfo& info() const;
-    bool is_cpu() const { return info().type == "cpu"; }
-    /// Throws Error (failure) with the first validation message seen since the last call, if any.
-    void check_validation();
-
-    struct Impl; ///< Vulkan handles, for the .cpp of stages that raster: gpu/vulkan.h
-    Impl& impl() const { return *impl_; }
-
-private:
-    std::unique_ptr<Impl> impl_;
-};
 
 /// Device memory bound as storage buffer, vertex or index buffer, source or target of copies. Freed
 /// with the object. `bytes` may exceed max_storage_range: programs then see windows of it.

@@ -1,8 +1,8 @@
 // Vulkan handles behind gpu.h. Only src/gpu and the .cpp of stages that raster include this.
 #pragma once
 
-#include "error.h"
 #include "gpu/gpu.h"
+#include "lpvbake/error.h"
 
 #include <vulkan/vulkan_raii.hpp>
 
@@ -70,7 +70,7 @@ struct Buffer::Impl {
     std::byte* mapped = nullptr; ///< null: reached through staging
 };
 
-struct Device::Impl {
+struct __attribute__((visibility("hidden"))) Device::Impl { // in a class that is shown
     explicit Impl(const DeviceOptions& options);
 
     Instance instance;

@@ -2,7 +2,7 @@
 // its ten libraries link in no time.
 #include "image/image.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 #include <OpenEXR/ImfChannelList.h>
 #include <OpenEXR/ImfFrameBuffer.h>

@@ -2,8 +2,8 @@
 // that this is linked into, once.
 #include "image/image.h"
 
-#include "error.h"
 #include "image/oiio/module.h"
+#include "lpvbake/error.h"
 
 #include <dlfcn.h>
 

@@ -1,6 +1,6 @@
 #include "io/atomic_file.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 #include <fcntl.h>
 #include <signal.h>

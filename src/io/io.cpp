@@ -1,8 +1,8 @@
 #include "io/io.h"
 
-#include "error.h"
 #include "io/exr.h"
 #include "io/vdb.h"
+#include "lpvbake/error.h"
 
 #include <algorithm>
 #include <cctype>
@@ -79,6 +79,10 @@ WriteReport write_volume(const std::string& path, Volume&& volume, Precision pre
 
 Volume read_volume(const std::string& path, GridKinds kinds, VolumeFormats formats) {
     return required(readable_format(path, formats), path, formats).read(path, kinds);
+}
+
+Volume read_volume(const std::string& path) {
+    return read_volume(path, grid_kinds());
 }
 
 } // namespace lpvbake

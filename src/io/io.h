@@ -19,8 +19,8 @@ std::string format_list(const char* last = " or ", bool sidecars = false,
 
 /// Writes the kind of file that the path names (`pictures` are of those that have some). A volume
 /// that is given up is changed in place; of any other a copy is made where the encoding changes
-/// values. Throws Error: usage (unknown extension: names those that are known), and what Stored and
-/// the format throw.
+/// values. Throws Error: argument (unknown extension: names those that are known), and what Stored
+/// and the format throw.
 WriteReport write_volume(const std::string& path, const Volume& volume, Precision precision,
                          const Pictures& pictures = {}, const Encoding& encoding = {},
                          VolumeFormats formats = volume_formats());
@@ -29,8 +29,8 @@ WriteReport write_volume(const std::string& path, Volume&& volume, Precision pre
                          VolumeFormats formats = volume_formats());
 
 /// Reads what write_volume wrote, or a sidecar beside it. Grids of other kinds are left out. Throws
-/// Error: usage (unknown extension), and what the format throws.
-Volume read_volume(const std::string& path, GridKinds kinds = grid_kinds(),
+/// Error: argument (unknown extension), and what the format throws.
+Volume read_volume(const std::string& path, GridKinds kinds,
                    VolumeFormats formats = volume_formats());
 
 } // namespace lpvbake

@@ -1,7 +1,7 @@
 // What all kinds of file share: facts about the field, and what may be stored.
 #pragma once
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "volume/convention.h"
 
 #include <functional>

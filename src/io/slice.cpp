@@ -1,8 +1,8 @@
 #include "io/slice.h"
 
 #include "colour/colour.h"
-#include "error.h"
 #include "io/atomic_file.h"
+#include "lpvbake/error.h"
 #include "volume/sh.h"
 
 #include <algorithm>

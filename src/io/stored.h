@@ -1,7 +1,7 @@
 // A volume with the values that a file gets.
 #pragma once
 
-#include "io/write_report.h"
+#include "lpvbake/file.h"
 #include "volume/convention.h"
 
 #include <optional>

@@ -1,9 +1,9 @@
 #include "io/target.h"
 
-#include "error.h"
 #include "io/atomic_file.h"
 #include "io/exr.h"
 #include "io/vdb.h"
+#include "lpvbake/error.h"
 #include "volume/dilate.h"
 #include "volume/sh.h"
 
@@ -274,6 +274,20 @@ WriteReport write_for(const Target& target, const std::string& path, Volume&& vo
     if (is_dilated(target, volume))
         dilate(volume, target.dilate);
     return write(target, path, std::move(volume), warnings);
+}
+
+WriteReport write_volume(const std::string& path, Volume volume, const std::string& target,
+                         std::optional<Precision> precision) {
+    const Target* known = target_named(target);
+    if (!known) {
+        std::string names;
+        for (const char* name : target_names())
+            names += (names.empty() ? "" : ", ") + std::string(name);
+        throw Error(ErrorKind::argument, "`target` " + target + " is none of " + names);
+    }
+    Target storage = *known;
+    storage.precision = precision.value_or(storage.precision);
+    return write_for(storage, path, std::move(volume));
 }
 
 } // namespace lpvbake

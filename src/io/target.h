@@ -31,9 +31,8 @@ struct Target {
     const VolumeFormat* reads = nullptr; ///< null: any
 };
 
-/// generic, blender, houdini, unity, unreal, godot, threejs, vrc, bevy.
+/// In the order of target_names().
 std::span<const Target> all_targets();
-std::vector<const char*> target_names();
 /// Null for an unknown name.
 const Target* target_named(std::string_view name);
 

@@ -6,8 +6,6 @@
 #include "io/vdb_grids.h"
 #include "volume/sh.h"
 
-#include <openvdb/io/File.h>
-#include <openvdb/openvdb.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>

@@ -3,7 +3,12 @@
 
 #include "volume/grids.h"
 
+// What its library registers of its templates is what we instantiate: one and the same, though all
+// of ours is hidden.
+#pragma GCC visibility push(default)
+#include <openvdb/io/File.h>
 #include <openvdb/openvdb.h>
+#pragma GCC visibility pop
 
 #include <functional>
 #include <string>

@@ -1,6 +1,6 @@
 #include "raster/geometry.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 #include <algorithm>
 #include <array>

@@ -1,6 +1,6 @@
 #include "reference/paths.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "reference/sampling.h"
 #include "scene/material.h"
 #include "scene/sky.h"

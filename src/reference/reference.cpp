@@ -1,6 +1,6 @@
 #include "reference/reference.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "scene/lights.h"
 #include "visibility/validity.h"
 #include "visibility/walls.h"

@@ -1,7 +1,7 @@
 // Ground truth: incident luminance by path tracing, with its standard error.
 #pragma once
 
-#include "progress.h"
+#include "lpvbake/progress.h"
 #include "reference/paths.h"
 #include "volume/volume.h"
 

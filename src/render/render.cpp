@@ -1,6 +1,6 @@
 #include "render/render.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "render/view.h"
 #include "scene/material.h"
 #include "scene/sky.h"

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "image/image.h"
-#include "progress.h"
+#include "lpvbake/progress.h"
 #include "raster/raster.h"
 #include "readers/readers.h"
 #include "render/shade.h"

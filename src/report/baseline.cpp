@@ -1,7 +1,7 @@
 #include "report/baseline.h"
 
-#include "error.h"
 #include "io/atomic_file.h"
+#include "lpvbake/error.h"
 #include "text.h"
 
 #include <nlohmann/json.hpp>

@@ -1,6 +1,6 @@
 #include "report/plot.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "text.h"
 
 #include <algorithm>

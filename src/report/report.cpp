@@ -2,8 +2,8 @@
 
 #include "bake/bake.h"
 #include "colour/colour.h"
-#include "error.h"
 #include "io/target.h"
+#include "lpvbake/error.h"
 #include "readers/readers.h"
 #include "reference/peer.h"
 #include "reference/sampler.h"

@@ -2,9 +2,9 @@
 
 #include "bake/bake.h"
 #include "colour/colour.h"
-#include "error.h"
+#include "lpvbake/error.h"
+#include "lpvbake/scene.h"
 #include "reference/sampler.h"
-#include "scene/gltf/load.h"
 #include "text.h"
 #include "visibility/validity.h"
 #include "volume/compare.h"

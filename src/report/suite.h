@@ -23,7 +23,7 @@
 
 #include "bake/kinds.h"
 #include "gpu/gpu.h"
-#include "progress.h"
+#include "lpvbake/progress.h"
 #include "report/suite_truth.h"
 #include "scene/scene.h"
 #include "volume/volume.h"
@@ -147,8 +147,8 @@ struct SuiteSelection {
 };
 
 /// Runs the selected rows in the order of the file and tells `done` of each. What goes wrong in one
-/// is that row's failure. Throws Error: usage (a selected case or solver that there is not, nothing
-/// selected), interrupted, terminated, and device.
+/// is that row's failure. Throws Error: argument (a selected case or solver that there is not,
+/// nothing selected), interrupted, terminated, and device.
 std::vector<SuiteRow> run_suite(const Suite& suite, const SuiteSelection& selection,
                                 const std::vector<SuiteSolver>& solvers, Progress& progress,
                                 const std::function<void(const SuiteRow&)>& done);

@@ -1,7 +1,7 @@
 // Reading a suite: every value is checked where it stands.
 #include "report/suite.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "scene/gltf/folder.h"
 
 #include <nlohmann/json.hpp>

@@ -1,6 +1,6 @@
 #include "report/sweep.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 #include <algorithm>
 #include <optional>

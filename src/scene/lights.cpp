@@ -1,6 +1,6 @@
 #include "scene/lights.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 #include <cmath>
 #include <numbers>

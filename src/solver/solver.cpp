@@ -1,6 +1,6 @@
 #include "solver/solver.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 #include <algorithm>
 

@@ -1,20 +1,13 @@
 // The stages of a bake: what they are called, what they cost, and what they have to say.
 #pragma once
 
-#include "progress.h"
+#include "lpvbake/progress.h"
 
 #include <chrono>
 #include <string>
 #include <vector>
 
 namespace lpvbake {
-
-/// What a stage did and cost, or is expected to.
-struct StageReport {
-    std::string name;
-    double seconds = 0;
-    std::string detail; ///< one phrase: counts and residuals, or why it will run
-};
 
 /// What a bake has no need of.
 struct SkippedStage {

@@ -1,6 +1,6 @@
 #include "surface/lit_surfaces.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "mix_word.h"
 #include "scene/photometry.h"
 #include "scene/sky.h"

@@ -2,7 +2,7 @@
 // for the solvers that gather.
 #pragma once
 
-#include "progress.h"
+#include "lpvbake/progress.h"
 #include "surface/patches.h"
 #include "visibility/visibility.h"
 

@@ -1,6 +1,6 @@
 #include "surface/patches.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "scene/material.h"
 
 #include <tbb/parallel_for.h>

@@ -1,6 +1,6 @@
 #include "visibility/visibility.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "mix_word.h"
 #include "scene/material.h"
 

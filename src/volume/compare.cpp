@@ -1,7 +1,7 @@
 #include "volume/compare.h"
 
 #include "colour/colour.h"
-#include "error.h"
+#include "lpvbake/error.h"
 #include "volume/sh.h"
 
 #include <tbb/blocked_range.h>

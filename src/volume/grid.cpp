@@ -1,6 +1,6 @@
 #include "volume/grid.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 #include <algorithm>
 #include <cmath>

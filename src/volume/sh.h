@@ -1,8 +1,6 @@
 // Real orthonormal spherical harmonics without Condon-Shortley signs.
 //
-// Order of coefficients: 1; y, z, x; xy, yz, 3z^2-1, xz, x^2-y^2; bands 3 and 4 by m = -l to l,
-// with the sines (odd in y) first, z the polar axis and x the azimuth's origin. The canonical field
-// is the luminance arriving at x from direction w (w points away from x).
+// Order of coefficients, and what the canonical field is: as lpvbake/volume.h has them.
 #pragma once
 
 #include <glm/glm.hpp>

@@ -1,13 +1,13 @@
 // Time of every stage by size, and of the propagation kernel beside the same arithmetic as a plain
 // loop on the CPU. `lpvbake_bench --benchmark_filter=ratio` runs the latter alone.
-#include "solver/lpv/lpv.h"
 #include "bench/propagate_loop.h"
 #include "io/io.h"
+#include "lpvbake/scene.h"
 #include "reference/peer.h"
-#include "solver/vpl/vpls.h"
-#include "scene/gltf/load.h"
 #include "scenes.h"
+#include "solver/lpv/lpv.h"
 #include "solver/occlusion.h"
+#include "solver/vpl/vpls.h"
 #include "surface/patches.h"
 #include "visibility/visibility.h"
 

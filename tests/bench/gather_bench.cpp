@@ -5,13 +5,14 @@
 //   LIGHT: sun:AZIMUTH,ELEVATION,LUX or point:X,Y,Z,CD
 //   repeat=N takes the best of so many runs; in the first setting rays=N and probes=N are the
 //   reference's
+#include "lpvbake/scene.h"
 #include "options/lights.h"
 #include "reference/reference.h"
-#include "scene/gltf/load.h"
 #include "scenes.h"
 #include "solver/gather/gather.h"
 #include "visibility/validity.h"
 #include "volume/compare.h"
+#include "volume/grid.h"
 #include "volume/sh.h"
 
 #include <chrono>

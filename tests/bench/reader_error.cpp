@@ -7,9 +7,9 @@
 // SCENE: lamp, sun (a box of thin double-sided walls), rooms (two, one thin wall), or a glTF file.
 #include "bake/bake.h"
 #include "bake/surface_fit.h"
+#include "lpvbake/scene.h"
 #include "options/lights.h"
 #include "reference/reference.h"
-#include "scene/gltf/load.h"
 #include "scenes.h"
 #include "visibility/visibility.h"
 #include "volume/dilate.h"

@@ -1,7 +1,7 @@
 // What fuzzers share: files to read from, and what may happen to them.
 #pragma once
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 #include <cstdio>
 #include <cstdlib>

@@ -1,8 +1,8 @@
 // Files of lights, and lights as the command line has them after a byte of 0.
 #include "fuzz.h"
 
+#include "lpvbake/scene.h"
 #include "options/lights.h"
-#include "scene/gltf/light_file.h"
 #include "scene/lights.h"
 
 #include <cmath>

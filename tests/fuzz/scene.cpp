@@ -7,7 +7,7 @@
 
 #include "image/header.h"
 #include "image/image.h"
-#include "scene/gltf/load.h"
+#include "lpvbake/scene.h"
 #include "scene/lights.h"
 #include "scene/material.h"
 

@@ -1,8 +1,8 @@
 // The whole pipeline on small scenes: what has to hold whatever the numbers are.
 #include "bake/bake.h"
 
-#include "error.h"
 #include "gpu/device.h"
+#include "lpvbake/error.h"
 #include "readers/readers.h"
 #include "reference/reference.h"
 #include "scene/sky.h"

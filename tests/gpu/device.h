@@ -2,8 +2,8 @@
 // layer said anything while it ran.
 #pragma once
 
-#include "error.h"
 #include "gpu/gpu.h"
+#include "lpvbake/error.h"
 
 #include <gtest/gtest.h>
 

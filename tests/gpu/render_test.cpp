@@ -7,6 +7,7 @@
 #include "render/flip.h"
 #include "render/view.h"
 #include "scenes.h"
+#include "volume/grid.h"
 
 #include <glm/gtc/constants.hpp>
 #include <glm/gtc/matrix_transform.hpp>

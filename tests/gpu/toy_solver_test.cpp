@@ -2,8 +2,8 @@
 // sweep with it.
 #include "bake/bake.h"
 
-#include "error.h"
 #include "gpu/device.h"
+#include "lpvbake/error.h"
 #include "report/suite.h"
 #include "report/sweep.h"
 #include "scenes.h"

@@ -57,17 +57,20 @@ class Install(unittest.TestCase):
         cls.examples = cls.prefix / "share/lpvbake/examples"
         cls.built = cls.folder / "build"
 
-        # One file more than the examples have: it includes every header.
+        # Files more than the examples have: each includes one header alone, and what its name was.
         cls.source = cls.folder / "source"
         cls.source.mkdir()
         for file in (cls.examples / "cpp").iterdir():
             (cls.source / file.name).write_bytes(file.read_bytes())
-        include = cls.prefix / "include/lpvbake"
-        headers = sorted(file.relative_to(include) for file in include.rglob("*.h"))
-        (cls.source / "headers.cpp").write_text(
-            "".join(f'#include "{header}"\n' for header in headers))
+        include = cls.prefix / "include"
+        cls.headers = sorted(file.relative_to(include) for file in include.rglob("*")
+                             if file.is_file())
         with (cls.source / "CMakeLists.txt").open("a") as lists:
-            lists.write("target_sources(bake PRIVATE headers.cpp)\n")
+            for header in cls.headers:
+                (cls.source / f"{header.stem}_alone.cpp").write_text(
+                    f'#include "{header}"\n#include "{header}"\n#include <error.h>\n'
+                    "auto* const of_glibc = &::error_at_line;\n")
+                lists.write(f"target_sources(bake PRIVATE {header.stem}_alone.cpp)\n")
         run(CMAKE, "-S", cls.source, "-B", cls.built, "-G", "Ninja",
             f"-DCMAKE_PREFIX_PATH={cls.prefix}", f"-DCMAKE_CXX_COMPILER={COMPILER}",
             "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON")
@@ -100,11 +103,36 @@ class Install(unittest.TestCase):
             self.assertNotRegex(command["command"], "-Werror|-ffp|openvdb|OpenEXR|-DLPVBAKE")
         self.assertFalse([file for file in self.prefix.rglob("*.a")])
 
-    def test_the_library_shows_its_own_names_alone(self):
-        shown = run("nm", "-D", "--defined-only", "--extern-only", "--format=just-symbols",
-                    self.prefix / "lib/liblpvbake.so").stdout.split()
-        self.assertTrue(shown)
-        self.assertEqual([name for name in shown if not re.search("NK?7lpvbake", name)], [])
+    def test_the_library_shows_what_its_headers_mark(self):
+        """Functions that LPVBAKE_API marks, and members of classes that it marks; no more, no less."""
+        functions, classes = set(), set()
+        for header in self.headers:
+            space = None
+            for line in (self.prefix / "include" / header).read_text().splitlines():
+                if match := re.match(r"namespace ([\w:]+) {", line):
+                    space = match.group(1)
+                if match := re.match(r"class LPVBAKE_API (\w+)", line):
+                    classes.add(f"{space}::{match.group(1)}")
+                elif match := re.match(r"LPVBAKE_API [^(]*?(\w+)\(", line):
+                    functions.add(f"{space}::{match.group(1)}")
+        self.assertIn("lpvbake::bake", functions)
+        self.assertIn("lpvbake::gpu::Device", classes)
+        shown = run("nm", "-D", "-C", "--defined-only", "--extern-only", "--format=just-symbols",
+                    self.prefix / "lib/liblpvbake.so").stdout.splitlines()
+        found_functions, found_classes = set(), set()
+        for symbol in shown:
+            name = re.sub(r"^(vtable|typeinfo|typeinfo name) for ", "", symbol)
+            name = re.sub(r"(\[abi:\w+\])?\(.*", "", name)
+            if name in classes or name.rsplit("::", 1)[0] in classes:
+                found_classes.add(name if name in classes else name.rsplit("::", 1)[0])
+            else:
+                found_functions.add(name)
+        self.assertEqual(found_functions, functions)
+        self.assertEqual(found_classes, classes)
+
+    def test_few_headers_are_installed(self):
+        self.assertEqual({header.parent.as_posix() for header in self.headers}, {"lpvbake"})
+        self.assertLessEqual(len(self.headers), 8)
 
     def test_the_image_module_is_the_one_beside_the_library(self):
         stem = self.folder / "module"

@@ -1,8 +1,8 @@
 // glTF documents made in code, and a fixture that loads them from a folder of its own.
 #pragma once
 
-#include "error.h"
-#include "scene/gltf/load.h"
+#include "lpvbake/error.h"
+#include "lpvbake/scene.h"
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>

@@ -1,4 +1,5 @@
 #include "image/image.h"
+#include "scene/scene.h"
 #include "unit/gltf_document.h"
 
 #include <cmath>

@@ -1,7 +1,7 @@
 // Fitting grids to boxes of every size and place.
 #include "volume/grid.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 #include <gtest/gtest.h>
 

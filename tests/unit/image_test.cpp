@@ -1,7 +1,7 @@
 // Image codecs, against a PNG writer of our own that knows nothing of libpng.
 #include "image/image.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 #include <gtest/gtest.h>
 

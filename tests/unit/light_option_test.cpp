@@ -1,6 +1,6 @@
 #include "options/lights.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
-#include "error.h"
-#include "scene/gltf/light_file.h"
+#include "lpvbake/error.h"
+#include "lpvbake/scene.h"
 #include "scene/lights.h"
 
 #include <gtest/gtest.h>

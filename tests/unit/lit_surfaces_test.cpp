@@ -1,6 +1,6 @@
 #include "surface/lit_surfaces.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "scenes.h"
 
 #include <glm/gtc/constants.hpp>

@@ -1,6 +1,6 @@
 // The table of options: a toy option is a row of a toy command, and nothing else.
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "options/file.h"
 #include "options/reference.h"
 #include "options/toml.h"

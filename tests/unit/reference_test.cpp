@@ -2,7 +2,7 @@
 
 #include "reference/reference.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "scene/sky.h"
 #include "scenes.h"
 #include "solver/occlusion.h"

@@ -2,7 +2,7 @@
 
 #include "report/report.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "report/baseline.h"
 #include "report/page.h"
 #include "report/plot.h"

@@ -2,11 +2,11 @@
 
 #include "report/suite.h"
 
-#include "error.h"
 #include "gpu/device.h"
 #include "hard_cases/gltf_writer.h"
 #include "hard_cases/hard_cases.h"
-#include "scene/gltf/load.h"
+#include "lpvbake/error.h"
+#include "lpvbake/scene.h"
 #include "scenes.h"
 #include "unit/volumes.h"
 

@@ -1,7 +1,7 @@
 // Volumes and folders for tests of files.
 #pragma once
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "volume/volume.h"
 
 #include <gtest/gtest.h>

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "image/image.h"
+#include "lpvbake/export.h"
 
 namespace lpvbake {
 
@@ -19,4 +20,4 @@ inline constexpr char image_module_symbol[] = "lpvbake_image_module";
 } // namespace lpvbake
 
 /// The module's one symbol.
-extern "C" const lpvbake::ImageModule* lpvbake_image_module();
+extern "C" LPVBAKE_API const lpvbake::ImageModule* lpvbake_image_module();

@@ -1,8 +1,8 @@
 // The image module: everything that sees OpenImageIO. Images pass through memory, so that files,
 // their errors and their atomicity are the business of those who own them.
-#include "error.h"
 #include "image/header.h"
 #include "image/oiio/module.h"
+#include "lpvbake/error.h"
 
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>

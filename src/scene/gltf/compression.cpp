@@ -1,6 +1,6 @@
 #include "scene/gltf/compression.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "scene/gltf/allocation_limit.h"
 
 #include <meshoptimizer.h>

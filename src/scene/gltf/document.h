@@ -4,8 +4,8 @@
 // it neither opens files nor decodes anything.
 #pragma once
 
-#include "error.h"
-#include "scene/gltf/load.h"
+#include "lpvbake/error.h"
+#include "lpvbake/scene.h"
 #include "scene/gltf/memory.h"
 #include "scene/gltf/tinygltf.h"
 #include "scene/gltf/warnings.h"

@@ -1,6 +1,6 @@
 #include "scene/gltf/folder.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 #include <algorithm>
 #include <array>

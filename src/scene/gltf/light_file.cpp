@@ -1,6 +1,6 @@
-#include "scene/gltf/light_file.h"
+#include "lpvbake/scene.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "scene/gltf/folder.h"
 #include "scene/lights.h"
 

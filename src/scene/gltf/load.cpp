@@ -1,4 +1,4 @@
-#include "scene/gltf/load.h"
+#include "lpvbake/scene.h"
 
 #include "scene/gltf/animation.h"
 #include "scene/gltf/document.h"

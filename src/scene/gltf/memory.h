@@ -1,7 +1,7 @@
 // A limit on the memory that a file may make its loader take.
 #pragma once
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 #include <cstdint>
 #include <limits>

@@ -1,6 +1,6 @@
 #include "scene/gltf/schema.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 
 #include <nlohmann/json.hpp>
 

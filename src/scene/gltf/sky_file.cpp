@@ -1,4 +1,4 @@
-#include "scene/gltf/sky_file.h"
+#include "lpvbake/scene.h"
 
 #include "image/image.h"
 #include "scene/sky.h"
@@ -8,8 +8,8 @@
 
 namespace lpvbake {
 
-Sky load_sky(const std::string& path, double scale, double turn, uint64_t max_bytes,
-             std::vector<std::string>& warnings) {
+Sky load_sky(const std::string& path, std::vector<std::string>& warnings, double scale, double turn,
+             uint64_t max_bytes) {
     constexpr double brightest = 1e12; // the sun's disc has 1.6e9
     // Samples, and texels of the same.
     const uint64_t most = std::min(max_bytes / (6 * sizeof(float)), uint64_t(1) << 28);

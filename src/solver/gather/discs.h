@@ -2,7 +2,7 @@
 // maps a cell (Dachsbacher and Stamminger 2005).
 #pragma once
 
-#include "progress.h"
+#include "lpvbake/progress.h"
 #include "solver/vpl/rsm.h"
 #include "visibility/visibility.h"
 #include "volume/volume.h"

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "gpu/gpu.h"
-#include "progress.h"
+#include "lpvbake/progress.h"
 #include "surface/lit_surfaces.h"
 #include "volume/volume.h"
 

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "gpu/gpu.h"
-#include "progress.h"
+#include "lpvbake/progress.h"
 #include "solver/lpv/inject.h"
 #include "solver/lpv/propagator.h"
 #include "volume/volume.h"

@@ -1,6 +1,6 @@
 #include "solver/lpv/propagator.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "solver/lpv/propagate.comp.h"
 #include "solver/occlusion.h"
 #include "volume/sh.h"

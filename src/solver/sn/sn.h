@@ -8,7 +8,7 @@
 #pragma once
 
 #include "gpu/gpu.h"
-#include "progress.h"
+#include "lpvbake/progress.h"
 #include "scene/sky.h"
 #include "solver/gather/gather.h"
 #include "solver/sn/sweeper.h"

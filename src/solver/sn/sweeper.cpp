@@ -1,6 +1,6 @@
 #include "solver/sn/sweeper.h"
 
-#include "error.h"
+#include "lpvbake/error.h"
 #include "solver/sn/directions.h"
 #include "solver/sn/given.comp.h"
 #include "solver/sn/project.comp.h"

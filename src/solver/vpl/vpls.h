@@ -1,7 +1,7 @@
 // The lights of a scene as virtual point lights.
 #pragma once
 
-#include "progress.h"
+#include "lpvbake/progress.h"
 #include "solver/vpl/rsm.h"
 
 namespace lpvbake {

@@ -1,13 +1,23 @@
 // How a long stage tells how far it is, and how it learns that it should stop.
 #pragma once
 
+#include "lpvbake/export.h"
+
 #include <cstdint>
+#include <string>
 #include <string_view>
 
 namespace lpvbake {
 
+/// What a stage did and cost, or is expected to.
+struct StageReport {
+    std::string name;
+    double seconds = 0;
+    std::string detail; ///< one phrase: counts and residuals, or why it will run
+};
+
 /// Told by the stages, drawn by whoever runs them. Calls come from one thread.
-class Progress {
+class LPVBAKE_API Progress {
 public:
     virtual ~Progress() = default;
     /// A stage begins that consists of `steps` steps (0: unknown).

@@ -1,6 +1,8 @@
 // The one exception type that we throw.
 #pragma once
 
+#include "lpvbake/export.h"
+
 #include <stdexcept>
 #include <string>
 
@@ -20,9 +22,8 @@ enum class ErrorKind {
 };
 
 /// The text is one line that names the file, the place in it and the remedy. Settings are named as
-/// the structs have them, in backquotes, as in "lower `resolution`"; the program turns them into
-/// its options (cmd/options/wording.h). Warnings do the same.
-class Error : public std::runtime_error {
+/// the structs have them, in backquotes, as in "lower `resolution`". Warnings do the same.
+class LPVBAKE_API Error : public std::runtime_error {
 public:
     Error(ErrorKind which, const std::string& text) : std::runtime_error(text), kind(which) {}
     ErrorKind kind;

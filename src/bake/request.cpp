@@ -1,0 +1,118 @@
+// lpvbake/bake.h over the driver.
+#include "bake/bake.h"
+#include "lpvbake/error.h"
+#include "readers/readers.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace lpvbake {
+namespace {
+
+std::string names_of(const std::vector<const SolverKind*>& kinds) {
+    std::string names;
+    for (const SolverKind* kind : kinds)
+        names += (names.empty() ? "" : ", ") + std::string(kind->name);
+    return names;
+}
+
+/// The kinds that have all that is asked of a solver, best first.
+std::vector<const SolverKind*> kinds_for(const BakeRequest& request) {
+    std::vector<const SolverKind*> kinds(solver_kinds().begin(), solver_kinds().end());
+    const auto keep = [&](const std::string& what, const auto& has) {
+        const std::string before = names_of(kinds);
+        std::erase_if(kinds, [&](const SolverKind* kind) { return !has(*kind); });
+        if (kinds.empty())
+            throw Error(ErrorKind::argument, what + ": not of " + before);
+    };
+    if (!request.solver.empty())
+        keep("`solver` " + request.solver,
+             [&](const SolverKind& kind) { return kind.name == request.solver; });
+    for (const auto& [name, value] : request.parameters)
+        keep(name, [&](const SolverKind& kind) { return find_parameter(kind, name) != nullptr; });
+    if (request.sh_order)
+        keep("`sh_order` " + std::to_string(*request.sh_order), [&](const SolverKind& kind) {
+            return std::ranges::count(kind.orders, *request.sh_order) > 0;
+        });
+    return kinds;
+}
+
+double checked(const char* setting, double value) {
+    if (!(value > 0 && std::isfinite(value)))
+        throw Error(ErrorKind::argument, std::string(setting) + " has to be above 0");
+    return value;
+}
+
+Wish wish_of(const BakeRequest& request) {
+    Wish wish;
+    wish.solvers = kinds_for(request);
+    wish.order = request.sh_order;
+    if (request.error)
+        wish.error = checked("`error`", *request.error);
+    if (request.time_budget)
+        wish.seconds = checked("`time_budget`", *request.time_budget);
+    for (const auto& [name, text] : request.parameters) {
+        const Parameter& parameter = *find_parameter(*wish.solvers.front(), name);
+        const std::optional<double> value = parse_value(parameter, text);
+        if (!value)
+            throw Error(ErrorKind::argument,
+                        name + ": '" + text + "' is none of its values, " + values_of(parameter));
+        wish.given.push_back({parameter.name, *value});
+    }
+    return wish;
+}
+
+BakeSettings settings_of(const BakeRequest& request, const SolverKind& kind) {
+    if (request.bounces && *request.bounces < 0)
+        throw Error(ErrorKind::argument, "`bounces` is below 0");
+    if (request.cell_size == 0 && request.resolution < 3)
+        throw Error(ErrorKind::argument, "`resolution` is below 3");
+    BakeSettings settings(kind);
+    settings.grid = {request.resolution, request.cell_size, request.margin};
+    settings.bounds = request.bounds;
+    settings.emitters = request.emitters;
+    if (request.bounces)
+        settings.bounces = request.bounces;
+    if (!request.fit.empty()) {
+        settings.fit = readers::reader_named(request.fit == "generic" ? "lpvbake" : request.fit);
+        if (!settings.fit)
+            throw Error(ErrorKind::argument, "`fit` " + request.fit + ": there is no such target");
+    }
+    return settings;
+}
+
+Choice choose(const Scene& scene, const BakeRequest& request, const gpu::DeviceInfo& device) {
+    check_scene(scene);
+    const Wish wish = wish_of(request);
+    return choose_settings(survey(scene), settings_of(request, *wish.solvers.front()), wish,
+                           device);
+}
+
+} // namespace
+
+BakeForecast forecast(const Scene& scene, const BakeRequest& request,
+                      const gpu::DeviceInfo& device) {
+    Choice choice = choose(scene, request, device);
+    const BakePlan& plan = choice.plan;
+    BakeForecast forecast{plan.grid,         choice.text,     choice.error,   plan.seconds,
+                          plan.device_bytes, plan.host_bytes, choice.warnings};
+    forecast.warnings.insert(forecast.warnings.end(), plan.warnings.begin(), plan.warnings.end());
+    return forecast;
+}
+
+Baked bake(const Scene& scene, const BakeRequest& request, const gpu::Device& device,
+           Progress& progress) {
+    const Choice choice = choose(scene, request, device.info());
+    Baked baked = bake(scene, choice.plan, device, progress);
+    baked.warnings.insert(baked.warnings.begin(), choice.warnings.begin(), choice.warnings.end());
+    baked.volume.metadata["tool"] = "lpvbake " LPVBAKE_VERSION;
+    baked.volume.metadata["choice"] = choice.text;
+    return baked;
+}
+
+Baked bake(const Scene& scene, const BakeRequest& request, const gpu::Device& device) {
+    Progress silent;
+    return bake(scene, request, device, silent);
+}
+
+} // namespace lpvbake

@@ -1,0 +1,55 @@
+// Volume files, told apart by their extension: .vdb (OpenVDB), .exr (flipbooks in OpenEXR, with a
+// sidecar .json).
+#pragma once
+
+#include "lpvbake/export.h"
+#include "lpvbake/volume.h"
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace lpvbake {
+
+enum class Precision { full, half };
+
+/// What became of a request that could not be met to the letter.
+struct WriteReport {
+    struct File {
+        std::string path;
+        uint64_t bytes = 0;
+    };
+    /// Such as: half asked for, but values exceed 65504, wrote float.
+    std::vector<std::string> warnings;
+    std::vector<File> files;
+    Precision precision = Precision::full; ///< that of the files
+    /// Of an EXR: tiles a row and rows; else 0.
+    int columns = 0, rows = 0;
+
+    uint64_t bytes() const {
+        uint64_t sum = 0;
+        for (const File& file : files)
+            sum += file.bytes;
+        return sum;
+    }
+};
+
+/// Programs that volumes can be written for: generic, blender, houdini, unity, unreal, godot,
+/// threejs, vrc, bevy.
+LPVBAKE_API std::vector<const char*> target_names();
+
+/// Writes a volume as a program wants it: convention, axes, packing and precision (unless that is
+/// given), cells inside geometry filled where it reads those, and what it must be told in a file
+/// beside it. Files are there whole or not at all. Throws Error: argument (no such target or
+/// extension; names those that are known), file, unsupported (no form for such a volume).
+LPVBAKE_API WriteReport write_volume(const std::string& path, Volume volume,
+                                     const std::string& target = "generic",
+                                     std::optional<Precision> precision = std::nullopt);
+
+/// Reads what was written, by its own name or that of its sidecar, back to canonical coefficients
+/// and glTF's axes, whatever the convention of the file. Throws Error: argument (unknown
+/// extension), file, invalid, memory, unsupported (a packing that cannot be read back).
+LPVBAKE_API Volume read_volume(const std::string& path);
+
+} // namespace lpvbake
