@@ -16,6 +16,15 @@ std::string names_of(const std::vector<const SolverKind*>& kinds) {
     return names;
 }
 
+/// Whether the kind has the parameter, and what that needs is asked for.
+bool takes(const SolverKind& kind, const std::string& name, const BakeRequest& request) {
+    const Parameter* parameter = find_parameter(kind, name);
+    if (!parameter || !parameter->needs)
+        return parameter != nullptr;
+    const auto needed = request.parameters.find(parameter->needs);
+    return needed != request.parameters.end() && needed->second != "0";
+}
+
 /// The kinds that have all that is asked of a solver, best first.
 std::vector<const SolverKind*> kinds_for(const BakeRequest& request) {
     std::vector<const SolverKind*> kinds(solver_kinds().begin(), solver_kinds().end());
@@ -28,8 +37,9 @@ std::vector<const SolverKind*> kinds_for(const BakeRequest& request) {
     if (!request.solver.empty())
         keep("`solver` " + request.solver,
              [&](const SolverKind& kind) { return kind.name == request.solver; });
-    for (const auto& [name, value] : request.parameters)
-        keep(name, [&](const SolverKind& kind) { return find_parameter(kind, name) != nullptr; });
+    for (const auto& given : request.parameters)
+        keep(given.first,
+             [&](const SolverKind& kind) { return takes(kind, given.first, request); });
     if (request.sh_order)
         keep("`sh_order` " + std::to_string(*request.sh_order), [&](const SolverKind& kind) {
             return std::ranges::count(kind.orders, *request.sh_order) > 0;

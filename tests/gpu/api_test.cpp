@@ -144,9 +144,23 @@ TEST_F(Api, RequestsThatContradictThemselvesAreRefused) {
     refuses("`bounces`", [](BakeRequest& r) { r.bounces = -1; });
     refuses("`resolution`", [](BakeRequest& r) { r.resolution = 2; });
     refuses("`fit` quake", [](BakeRequest& r) { r.fit = "quake"; });
-    BakeRequest request = coarse();
-    request.parameters["occlusion"] = "none";
-    EXPECT_TRUE(forecast(floor_with_light(), request, device()->info()).choice.starts_with("lpv"));
+    refuses("rsm-size: not of gather", [](BakeRequest& r) {
+        r.solver = "gather";
+        r.parameters["rsm-size"] = "64";
+    });
+}
+
+TEST_F(Api, ParametersChooseTheSolverThatHasThem) {
+    const auto choice = [](const std::map<std::string, std::string>& parameters) {
+        BakeRequest request = coarse();
+        request.parameters = parameters;
+        const std::string text = forecast(floor_with_light(), request, device()->info()).choice;
+        return text.substr(0, text.find(','));
+    };
+    EXPECT_EQ(choice({}), "sn");
+    EXPECT_EQ(choice({{"occlusion", "none"}}), "lpv");
+    EXPECT_EQ(choice({{"rsm-size", "64"}}), "lpv");
+    EXPECT_EQ(choice({{"rsm-size", "64"}, {"rsm-samples", "16"}}), "gather");
 }
 
 TEST_F(Api, ScenesThatLeadNowhereAreRefused) {
