@@ -30,7 +30,7 @@ struct Option {
     std::string help;
     std::string group;
     /// Sets the field from a text and returns the text of its value in one form. Throws Error
-    /// (usage) that says what is wrong with it.
+    /// (argument) that says what is wrong with it.
     std::function<std::string(const std::string& text)> read;
     std::string usual;     ///< the default, as `read` returns it; empty: none
     bool quoted = true;    ///< option files hold its values as strings
@@ -149,8 +149,8 @@ public:
         return option;
     }
 
-    /// Whatever a function makes of a text, or throws Error (usage) for. An empty text is as good
-    /// as none. `usual` is the default, unless the field's own is.
+    /// Whatever a function makes of a text, or throws Error (argument) for. An empty text is as
+    /// good as none. `usual` is the default, unless the field's own is.
     template <class Field, class Parse>
     Option& value(const std::string& names, Field& field, const char* type, Parse parse,
                   const std::string& help, const std::string& usual = "") {
