@@ -16,7 +16,7 @@
 #include <map>
 #include <memory>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 namespace {
 
 const char manual[] =
@@ -25,12 +25,12 @@ const char manual[] =
 
 struct BakeOptions : SceneOptions, RunOptions {
     OutputOptions outputs;
-    const SolverKind* solver = nullptr; ///< null: what else is given, and the wish, decide
-    std::optional<double> error;        ///< a share
-    std::optional<double> seconds;      ///< of a bake
-    std::optional<Bounces> bounces;     ///< none: the solver's
-    int sh_order = 0;                   ///< 0: the solver's
-    std::optional<Quality> quality;
+    const solver::SolverKind* solver = nullptr; ///< null: what else is given, and the wish, decide
+    std::optional<double> error;                ///< a share
+    std::optional<double> seconds;              ///< of a bake
+    std::optional<options::Bounces> bounces;    ///< none: the solver's
+    int sh_order = 0;                           ///< 0: the solver's
+    std::optional<solver::Quality> quality;
     std::map<std::string, double> parameters; ///< of solvers
     int dilate = 0;
     bool fit = false;
@@ -39,31 +39,33 @@ struct BakeOptions : SceneOptions, RunOptions {
 // ---------------------------------------------------------------- options of solvers
 
 /// "sn", "sn or gather".
-std::string names_of(const std::vector<const SolverKind*>& solvers, const char* last = " or ") {
+std::string names_of(const std::vector<const solver::SolverKind*>& solvers,
+                     const char* last = " or ") {
     std::string names;
-    for (const SolverKind* solver : solvers)
+    for (const solver::SolverKind* solver : solvers)
         names += (names.empty() ? "" : last) + std::string(solver->name);
     return names;
 }
 
-std::vector<const SolverKind*> solvers_with(const auto& has) {
-    std::vector<const SolverKind*> solvers;
-    std::ranges::copy_if(solver_kinds(), std::back_inserter(solvers),
-                         [&](const SolverKind* kind) { return has(*kind); });
+std::vector<const solver::SolverKind*> solvers_with(const auto& has) {
+    std::vector<const solver::SolverKind*> solvers;
+    std::ranges::copy_if(bake::solver_kinds(), std::back_inserter(solvers),
+                         [&](const solver::SolverKind* kind) { return has(*kind); });
     return solvers;
 }
 
 /// Whether a quality makes a difference.
-bool has_presets(const SolverKind& kind) {
-    return std::ranges::count_if(kind.ladder, [](const Rung& rung) { return bool(rung.preset); })
+bool has_presets(const solver::SolverKind& kind) {
+    return std::ranges::count_if(kind.ladder,
+                                 [](const solver::Rung& rung) { return bool(rung.preset); })
            > 1;
 }
 
 /// The solvers for which the parameter, beside the others that are given, means something.
-std::vector<const SolverKind*> solvers_with_parameter(const BakeOptions& o,
-                                                      const std::string& name) {
-    return solvers_with([&](const SolverKind& kind) {
-        const Parameter* own = find_parameter(kind, name);
+std::vector<const solver::SolverKind*> solvers_with_parameter(const BakeOptions& o,
+                                                              const std::string& name) {
+    return solvers_with([&](const solver::SolverKind& kind) {
+        const solver::Parameter* own = solver::find_parameter(kind, name);
         if (!own || !own->needs)
             return own != nullptr;
         const auto needed = o.parameters.find(own->needs);
@@ -73,13 +75,16 @@ std::vector<const SolverKind*> solvers_with_parameter(const BakeOptions& o,
 
 /// The solvers that may be taken, best first: --solver, or those that have all options that are
 /// given. Throws Error (argument) that names the option that none of them has.
-std::vector<const SolverKind*> solvers_of(const BakeOptions& o) {
-    std::vector<const SolverKind*> solvers = o.solver ? std::vector{o.solver} : Wish().solvers;
+std::vector<const solver::SolverKind*> solvers_of(const BakeOptions& o) {
+    std::vector<const solver::SolverKind*> solvers =
+        o.solver ? std::vector{o.solver} : bake::Wish().solvers;
     std::string why = o.solver ? std::string("--solver ") + o.solver->name : "";
-    const auto keep = [&](const std::string& option, const std::vector<const SolverKind*>& with) {
-        std::vector<const SolverKind*> left = solvers;
-        std::erase_if(left,
-                      [&](const SolverKind* solver) { return !std::ranges::count(with, solver); });
+    const auto keep = [&](const std::string& option,
+                          const std::vector<const solver::SolverKind*>& with) {
+        std::vector<const solver::SolverKind*> left = solvers;
+        std::erase_if(left, [&](const solver::SolverKind* solver) {
+            return !std::ranges::count(with, solver);
+        });
         if (left.empty())
             throw Error(ErrorKind::argument, "--" + option + " is an option of " + names_of(with)
                                                  + ", not of " + names_of(solvers) + " (" + why
@@ -93,24 +98,25 @@ std::vector<const SolverKind*> solvers_of(const BakeOptions& o) {
     for (const auto& [name, value] : o.parameters)
         keep(name, solvers_with_parameter(o, name));
     if (o.sh_order > 0)
-        keep("sh-order " + std::to_string(o.sh_order), solvers_with([&](const SolverKind& kind) {
+        keep("sh-order " + std::to_string(o.sh_order),
+             solvers_with([&](const solver::SolverKind& kind) {
                  return std::ranges::count(kind.orders, o.sh_order) > 0;
              }));
     return solvers;
 }
 
 /// A row for each parameter of a solver; those that several have share one.
-void add_parameters(Options& options, BakeOptions& o) {
+void add_parameters(options::Options& options, BakeOptions& o) {
     std::vector<std::string> names;
-    for (const SolverKind* kind : solver_kinds())
-        for (const Parameter& parameter : kind->parameters)
+    for (const solver::SolverKind* kind : bake::solver_kinds())
+        for (const solver::Parameter& parameter : kind->parameters)
             if (std::ranges::find(names, parameter.name) == names.end())
                 names.push_back(parameter.name);
     for (const std::string& name : names) {
         std::string help, ranges;
-        std::vector<const Parameter*> all;
-        for (const SolverKind* kind : solver_kinds()) {
-            const Parameter* own = find_parameter(*kind, name);
+        std::vector<const solver::Parameter*> all;
+        for (const solver::SolverKind* kind : bake::solver_kinds()) {
+            const solver::Parameter* own = solver::find_parameter(*kind, name);
             if (!own)
                 continue;
             const bool again = !all.empty() && std::string(own->help) == all.back()->help;
@@ -118,29 +124,30 @@ void add_parameters(Options& options, BakeOptions& o) {
             std::string whose = kind->name;
             if (own->needs)
                 whose += " with --" + std::string(own->needs);
-            const std::string usual = " (" + value_text(*own, own->usual) + ")";
+            const std::string usual = " (" + solver::value_text(*own, own->usual) + ")";
             help += again ? "" : (help.empty() ? "" : "; ") + whose + ": " + own->help + usual;
             if (again) // "gather with --rsm-samples, lpv: ..."
                 help.insert(help.rfind(all.front()->help) - 2, ", " + whose);
         }
-        const bool is_choice = all.front()->kind == ValueKind::choice;
-        std::string type = all.front()->kind == ValueKind::whole ? "N" : "X";
+        const bool is_choice = all.front()->kind == solver::ValueKind::choice;
+        std::string type = all.front()->kind == solver::ValueKind::whole ? "N" : "X";
         if (is_choice) {
             type.clear();
             for (const char* choice : all.front()->choices)
                 type += (type.empty() ? "" : "|") + std::string(choice);
         }
-        Option& option = options.add("--" + name, type, help);
+        options::Option& option = options.add("--" + name, type, help);
         option.quoted = is_choice;
         option.read = [&o, name, all](const std::string& text) {
-            for (const Parameter* each : all)
-                if (const std::optional<double> value = parse_value(*each, text)) {
+            for (const solver::Parameter* each : all)
+                if (const std::optional<double> value = solver::parse_value(*each, text)) {
                     o.parameters[name] = *value;
-                    return value_text(*each, *value);
+                    return solver::value_text(*each, *value);
                 }
-            refuse(text, "is none of its values, " + values_of(*all.front()));
+            options::refuse(text, "is none of its values, " + solver::values_of(*all.front()));
         };
-        option.implies(value_text(*all.front(), all.front()->usual)).record(Recorded::if_changed);
+        option.implies(solver::value_text(*all.front(), all.front()->usual))
+            .record(options::Recorded::if_changed);
     }
 }
 
@@ -150,12 +157,13 @@ void add_parameters(Options& options, BakeOptions& o) {
 void check_options(const BakeOptions& o) {
     check_paths("bake", o, o, o.outputs.paths);
     if (o.outputs.paths.empty() && !o.dry_run)
-        throw Error(ErrorKind::argument, "no output: add -o FILE" + format_list(" or -o FILE"));
-    const SolverKind& solver = *solvers_of(o).front();
+        throw Error(ErrorKind::argument, "no output: add -o FILE" + io::format_list(" or -o FILE"));
+    const solver::SolverKind& solver = *solvers_of(o).front();
     for (const auto& [name, value] : o.parameters)
-        if (const Parameter* own = find_parameter(solver, name); own && !is_value(*own, value))
-            throw Error(ErrorKind::argument,
-                        "--" + name + ": the " + solver.name + " solver takes " + values_of(*own));
+        if (const solver::Parameter* own = solver::find_parameter(solver, name);
+            own && !solver::is_value(*own, value))
+            throw Error(ErrorKind::argument, "--" + name + ": the " + solver.name + " solver takes "
+                                                 + solver::values_of(*own));
     if (o.fit && o.dilate > 0)
         throw Error(ErrorKind::argument,
                     "--fit surfaces and --dilate exclude each other: fitted cells "
@@ -163,17 +171,17 @@ void check_options(const BakeOptions& o) {
 }
 
 /// The row of a target's program; files for none in particular are read by our own sampler.
-const readers::Reader* reader_of(const Target& target) {
-    return readers::reader_named(&target == target_named("generic") ? "lpvbake" : target.name);
+const readers::Reader* reader_of(const io::Target& target) {
+    return readers::reader_named(&target == io::target_named("generic") ? "lpvbake" : target.name);
 }
 
 /// All but what choose_settings chooses.
-BakeSettings to_settings(const BakeOptions& o) {
-    BakeSettings settings(*solvers_of(o).front());
+bake::BakeSettings to_settings(const BakeOptions& o) {
+    bake::BakeSettings settings(*solvers_of(o).front());
     settings.grid = o.grid;
     settings.bounds = o.bounds;
     settings.emitters = !o.no_emitters;
-    settings.solver.set(o.quality.value_or(Quality::balanced));
+    settings.solver.set(o.quality.value_or(solver::Quality::balanced));
     if (o.bounces)
         settings.bounces = o.bounces->most;
     if (o.fit)
@@ -181,8 +189,8 @@ BakeSettings to_settings(const BakeOptions& o) {
     return settings;
 }
 
-Wish wish_of(const BakeOptions& o) {
-    Wish wish;
+bake::Wish wish_of(const BakeOptions& o) {
+    bake::Wish wish;
     wish.solvers = solvers_of(o);
     if (o.sh_order > 0)
         wish.order = o.sh_order;
@@ -196,49 +204,50 @@ Wish wish_of(const BakeOptions& o) {
 // ---------------------------------------------------------------- the result
 
 /// The document of --format json, as far as a dry run shares it.
-Json describe(const BakeOptions& o, const gpu::DeviceInfo& device, const Choice& choice,
-              uint64_t triangles, const Grid& grid) {
-    Json chosen{{"solver", choice.solver().kind().name},
-                {"sh_order", choice.solver().order()},
-                {"text", choice.text},
-                {"error", choice.error},
-                {"seconds", choice.plan.seconds}};
-    for (const Parameter& parameter : choice.solver().kind().parameters)
-        if (is_on_ladder(choice.solver().kind(), parameter.name)) {
+report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
+                      const bake::Choice& choice, uint64_t triangles, const Grid& grid) {
+    report::Json chosen{{"solver", choice.solver().kind().name},
+                        {"sh_order", choice.solver().order()},
+                        {"text", choice.text},
+                        {"error", choice.error},
+                        {"seconds", choice.plan.seconds}};
+    for (const solver::Parameter& parameter : choice.solver().kind().parameters)
+        if (solver::is_on_ladder(choice.solver().kind(), parameter.name)) {
             const double value = choice.solver()[parameter.name];
-            chosen[parameter.name] =
-                parameter.kind == ValueKind::whole ? Json(int64_t(value)) : Json(value);
+            chosen[parameter.name] = parameter.kind == solver::ValueKind::whole
+                                         ? report::Json(int64_t(value))
+                                         : report::Json(value);
         }
     return {{"command", "bake"},
             {"version", LPVBAKE_VERSION},
             {"scene", o.scene},
             {"triangles", triangles},
             {"device", device_json(device)},
-            {"grid", grid_json(grid)},
+            {"grid", report::grid_json(grid)},
             {"dry_run", o.dry_run},
             {"choice", chosen}};
 }
 
-void print_head(const gpu::DeviceInfo& device, const Choice& choice) {
+void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice) {
     std::printf("device        %s\n", device.name.c_str());
     print_grid(choice.plan.grid);
     std::printf("choice        %s: about %.2g %% error in a Cornell box, %.2g s on 2 CPU threads\n",
                 choice.text.c_str(), 100 * choice.error, choice.plan.seconds);
 }
 
-void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const Choice& choice,
+void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const bake::Choice& choice,
                 const std::vector<std::string>& warnings) {
-    const BakePlan& plan = choice.plan;
+    const bake::BakePlan& plan = choice.plan;
     if (o.format == Format::json) {
-        Json document = describe(o, device, choice, plan.triangles, plan.grid);
+        report::Json document = describe(o, device, choice, plan.triangles, plan.grid);
         document["outputs"] = outputs_json(o.outputs.paths);
         document["stages"] = stages_json(plan.stages);
         document["warnings"] = warnings;
         document["seconds"] = plan.seconds;
-        document["skipped"] = Json::array();
-        for (const SkippedStage& skipped : plan.skipped)
+        document["skipped"] = report::Json::array();
+        for (const solver::SkippedStage& skipped : plan.skipped)
             document["skipped"].push_back(
-                {{"name", skipped.name}, {"why", in_options(skipped.why)}});
+                {{"name", skipped.name}, {"why", options::in_options(skipped.why)}});
         document["rsm"] = {{"maps", plan.maps.count}, {"size", plan.maps.size}};
         document["device_bytes"] = plan.device_bytes;
         document["host_bytes"] = plan.host_bytes;
@@ -252,18 +261,18 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const Choic
     std::printf("time          about %.2g s on 2 CPU threads, without loading and writing\n",
                 plan.seconds);
     print_stages(plan.stages);
-    for (const SkippedStage& skipped : plan.skipped)
+    for (const solver::SkippedStage& skipped : plan.skipped)
         std::printf("skipped       %s: %s\n", skipped.name.c_str(),
-                    in_options(skipped.why).c_str());
+                    options::in_options(skipped.why).c_str());
     for (const std::string& output : o.outputs.paths)
         std::printf("output        %s\n", output.c_str());
 }
 
-void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const Choice& choice,
+void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const bake::Choice& choice,
                   const Volume& volume, const std::vector<Written>& outputs, const Run& run) {
     const double seconds = run.seconds();
     if (o.format == Format::json) {
-        Json document = describe(o, device, choice, choice.plan.triangles, volume.grid);
+        report::Json document = describe(o, device, choice, choice.plan.triangles, volume.grid);
         document["outputs"] = outputs_json(outputs);
         document["stages"] = stages_json(run.stages);
         document["warnings"] = run.progress.warnings();
@@ -271,7 +280,7 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const Cho
             document["fit"] = {{"reader", fit->second}};
             for (const char* fact : {"error", "energy", "leak", "moved"})
                 document["fit"][fact] =
-                    *parse_number(volume.metadata.at("fit_" + std::string(fact)));
+                    *options::parse_number(volume.metadata.at("fit_" + std::string(fact)));
         }
         document["seconds"] = seconds;
         document["peak_memory"] = peak_memory();
@@ -288,20 +297,21 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const Cho
 
 void run(const BakeOptions& o, const std::string& settings) {
     check_options(o);
-    const BakeSettings base = to_settings(o);
-    const Wish wish = wish_of(o);
+    const bake::BakeSettings base = to_settings(o);
+    const bake::Wish wish = wish_of(o);
     Run run(o, o, o.outputs.paths);
     auto opening = std::async(std::launch::async, [&o] {
         return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
     });
     const Scene scene = run.load();
-    run.end_stage("load", counted(triangle_count(scene), "triangle") + ", "
+    run.end_stage("load", counted(scene::triangle_count(scene), "triangle") + ", "
                               + counted(scene.lights.size(), "light"));
     stop_if_signalled();
     const std::unique_ptr<gpu::Device> device = opening.get();
     run.end_stage("open", "the device, opened while the scene was loaded");
 
-    const Choice choice = choose_settings(survey(scene), base, wish, device->info());
+    const bake::Choice choice =
+        bake::choose_settings(bake::survey(scene), base, wish, device->info());
     run.warn(choice.warnings);
     if (o.dry_run) {
         run.warn(choice.plan.warnings);
@@ -310,12 +320,12 @@ void run(const BakeOptions& o, const std::string& settings) {
         return;
     }
 
-    Baked baked = bake(scene, choice.plan, *device, run.progress);
+    Baked baked = bake::bake(scene, choice.plan, *device, run.progress);
     run.stages.insert(run.stages.end(), baked.stages.begin(), baked.stages.end());
     run.warn(baked.warnings);
     if (o.dilate > 0) {
         run.begin_stage();
-        const std::size_t filled = dilate(baked.volume, o.dilate);
+        const std::size_t filled = volume::dilate(baked.volume, o.dilate);
         baked.volume.metadata["dilate"] = std::to_string(o.dilate);
         run.end_stage("dilate", counted(filled, "cell") + " inside geometry filled");
     }
@@ -331,50 +341,51 @@ void run(const BakeOptions& o, const std::string& settings) {
     print_result(o, device->info(), choice, baked.volume, written, run);
 }
 
-void add_solver_options(Options& options, BakeOptions& o) {
+void add_solver_options(options::Options& options, BakeOptions& o) {
     options.group("Solver");
-    Choices<const SolverKind*> solvers{{"auto", nullptr}};
+    options::Choices<const solver::SolverKind*> solvers{{"auto", nullptr}};
     std::string help;
-    for (const SolverKind* kind : solver_kinds()) {
+    for (const solver::SolverKind* kind : bake::solver_kinds()) {
         solvers.emplace_back(kind->name, kind);
         help += std::string(kind->name) + ": " + kind->help + "; ";
     }
     options
         .choice("--solver", o.solver, solvers,
                 help + "auto: by what is wanted (--error, --time-budget) and given, else "
-                    + solver_kinds().front()->name)
+                    + bake::solver_kinds().front()->name)
         .record();
     options
         .share("--error", o.error, 1e-6, 1, "Error of irradiance that is wanted at most; see below")
         .implies("0.04")
-        .record(Recorded::if_changed);
+        .record(options::Recorded::if_changed);
     options
-        .value("--time-budget", o.seconds, "TIME", parse_seconds,
+        .value("--time-budget", o.seconds, "TIME", options::parse_seconds,
                "Time that a bake may take, as 2s, 500ms or 1.5min (--time is the animation's)")
         .implies("2s")
-        .record(Recorded::if_changed);
+        .record(options::Recorded::if_changed);
     options
-        .value("--bounces", o.bounces, "N|inf", parse_bounces,
+        .value("--bounces", o.bounces, "N|inf", options::parse_bounces,
                "Reflections of light at most, 0 to 10000, or all; default: 1 for lpv, inf for the "
                "others")
         .implies("inf")
-        .record(Recorded::if_changed);
+        .record(options::Recorded::if_changed);
     options
         .number("--sh-order", o.sh_order, 0, 4,
                 "Highest band of the spherical harmonics; 0: 1 for lpv, 2 for the others")
         .record();
     options
-        .choice("--quality", o.quality, choices_named<Quality>(quality_names),
+        .choice("--quality", o.quality,
+                options::choices_named<solver::Quality>(solver::quality_names),
                 names_of(solvers_with(has_presets), " and ")
                     + ": time against error (directions, clusters, rays, tolerance); default: "
                       "balanced")
         .implies("balanced")
         .exclude({"error", "time-budget"})
-        .record(Recorded::if_changed);
+        .record(options::Recorded::if_changed);
     add_parameters(options, o);
 }
 
-Action declare(Options& options) {
+options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<BakeOptions>();
     BakeOptions& o = *fields;
     options.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb");
@@ -389,10 +400,10 @@ Action declare(Options& options) {
                 "stays as it is")
         .record();
     options
-        .choice("--fit", o.fit, Choices<bool>{{"none", false}, {"surfaces", true}},
+        .choice("--fit", o.fit, options::Choices<bool>{{"none", false}, {"surfaces", true}},
                 "surfaces: values with which the target's program shows on surfaces the light that "
                 "arrives there, though it reads cells beyond walls; generic: our own sampler")
-        .record(Recorded::if_changed);
+        .record(options::Recorded::if_changed);
     add_device_option(options, o);
     options.flag("--validation", o.validation,
                  "Load Vulkan's validation layer; messages are errors");
@@ -403,9 +414,9 @@ Action declare(Options& options) {
 
 } // namespace
 
-Command bake_command() {
+options::Command bake_command() {
     return {"bake", "Bakes the light that a scene's surfaces send on into volume files.", manual,
             declare};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

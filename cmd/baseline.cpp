@@ -7,28 +7,29 @@
 #include <cstdio>
 #include <filesystem>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 
 void check_baseline(const BaselineOptions& o) {
     if (o.update)
         probe_outputs({o.path});
     if (!o.path.empty() && (!o.update || std::filesystem::exists(o.path)))
-        load_baseline(o.path);
+        report::load_baseline(o.path);
 }
 
-std::string judge_by_baseline(const BaselineOptions& o, const Baseline& now) {
+std::string judge_by_baseline(const BaselineOptions& o, const report::Baseline& now) {
     if (o.path.empty())
         return {};
     if (o.update) {
-        Baseline kept;
+        report::Baseline kept;
         if (std::filesystem::exists(o.path))
-            kept = load_baseline(o.path);
+            kept = report::load_baseline(o.path);
         for (const auto& [name, row] : now)
             kept[name] = row;
-        save_baseline(o.path, kept);
+        report::save_baseline(o.path, kept);
         return {};
     }
-    const BaselineComparison result = compare_baselines(load_baseline(o.path), now, o.slack);
+    const report::BaselineComparison result =
+        report::compare_baselines(report::load_baseline(o.path), now, o.slack);
     if (result.compared == 0)
         throw Error(ErrorKind::argument, o.path
                                              + ": has none of the rows that were measured; add "
@@ -42,4 +43,4 @@ std::string judge_by_baseline(const BaselineOptions& o, const Baseline& now) {
            + result.worse.front();
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

@@ -3,23 +3,23 @@
 
 #include "options/command_line.h"
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 
-Command bake_command();
-Command reference_command();
-Command info_command();
-Command render_command();
-Command diff_command();
-Command convert_command();
-Command report_command();
-Command devices_command();
-Command help_command();
+options::Command bake_command();
+options::Command reference_command();
+options::Command info_command();
+options::Command render_command();
+options::Command diff_command();
+options::Command convert_command();
+options::Command report_command();
+options::Command devices_command();
+options::Command help_command();
 
 /// In the order of --help.
-inline Commands all_commands() {
+inline options::Commands all_commands() {
     return {bake_command(),   reference_command(), info_command(),
             render_command(), diff_command(),      convert_command(),
             report_command(), devices_command(),   help_command()};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

@@ -9,7 +9,7 @@
 #include <filesystem>
 #include <memory>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 namespace {
 
 const char manual[] =
@@ -31,20 +31,20 @@ void limit_order(Volume& volume, int order, const std::string& path) {
                                              + std::to_string(volume.sh_order) + ", not "
                                              + std::to_string(order));
     volume.sh_order = order;
-    volume.sh.resize(std::size_t(sh_count(order)));
+    volume.sh.resize(std::size_t(volume::sh_count(order)));
 }
 
 void run(const ConvertOptions& o) {
     for (const std::string& path : o.outputs.paths)
-        if (!volume_format(path))
+        if (!io::volume_format(path))
             throw Error(ErrorKind::argument,
-                        path + ": unknown kind of volume file; use " + format_list());
+                        path + ": unknown kind of volume file; use " + io::format_list());
     check_files({}, {o.file}, o.outputs.paths);
     Volume volume = read_volume(o.file);
     if (o.sh_order)
         limit_order(volume, *o.sh_order, o.file);
     if (o.dilate > 0) {
-        dilate(volume, o.dilate);
+        volume::dilate(volume, o.dilate);
         volume.metadata["dilate"] = std::to_string(o.dilate);
     }
     TerminalProgress progress(ProgressStyle::none);
@@ -53,7 +53,7 @@ void run(const ConvertOptions& o) {
     if (o.format == Format::json) {
         print_json({{"command", "convert"},
                     {"file", o.file},
-                    {"grid", grid_json(volume.grid)},
+                    {"grid", report::grid_json(volume.grid)},
                     {"sh_order", volume.sh_order},
                     {"outputs", outputs_json(written)},
                     {"warnings", progress.warnings()}});
@@ -63,11 +63,12 @@ void run(const ConvertOptions& o) {
     print_outputs(written);
 }
 
-Action declare(Options& options) {
+options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<ConvertOptions>();
     ConvertOptions& o = *fields;
-    options.text("file", o.file, "IN", "Volume: " + format_list(" or ", true)).require();
-    options.texts("output", o.outputs.paths, "OUT", "Volumes to write: " + format_list()).require();
+    options.text("file", o.file, "IN", "Volume: " + io::format_list(" or ", true)).require();
+    options.texts("output", o.outputs.paths, "OUT", "Volumes to write: " + io::format_list())
+        .require();
     options.number("--sh-order", o.sh_order, 0, 4, "Highest band to keep; default: the volume's");
     options.number("--dilate", o.dilate, 0, 1024,
                    "Rings of cells inside geometry to fill from those around them");
@@ -78,8 +79,8 @@ Action declare(Options& options) {
 
 } // namespace
 
-Command convert_command() {
+options::Command convert_command() {
     return {"convert", "Writes a volume in another format, convention or order.", manual, declare};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

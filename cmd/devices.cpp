@@ -9,7 +9,7 @@
 #include <cstdio>
 #include <memory>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 namespace {
 
 const char manual[] =
@@ -23,9 +23,9 @@ void list(Format format) {
                     "no Vulkan 1.2 device with graphics and compute; on Debian the package "
                     "mesa-vulkan-drivers has one that runs on any CPU");
     if (format == Format::json) {
-        Json document{{"command", "devices"}, {"devices", Json::array()}};
+        report::Json document{{"command", "devices"}, {"devices", report::Json::array()}};
         for (const gpu::DeviceInfo& device : devices) {
-            Json entry = device_json(device);
+            report::Json entry = device_json(device);
             entry["memory"] = device.memory;
             entry["max_allocation"] = device.max_allocation;
             entry["max_storage_range"] = device.max_storage_range;
@@ -41,7 +41,7 @@ void list(Format format) {
                     device.driver.c_str(), device.api.c_str(), double(device.memory) / (1u << 30));
 }
 
-Action declare(Options& options) {
+options::Action declare(options::Options& options) {
     const auto format = std::make_shared<Format>(Format::text);
     add_format_option(options, *format);
     return [format] { list(*format); };
@@ -49,8 +49,8 @@ Action declare(Options& options) {
 
 } // namespace
 
-Command devices_command() {
+options::Command devices_command() {
     return {"devices", "Lists the Vulkan devices that can bake.", manual, declare};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

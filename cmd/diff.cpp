@@ -15,7 +15,7 @@
 #include <memory>
 #include <optional>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 namespace {
 
 namespace fs = std::filesystem;
@@ -26,11 +26,11 @@ const char manual[] =
 
 struct DiffOptions {
     std::string a, b;
-    Threshold fail, warn;
+    report::Threshold fail, warn;
     bool metadata = false;
     int worst = 5;
     std::vector<std::string> outputs;
-    std::optional<Slice> slice;
+    std::optional<options::Slice> slice;
     double slice_max = 0; ///< 0: the slice's own
     Format format = Format::text;
 };
@@ -41,11 +41,11 @@ struct DiffOptions {
 void check_options(const DiffOptions& o) {
     bool picture = false;
     for (const std::string& output : o.outputs) {
-        const bool png = has_extension(output, ".png");
+        const bool png = options::has_extension(output, ".png");
         picture = picture || png;
-        if (!png && !volume_format(output))
+        if (!png && !io::volume_format(output))
             throw Error(ErrorKind::argument, output + ": the name of an output ends in "
-                                                 + format_list(", ") + " or .png");
+                                                 + io::format_list(", ") + " or .png");
     }
     check_files({}, {o.a, o.b}, o.outputs);
     if (o.slice.has_value() != picture)
@@ -58,7 +58,7 @@ void check_options(const DiffOptions& o) {
 /// The error of one layer of cells as a volume of that layer alone, whose mean luminance is the
 /// false colour, white at `white`; that is chosen where it is 0.
 Volume false_colours(const Volume& a, const Volume& b, const std::vector<float>& cell_error,
-                     Slice slice, double& white) {
+                     options::Slice slice, double& white) {
     Volume layer;
     layer.grid = a.grid;
     layer.grid.dims[slice.axis] = 1;
@@ -71,40 +71,40 @@ Volume false_colours(const Volume& a, const Volume& b, const std::vector<float>&
             for (cell.x = 0; cell.x < a.grid.dims.x; ++cell.x)
                 if (cell[slice.axis] == slice.index) {
                     errors.push_back(cell_error[a.grid.index(cell)]);
-                    layer.validity.push_back(valid_in_both(a, b, a.grid.index(cell)));
+                    layer.validity.push_back(volume::valid_in_both(a, b, a.grid.index(cell)));
                 }
     if (white == 0)
-        white = error_white(errors);
+        white = io::error_white(errors);
     for (const float error : errors)
-        layer.sh[0].push_back(false_colour(error / white) / sh_y0);
+        layer.sh[0].push_back(io::false_colour(error / white) / volume::sh_y0);
     return layer;
 }
 
 /// Writes what was asked for, and puts the picture's scale into `white`.
 void write_outputs(const DiffOptions& o, const Volume& a, const Volume& b,
-                   const Comparison& comparison, double& white) {
+                   const volume::Comparison& comparison, double& white) {
     const auto base = [](const std::string& path) { return fs::path(path).filename().string(); };
     if (o.slice)
-        check_slice(*o.slice, a.grid);
+        options::check_slice(*o.slice, a.grid);
     white = o.slice_max;
     for (const std::string& output : o.outputs) {
-        if (has_extension(output, ".png")) {
+        if (options::has_extension(output, ".png")) {
             const Volume layer = false_colours(a, b, comparison.cell_error, *o.slice, white);
-            write_png(output, slice_picture(layer, o.slice->axis, 0, 1.0f));
+            io::write_png(output, io::slice_picture(layer, o.slice->axis, 0, 1.0f));
             continue;
         }
-        Volume volume = difference(a, b);
+        Volume volume = volume::difference(a, b);
         volume.metadata = {{"content", "difference of two volumes"},
                            {"minuend", base(o.a)},
                            {"subtrahend", base(o.b)}};
         for (const std::string& warning :
-             write_volume(output, std::move(volume), Precision::full).warnings)
+             io::write_volume(output, std::move(volume), Precision::full).warnings)
             std::fprintf(stderr, "lpvbake: warning: %s\n", warning.c_str());
     }
 }
 
 /// As --slice has it.
-std::string slice_text(const Slice& slice) {
+std::string slice_text(const options::Slice& slice) {
     return std::string(1, "xyz"[slice.axis]) + "=" + std::to_string(slice.index);
 }
 
@@ -114,9 +114,9 @@ void warn_of_light(const Volume& a, const Volume& b) {
         std::fprintf(stderr, "lpvbake: warning: the two hold different light: %s against %s\n",
                      of_a.c_str(), of_b.c_str());
     };
-    const auto light_a = content_in(a.metadata), light_b = content_in(b.metadata);
+    const auto light_a = volume::content_in(a.metadata), light_b = volume::content_in(b.metadata);
     if (light_a && light_b && *light_a != *light_b)
-        warn(sentence_of(*light_a), sentence_of(*light_b));
+        warn(volume::sentence_of(*light_a), volume::sentence_of(*light_b));
     const auto of_a = a.metadata.find("quantity"), of_b = b.metadata.find("quantity");
     if (of_a != a.metadata.end() && of_b != b.metadata.end() && of_a->second != of_b->second)
         warn(of_a->second, of_b->second);
@@ -126,52 +126,53 @@ void run(const DiffOptions& o) {
     check_options(o);
     const Volume a = read_volume(o.a), b = read_volume(o.b);
     const std::string both = o.a + " and " + o.b;
-    if (const auto why = lattice_difference(a.grid, b.grid))
+    if (const auto why = volume::lattice_difference(a.grid, b.grid))
         throw Error(ErrorKind::invalid,
                     both + " are not on one grid: " + *why
                         + "; bake both with the same --bounds, --resolution and --margin");
     warn_of_light(a, b);
-    const Difference difference{o.a,
-                                o.b,
-                                a,
-                                b,
-                                compare(a, b, {{o.fail.limit, o.warn.limit}, o.worst}),
-                                o.fail,
-                                o.warn,
-                                o.metadata,
-                                metadata_difference(a, b)};
-    const Comparison& comparison = difference.comparison;
+    const report::Difference difference{
+        o.a,
+        o.b,
+        a,
+        b,
+        volume::compare(a, b, {{o.fail.limit, o.warn.limit}, o.worst}),
+        o.fail,
+        o.warn,
+        o.metadata,
+        report::metadata_difference(a, b)};
+    const volume::Comparison& comparison = difference.comparison;
     if (comparison.samples == 0 && !comparison.identical)
         throw Error(ErrorKind::invalid,
                     both + " have no cell that is valid in both: there is nothing to compare");
     double white = 0;
     write_outputs(o, a, b, comparison, white);
     if (o.format == Format::json) {
-        Json document = difference_json(difference);
+        report::Json document = report::difference_json(difference);
         document["slice"] = nullptr;
         if (o.slice)
             document["slice"] = {{"slice", slice_text(*o.slice)}, {"max", white}};
         document["outputs"] = o.outputs;
         print_json(document);
     } else {
-        print_text(difference_text(difference));
+        print_text(report::difference_text(difference));
         if (o.slice)
             std::printf("slice      %s, white is %.4g %% of B's mean\n",
                         slice_text(*o.slice).c_str(), 100 * white);
         for (const std::string& output : o.outputs)
             std::printf("wrote      %s\n", output.c_str());
-        std::printf("result     %s\n", verdict(difference).c_str());
+        std::printf("result     %s\n", report::verdict(difference).c_str());
     }
     finish_stdout();
-    if (const auto failed = failure(difference))
+    if (const auto failed = report::failure(difference))
         throw Error(ErrorKind::difference, o.a + " differs from " + o.b + *failed);
-    if (const auto warned = warning(difference))
+    if (const auto warned = report::warning(difference))
         std::fprintf(stderr, "lpvbake: warning: %s differs from %s: %s\n", o.a.c_str(), o.b.c_str(),
                      warned->c_str());
 }
 
 /// The three options of a threshold, which excuse a difference of values once one is given.
-void add_threshold(Options& options, const std::string& name, Threshold& threshold,
+void add_threshold(options::Options& options, const std::string& name, report::Threshold& threshold,
                    const std::string& help, const std::string& percent_help,
                    const std::string& hard_help) {
     constexpr double most = 1e30;
@@ -180,7 +181,7 @@ void add_threshold(Options& options, const std::string& name, Threshold& thresho
     options.share("--hard-" + name, threshold.hard, 0, most, hard_help).usual.clear();
 }
 
-Action declare(Options& options) {
+options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<DiffOptions>();
     DiffOptions& o = *fields;
     options.text("A", o.a, "FILE", "Volume to judge").require();
@@ -197,11 +198,11 @@ Action declare(Options& options) {
 
     options.group("Output");
     options.texts("-o,--output", o.outputs, "FILE",
-                  "Volume of A - B (" + format_list(", ")
+                  "Volume of A - B (" + io::format_list(", ")
                       + ") or picture of a slice (.png) to write; may be repeated");
-    options.value("--slice", o.slice, "AXIS=INDEX", parse_slice,
+    options.value("--slice", o.slice, "AXIS=INDEX", options::parse_slice,
                   "Layer of cells to draw, such as z=16; needs -o FILE.png");
-    Option& white =
+    options::Option& white =
         options.share("--slice-max", o.slice_max, 0, 1e30,
                       "Mean difference of a cell that is drawn white, as a fraction of B's mean; "
                       "default: the slice's 99th percentile, at most six times its median");
@@ -224,9 +225,9 @@ Action declare(Options& options) {
 
 } // namespace
 
-Command diff_command() {
+options::Command diff_command() {
     return {"diff", "Tells how far volume A is from the reference B on the same grid.", manual,
             declare};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

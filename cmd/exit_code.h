@@ -5,7 +5,7 @@
 
 #include <optional>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 
 enum class ExitCode {
     ok = 0,
@@ -50,4 +50,4 @@ constexpr ExitCode exit_code_of(ErrorKind kind) {
     return ExitCode::failure;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

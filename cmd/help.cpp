@@ -9,7 +9,7 @@
 #include <cstdio>
 #include <memory>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 namespace {
 
 const char manual[] =
@@ -24,26 +24,27 @@ struct HelpOptions {
 };
 
 void run(const HelpOptions& o) {
-    Commands commands = all_commands();
+    options::Commands commands = all_commands();
     if (!o.command.empty())
-        std::erase_if(commands, [&](const Command& each) { return each.name != o.command; });
+        std::erase_if(commands,
+                      [&](const options::Command& each) { return each.name != o.command; });
     if (commands.empty()) {
         std::vector<std::string> names;
-        for (const Command& each : all_commands())
+        for (const options::Command& each : all_commands())
             names.push_back(each.name);
         throw Error(ErrorKind::argument, "help: there is no command '" + o.command + "'"
-                                             + did_you_mean(o.command, names));
+                                             + options::did_you_mean(o.command, names));
     }
     if (o.format == HelpFormat::text) {
         std::vector<std::string> words{"--help"};
         if (!o.command.empty())
             words.insert(words.begin(), o.command);
-        run_command_line(commands, words);
+        options::run_command_line(commands, words);
     } else if (o.format == HelpFormat::json) {
-        Json document{
-            {"command", "help"}, {"version", LPVBAKE_VERSION}, {"commands", Json::array()}};
-        for (const Command& command : commands)
-            document["commands"].push_back(reference_json(command));
+        report::Json document{
+            {"command", "help"}, {"version", LPVBAKE_VERSION}, {"commands", report::Json::array()}};
+        for (const options::Command& command : commands)
+            document["commands"].push_back(options::reference_json(command));
         print_json(document);
     } else {
         std::printf(
@@ -55,26 +56,26 @@ void run(const HelpOptions& o) {
             "([src/solver](../src/solver/README.md)). The command line, `--config`,\n"
             "`--print-config`, the settings in volumes' metadata, sweeps and commands of reports, "
             "`--help` and this page\nfollow from the row.\n");
-        for (const Command& command : commands)
-            std::printf("\n%s", reference_markdown(command).c_str());
+        for (const options::Command& command : commands)
+            std::printf("\n%s", options::reference_markdown(command).c_str());
     }
 }
 
-Action declare(Options& options) {
+options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<HelpOptions>();
     options.text("command", fields->command, "COMMAND", "Of one command alone; default: of all");
     options.choice("--format", fields->format,
-                   Choices<HelpFormat>{{"text", HelpFormat::text},
-                                       {"markdown", HelpFormat::markdown},
-                                       {"json", HelpFormat::json}},
+                   options::Choices<HelpFormat>{{"text", HelpFormat::text},
+                                                {"markdown", HelpFormat::markdown},
+                                                {"json", HelpFormat::json}},
                    "Form of the reference");
     return [fields] { run(*fields); };
 }
 
 } // namespace
 
-Command help_command() {
+options::Command help_command() {
     return {"help", "Explains commands and options, for people and for programs.", manual, declare};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

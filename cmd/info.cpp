@@ -11,7 +11,7 @@
 #include <memory>
 #include <optional>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 namespace {
 
 const char manual[] =
@@ -21,72 +21,72 @@ const char manual[] =
 struct InfoOptions {
     std::string file;
     LoadSettings load;
-    std::optional<Slice> slice;
+    std::optional<options::Slice> slice;
     std::string output;
     std::optional<float> white; ///< nits; none: the slice's own
     Format format = Format::text;
 };
 
 void draw_slice(const InfoOptions& o, const Volume& volume) {
-    check_slice(*o.slice, volume.grid);
-    write_png(o.output, slice_picture(volume, o.slice->axis, o.slice->index, o.white));
+    options::check_slice(*o.slice, volume.grid);
+    io::write_png(o.output, io::slice_picture(volume, o.slice->axis, o.slice->index, o.white));
 }
 
 /// Throws Error (argument) for options that a volume has no use for.
-void refuse_scene_options(const std::string& file, const Options& options) {
-    for (const Option& option : options.rows())
+void refuse_scene_options(const std::string& file, const options::Options& options) {
+    for (const options::Option& option : options.rows())
         if (option.group == "Scene" && option.is_set())
             throw Error(ErrorKind::argument,
                         "--" + option.name() + ": " + file + " is a volume, not a scene");
 }
 
-void run(const InfoOptions& o, const Options& options) {
+void run(const InfoOptions& o, const options::Options& options) {
     if (o.slice.has_value() == o.output.empty())
         throw Error(ErrorKind::argument,
                     "--slice and -o belong together: --slice z=16 -o slice.png");
-    if (!o.output.empty() && !has_extension(o.output, ".png"))
+    if (!o.output.empty() && !options::has_extension(o.output, ".png"))
         throw Error(ErrorKind::argument, o.output + ": the name of a picture ends in .png");
-    if (has_extension(o.file, ".gltf") || has_extension(o.file, ".glb")) {
+    if (options::has_extension(o.file, ".gltf") || options::has_extension(o.file, ".glb")) {
         if (o.slice)
             throw Error(ErrorKind::argument, "--slice: " + o.file + " is a scene, not a volume");
-        ImageModulePreload preload;
+        image::ImageModulePreload preload;
         SceneOptions scene_options;
         scene_options.scene = o.file;
         if (mentions_images(scene_options))
-            preload = preload_image_module();
+            preload = image::preload_image_module();
         LoadSettings settings = o.load;
         settings.skip_colors = !o.load.strict; // which looks for every fault
         Scene scene = load_gltf(o.file, settings);
         for (std::string& warning : scene.warnings) {
-            warning = in_options(warning);
+            warning = options::in_options(warning);
             std::fprintf(stderr, "lpvbake: warning: %s\n", on_one_line(warning).c_str());
         }
-        o.format == Format::json ? print_json(scene_json(o.file, scene))
-                                 : print_text(scene_text(o.file, scene));
-    } else if (readable_format(o.file)) {
+        o.format == Format::json ? print_json(report::scene_json(o.file, scene))
+                                 : print_text(report::scene_text(o.file, scene));
+    } else if (io::readable_format(o.file)) {
         refuse_scene_options(o.file, options);
         const Volume volume = read_volume(o.file);
         if (o.slice)
             draw_slice(o, volume);
         if (o.format == Format::json) {
-            Json document = volume_json(o.file, volume);
-            document["slice"] = o.output.empty() ? Json(nullptr) : Json(o.output);
+            report::Json document = report::volume_json(o.file, volume);
+            document["slice"] = o.output.empty() ? report::Json(nullptr) : report::Json(o.output);
             print_json(document);
         } else {
-            print_text(volume_text(o.file, volume)
+            print_text(report::volume_text(o.file, volume)
                        + (o.output.empty() ? "" : "wrote      " + o.output + "\n"));
         }
     } else {
         throw Error(ErrorKind::argument, o.file + ": neither a scene (.gltf, .glb) nor a volume ("
-                                             + format_list(", ", true) + ")");
+                                             + io::format_list(", ", true) + ")");
     }
 }
 
-Action declare(Options& options) {
+options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<InfoOptions>();
     InfoOptions& o = *fields;
     options.text("file", o.file, "FILE", "Scene or volume").require();
-    options.value("--slice", o.slice, "AXIS=INDEX", parse_slice,
+    options.value("--slice", o.slice, "AXIS=INDEX", options::parse_slice,
                   "Layer of cells to draw, such as z=16; needs -o");
     options
         .number("--white", o.white, 1e-12, 1e12,
@@ -101,8 +101,8 @@ Action declare(Options& options) {
 
 } // namespace
 
-Command info_command() {
+options::Command info_command() {
     return {"info", "Tells what a scene or a volume file holds.", manual, declare};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

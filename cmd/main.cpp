@@ -11,29 +11,29 @@
 #include <new>
 #include <string>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 namespace {
 
 int fail(ErrorKind kind, const std::string& text) {
-    std::fprintf(stderr, "lpvbake: error: %s\n", on_one_line(in_options(text)).c_str());
+    std::fprintf(stderr, "lpvbake: error: %s\n", on_one_line(options::in_options(text)).c_str());
     return int(exit_code_of(kind));
 }
 
 } // namespace
-} // namespace lpvbake
+} // namespace lpvbake::cmd
 
 int main(int argc, char** argv) {
     using namespace lpvbake;
     std::signal(SIGXFSZ, SIG_IGN); // a file past its limit is an error like a full disk
     try {
-        run_command_line(all_commands(), {argv + 1, argv + argc});
-        finish_stdout();
+        cmd::options::run_command_line(cmd::all_commands(), {argv + 1, argv + argc});
+        cmd::finish_stdout();
         return 0;
     } catch (const Error& error) {
-        return fail(error.kind, error.what());
+        return cmd::fail(error.kind, error.what());
     } catch (const std::bad_alloc&) {
-        return fail(ErrorKind::memory, "out of memory; a lower --resolution needs less");
+        return cmd::fail(ErrorKind::memory, "out of memory; a lower --resolution needs less");
     } catch (const std::exception& error) {
-        return fail(ErrorKind::failure, error.what());
+        return cmd::fail(ErrorKind::failure, error.what());
     }
 }

@@ -12,7 +12,7 @@
 #include <iterator>
 #include <memory>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 namespace {
 
 const char manual[] =
@@ -26,15 +26,15 @@ struct ReferenceOptions : SceneOptions, RunOptions {
     OutputOptions outputs;
     std::string error_output;
     int sh_order = 1;
-    Bounces bounces;
+    options::Bounces bounces;
     uint64_t rays = 0;
     double noise = 0;
     uint64_t probes = 0;
     uint64_t seed = 1;
 };
 
-ReferenceSettings to_settings(const ReferenceOptions& o) {
-    ReferenceSettings settings;
+reference::ReferenceSettings to_settings(const ReferenceOptions& o) {
+    reference::ReferenceSettings settings;
     settings.paths.bounces = o.bounces.most;
     settings.paths.emitters = !o.no_emitters;
     settings.sh_order = o.sh_order;
@@ -45,29 +45,31 @@ ReferenceSettings to_settings(const ReferenceOptions& o) {
     return settings;
 }
 
-void print_result(const ReferenceOptions& o, const Scene& scene, const Reference& reference,
-                  const std::vector<Written>& outputs, const Run& run) {
+void print_result(const ReferenceOptions& o, const Scene& scene,
+                  const reference::Reference& reference, const std::vector<Written>& outputs,
+                  const Run& run) {
     const Volume& volume = reference.volume;
     const double seconds = run.seconds();
     if (o.format == Format::json) {
-        print_json({{"command", "reference"},
-                    {"version", LPVBAKE_VERSION},
-                    {"scene", o.scene},
-                    {"triangles", triangle_count(scene)},
-                    {"grid", grid_json(volume.grid)},
-                    {"sh_order", volume.sh_order},
-                    {"bounces", o.bounces.most ? Json(*o.bounces.most) : Json(nullptr)},
-                    {"seed", o.seed},
-                    {"probes", reference.probes},
-                    {"rays", reference.rays},
-                    {"noise", reference.noise},
-                    {"standard_error", reference.standard_error},
-                    {"traced", reference.traced},
-                    {"outputs", outputs_json(outputs)},
-                    {"stages", stages_json(run.stages)},
-                    {"seconds", seconds},
-                    {"peak_memory", peak_memory()},
-                    {"warnings", run.progress.warnings()}});
+        print_json(
+            {{"command", "reference"},
+             {"version", LPVBAKE_VERSION},
+             {"scene", o.scene},
+             {"triangles", scene::triangle_count(scene)},
+             {"grid", report::grid_json(volume.grid)},
+             {"sh_order", volume.sh_order},
+             {"bounces", o.bounces.most ? report::Json(*o.bounces.most) : report::Json(nullptr)},
+             {"seed", o.seed},
+             {"probes", reference.probes},
+             {"rays", reference.rays},
+             {"noise", reference.noise},
+             {"standard_error", reference.standard_error},
+             {"traced", reference.traced},
+             {"outputs", outputs_json(outputs)},
+             {"stages", stages_json(run.stages)},
+             {"seconds", seconds},
+             {"peak_memory", peak_memory()},
+             {"warnings", run.progress.warnings()}});
         return;
     }
     print_grid(volume.grid);
@@ -87,16 +89,16 @@ void run(const ReferenceOptions& o, const std::string& settings) {
         outputs.push_back(o.error_output);
     check_paths("reference", o, o, outputs);
     if (o.outputs.paths.empty())
-        throw Error(ErrorKind::argument, "no output: add -o FILE" + format_list(" or -o FILE"));
+        throw Error(ErrorKind::argument, "no output: add -o FILE" + io::format_list(" or -o FILE"));
     Run run(o, o, outputs);
     const Scene scene = run.load();
     run.end_stage("load");
 
-    if (triangle_count(scene) == 0)
+    if (scene::triangle_count(scene) == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to light");
     const Bounds box = o.bounds.value_or(bounds_of(scene));
-    Reference reference =
-        make_reference(scene, fit_grid(box.lo, box.hi, o.grid), to_settings(o), run.progress);
+    reference::Reference reference = reference::make_reference(
+        scene, volume::fit_grid(box.lo, box.hi, o.grid), to_settings(o), run.progress);
     run.warn(reference.warnings);
     run.end_stage("trace");
 
@@ -112,23 +114,23 @@ void run(const ReferenceOptions& o, const std::string& settings) {
     print_result(o, scene, reference, written, run);
 }
 
-Action declare(Options& options) {
+options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<ReferenceOptions>();
     ReferenceOptions& o = *fields;
     options.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb");
     options.texts("-o,--output", o.outputs.paths, "FILE", outputs_help());
     options.text("-e,--error-output", o.error_output, "FILE",
-                 "Volume of the standard errors to write, " + format_list());
+                 "Volume of the standard errors to write, " + io::format_list());
     add_grid_options(options, o);
     add_light_options(options, o);
 
     options.group("Paths");
     options
-        .choice("--sh-order", o.sh_order, Choices<int>{{"1", 1}, {"2", 2}, {"4", 4}},
+        .choice("--sh-order", o.sh_order, options::Choices<int>{{"1", 1}, {"2", 2}, {"4", 4}},
                 "Highest band of the spherical harmonics")
         .record();
     options
-        .value("--bounces", o.bounces, "N|inf", parse_bounces,
+        .value("--bounces", o.bounces, "N|inf", options::parse_bounces,
                "Reflections of light at most, 0 to 10000, or all", "1")
         .record();
     options
@@ -136,10 +138,10 @@ Action declare(Options& options) {
                 "Rays from each cell, rounded up to a multiple of 64; at most so many with "
                 "--noise; 0: 1024, with --noise 1048576")
         .record();
-    Option& noise = options.share("--noise", o.noise, 1e-6, 1,
-                                  "Trace until the noise of irradiance is at most this");
+    options::Option& noise = options.share("--noise", o.noise, 1e-6, 1,
+                                           "Trace until the noise of irradiance is at most this");
     noise.usual.clear();
-    noise.record(Recorded::if_changed);
+    noise.record(options::Recorded::if_changed);
     options
         .number("--probes", o.probes, 0, 2147483647,
                 "Evaluate only so many of the cells outside geometry; 0: all cells")
@@ -153,9 +155,9 @@ Action declare(Options& options) {
 
 } // namespace
 
-Command reference_command() {
+options::Command reference_command() {
     return {"reference", "Path-traces the volume that a bake of the same options should be.",
             manual, declare};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

@@ -26,7 +26,7 @@
 #include <optional>
 #include <variant>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 namespace {
 
 namespace fs = std::filesystem;
@@ -43,7 +43,7 @@ const char camera_forms[] = "; it takes NAME, INDEX, X,Y,Z:TX,TY,TZ[:FOV], "
 
 const readers::Reader* const facing = readers::reader_named("lpvbake");
 const readers::Reader trilinear{
-    .name = "trilinear", .highest_order = sh_max_order, .clamped = true};
+    .name = "trilinear", .highest_order = volume::sh_max_order, .clamped = true};
 
 /// Across a room.
 struct Inside {};
@@ -51,7 +51,7 @@ struct Inside {};
 /// What --camera says: nothing, a camera of the file, or one of ours.
 struct CameraOption {
     std::string text;
-    std::variant<std::monostate, Camera, Orbit, Inside> own; ///< none: a name or an index
+    std::variant<std::monostate, Camera, render::Orbit, Inside> own; ///< none: a name or an index
 };
 
 struct RenderOptions : SceneOptions, RunOptions {
@@ -60,15 +60,15 @@ struct RenderOptions : SceneOptions, RunOptions {
     CameraOption camera;
     std::optional<glm::ivec2> size;
     int samples = 16;
-    Show show = Show::final;
+    render::Show show = render::Show::final;
     const readers::Reader* sampler = facing;
     std::optional<double> exposure; ///< EV; none: automatic
-    ToneMap tone_map = ToneMap::neutral;
+    render::ToneMap tone_map = render::ToneMap::neutral;
     int reference = 0;
     std::vector<std::string> reference_outputs;
 };
 
-std::string name_of(Show show) {
+std::string name_of(render::Show show) {
     return show_names[int(show)];
 }
 
@@ -81,40 +81,40 @@ std::vector<std::string> all_outputs(const RenderOptions& o) {
 // ---------------------------------------------------------------- reading the command line
 
 glm::ivec2 parse_size(const std::string& text) {
-    const std::vector<std::string> parts = split(text, 'x');
+    const std::vector<std::string> parts = options::split(text, 'x');
     glm::ivec2 size(0);
     try {
         for (int axis = 0; axis < 2; ++axis)
-            size[axis] =
-                int(number_within(parts.at(std::size_t(axis)), 1, most_pixels_a_side, true));
+            size[axis] = int(
+                options::number_within(parts.at(std::size_t(axis)), 1, most_pixels_a_side, true));
         if (parts.size() == 2)
             return size;
     } catch (const std::exception&) { // told of below
     }
-    refuse(text, "is not WIDTHxHEIGHT, such as 1280x720, each from 1 to "
-                     + std::to_string(most_pixels_a_side));
+    options::refuse(text, "is not WIDTHxHEIGHT, such as 1280x720, each from 1 to "
+                              + std::to_string(most_pixels_a_side));
 }
 
 std::optional<double> parse_exposure(const std::string& text) {
     if (text == "auto")
         return {};
-    const std::optional<double> ev = parse_number(text);
+    const std::optional<double> ev = options::parse_number(text);
     if (!ev || std::abs(*ev) > 64)
-        refuse(text, "is neither an EV from -64 to 64 nor auto");
+        options::refuse(text, "is neither an EV from -64 to 64 nor auto");
     return ev;
 }
 
 [[noreturn]] void reject_camera(const std::string& text, const std::string& why) {
-    refuse(text, why + camera_forms);
+    options::refuse(text, why + camera_forms);
 }
 
 /// X,Y,Z:TX,TY,TZ[:FOV]; none for another form.
 std::optional<Camera> parse_eye(const std::string& text) {
-    const std::vector<std::string> parts = split(text, ':');
+    const std::vector<std::string> parts = options::split(text, ':');
     if (parts.size() < 2 || parts.size() > 3)
         return std::nullopt;
-    const auto eye = parse_numbers(parts[0]), target = parse_numbers(parts[1]);
-    const double fov = parts.size() == 3 ? parse_number(parts[2]).value_or(0) : 45;
+    const auto eye = options::parse_numbers(parts[0]), target = options::parse_numbers(parts[1]);
+    const double fov = parts.size() == 3 ? options::parse_number(parts[2]).value_or(0) : 45;
     if (!eye || !target || eye->size() != 3 || target->size() != 3)
         return std::nullopt;
     const glm::dvec3 from((*eye)[0], (*eye)[1], (*eye)[2]);
@@ -123,14 +123,14 @@ std::optional<Camera> parse_eye(const std::string& text) {
         reject_camera(text, "has no FOV from 0.01 to 175 degrees");
     if (const double way = glm::length(to - from); !(way > 0 && std::isfinite(way)))
         reject_camera(text, "looks at the eye's own place");
-    return look_at(from, to, glm::radians(fov));
+    return render::look_at(from, to, glm::radians(fov));
 }
 
-Orbit parse_orbit(const std::string& text) {
-    Orbit orbit;
+render::Orbit parse_orbit(const std::string& text) {
+    render::Orbit orbit;
     if (text == "orbit")
         return orbit;
-    const auto numbers = parse_numbers(text.substr(6));
+    const auto numbers = options::parse_numbers(text.substr(6));
     if (!numbers || numbers->size() < 2 || numbers->size() > 3)
         reject_camera(text, "is no orbit");
     orbit.azimuth = glm::radians((*numbers)[0]);
@@ -184,7 +184,7 @@ Bounds seen_box(const Scene& scene, const Grid& grid) {
 
 /// The camera, and the picture's size: of a camera that has an aspect, as high as usual.
 Camera choose_camera(const RenderOptions& o, const Scene& scene, const Volume& volume,
-                     const Visibility& visibility, glm::ivec2& size) {
+                     const visibility::Visibility& visibility, glm::ivec2& size) {
     size = o.size.value_or(glm::ivec2(960, 540));
     if (const Camera* own = camera_of(scene, o.camera.text)) {
         Camera camera = *own;
@@ -195,18 +195,19 @@ Camera choose_camera(const RenderOptions& o, const Scene& scene, const Volume& v
                 std::clamp(std::round(size.y * camera.aspect), 1.0, double(most_pixels_a_side)));
         return camera;
     }
-    const Frame frame = frame_of(volume.grid);
+    const scene::Frame frame = scene::frame_of(volume.grid);
     const Bounds box = seen_box(scene, volume.grid);
     CameraOption option = o.camera;
     if (option.text.empty())
-        option = parse_camera(is_room(box, visibility, frame) ? "inside" : "orbit");
+        option = parse_camera(render::is_room(box, visibility, frame) ? "inside" : "orbit");
     Camera camera;
     if (const auto* eye = std::get_if<Camera>(&option.own)) {
         camera = *eye;
-    } else if (const auto* orbit = std::get_if<Orbit>(&option.own)) {
-        camera = orbit_camera(box, *orbit, glm::radians(45.0), double(size.x) / double(size.y));
+    } else if (const auto* orbit = std::get_if<render::Orbit>(&option.own)) {
+        camera =
+            render::orbit_camera(box, *orbit, glm::radians(45.0), double(size.x) / double(size.y));
     } else if (std::holds_alternative<Inside>(option.own)) {
-        camera = inside_camera(box, visibility, frame, glm::radians(60.0));
+        camera = render::inside_camera(box, visibility, frame, glm::radians(60.0));
     } else {
         std::string names;
         for (const Camera& each : scene.cameras)
@@ -226,11 +227,12 @@ void check_options(const RenderOptions& o) {
     if (o.outputs.empty() && !o.dry_run)
         throw Error(ErrorKind::argument, "no output: add -o FILE.png or -o FILE.exr");
     if (o.reference > 0
-        && (o.show == Show::occlusion || o.show == Show::validity || o.show == Show::cells))
+        && (o.show == render::Show::occlusion || o.show == render::Show::validity
+            || o.show == render::Show::cells))
         throw Error(ErrorKind::argument,
                     "--reference: paths know nothing of --show " + name_of(o.show));
     for (const std::string& output : all_outputs(o))
-        if (!has_extension(output, ".png") && !has_extension(output, ".exr"))
+        if (!options::has_extension(output, ".png") && !options::has_extension(output, ".exr"))
             throw Error(ErrorKind::argument,
                         output + ": the name of a picture ends in .png or .exr");
     check_files(inputs_of(o, o), {o.volume}, all_outputs(o), true);
@@ -249,19 +251,20 @@ Volume read(const std::string& path) {
 }
 
 /// Whether the volume holds light of a kind of source; where that is unknown it is taken to.
-bool holds(const Volume& volume, std::optional<Reflections> LightContent::*source) {
-    const std::optional<LightContent> content = content_in(volume.metadata);
+bool holds(const Volume& volume, std::optional<volume::Reflections> volume::LightContent::*source) {
+    const std::optional<volume::LightContent> content = volume::content_in(volume.metadata);
     return !content || (*content).*source;
 }
 
 /// What makes the volume one of another scene or other lights, if it is looked at.
 void warn_of_mismatch(const RenderOptions& o, const Scene& scene, const Volume& volume,
                       TerminalProgress& progress) {
-    if (o.show == Show::direct || o.show == Show::albedo || o.show == Show::normal)
+    if (o.show == render::Show::direct || o.show == render::Show::albedo
+        || o.show == render::Show::normal)
         return;
     const auto& metadata = volume.metadata;
     if (const auto hash = metadata.find("scene_hash");
-        hash != metadata.end() && hash->second != scene_hash(scene)) {
+        hash != metadata.end() && hash->second != scene::scene_hash(scene)) {
         progress.warn(o.volume
                       + ": is of another scene or other lights; give those of its bake, which "
                         "lpvbake info lists");
@@ -275,47 +278,49 @@ void warn_of_mismatch(const RenderOptions& o, const Scene& scene, const Volume& 
         progress.warn(o.volume
                       + ": ends inside the scene, beyond it its outermost cells are read; bake "
                         "with larger --bounds");
-    const auto miss = [&](bool present, std::optional<Reflections> LightContent::*source,
+    const auto miss = [&](bool present,
+                          std::optional<volume::Reflections> volume::LightContent::*source,
                           const char* name) {
         if (present && !holds(volume, source))
             progress.warn(o.volume + ": holds no light of " + name
                           + ", which the picture lacks; bake with it");
     };
-    miss(!o.no_emitters && has_emitters(scene), &LightContent::emitters, "emitters");
-    miss(has_sky(scene), &LightContent::sky, "the sky");
-    miss(!scene.lights.empty(), &LightContent::punctual, "punctual lights");
+    miss(!o.no_emitters && scene::has_emitters(scene), &volume::LightContent::emitters, "emitters");
+    miss(scene::has_sky(scene), &volume::LightContent::sky, "the sky");
+    miss(!scene.lights.empty(), &volume::LightContent::punctual, "punctual lights");
 }
 
 /// Which light the volume holds, as its metadata say.
-PathRules rules_of(const RenderOptions& o, const Volume& volume) {
-    PathRules rules;
-    rules.emitters = !o.no_emitters && holds(volume, &LightContent::emitters);
+reference::PathRules rules_of(const RenderOptions& o, const Volume& volume) {
+    reference::PathRules rules;
+    rules.emitters = !o.no_emitters && holds(volume, &volume::LightContent::emitters);
     const auto bounces = volume.metadata.find("bounces");
-    rules.bounces =
-        bounces == volume.metadata.end() ? std::nullopt : parse_bounces(bounces->second).most;
+    rules.bounces = bounces == volume.metadata.end() ? std::nullopt
+                                                     : options::parse_bounces(bounces->second).most;
     return rules;
 }
 
-Pixels displayed(const RenderOptions& o, const Pixels& picture, double ev) {
-    return to_display(picture, o.show, ev, o.tone_map);
+image::Pixels displayed(const RenderOptions& o, const image::Pixels& picture, double ev) {
+    return render::to_display(picture, o.show, ev, o.tone_map);
 }
 
-Written write_picture(const RenderOptions& o, const std::string& path, const Pixels& picture,
+Written write_picture(const RenderOptions& o, const std::string& path, const image::Pixels& picture,
                       double ev) {
-    if (has_extension(path, ".png")) {
-        write_png(path, displayed(o, picture, ev));
+    if (options::has_extension(path, ".png")) {
+        io::write_png(path, displayed(o, picture, ev));
         return {path, {{path, fs::file_size(path)}}};
     }
-    const bool light = o.show == Show::final || o.show == Show::direct || o.show == Show::indirect
-                       || o.show == Show::cells;
-    const auto bytes = encode_exr(picture, false,
-                                  {{"lpv:tool", "lpvbake " LPVBAKE_VERSION},
-                                   {"lpv:quantity", name_of(o.show)},
-                                   {"lpv:units", light                        ? "cd/m^2"
-                                                 : o.show == Show::irradiance ? "lux"
+    const bool light = o.show == render::Show::final || o.show == render::Show::direct
+                       || o.show == render::Show::indirect || o.show == render::Show::cells;
+    const auto bytes =
+        image::encode_exr(picture, false,
+                          {{"lpv:tool", "lpvbake " LPVBAKE_VERSION},
+                           {"lpv:quantity", name_of(o.show)},
+                           {"lpv:units", light                                ? "cd/m^2"
+                                         : o.show == render::Show::irradiance ? "lux"
                                                                               : "1"}},
-                                  path);
-    AtomicFile file(path);
+                          path);
+    io::AtomicFile file(path);
     file.write({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
     const uint64_t size = file.seal();
     file.publish();
@@ -330,11 +335,11 @@ struct RenderResult {
     const Scene& scene;
     const Volume& volume;
     std::string device;
-    ViewSettings view;
-    Rendering rendering;
+    render::ViewSettings view;
+    render::Rendering rendering;
     double exposure = 0;
-    std::optional<Rendering> reference;
-    PictureError error;
+    std::optional<render::Rendering> reference;
+    render::PictureError error;
     double flip = 0;
     std::vector<Written> outputs;
 };
@@ -349,37 +354,38 @@ glm::dvec3 target_of(const Camera& camera) {
 
 void print_json_result(const RenderResult& r, const Run& run) {
     const RenderOptions& o = r.options;
-    Json document{{"command", "render"},
-                  {"version", LPVBAKE_VERSION},
-                  {"scene", o.scene},
-                  {"volume", o.volume},
-                  {"triangles", triangle_count(r.scene)},
-                  {"device", r.device},
-                  {"grid", grid_json(r.volume.grid)},
-                  {"size", {r.view.size.x, r.view.size.y}},
-                  {"samples", o.samples},
-                  {"show", name_of(o.show)},
-                  {"sampler", o.sampler == facing ? "facing" : o.sampler->name},
-                  {"camera",
-                   {{"name", r.view.camera.name},
-                    {"eye", vector_json(eye_of(r.view.camera))},
-                    {"target", vector_json(target_of(r.view.camera))},
-                    {"fov", glm::degrees(r.view.camera.yfov)}}},
-                  {"dry_run", o.dry_run}};
+    report::Json document{{"command", "render"},
+                          {"version", LPVBAKE_VERSION},
+                          {"scene", o.scene},
+                          {"volume", o.volume},
+                          {"triangles", scene::triangle_count(r.scene)},
+                          {"device", r.device},
+                          {"grid", report::grid_json(r.volume.grid)},
+                          {"size", {r.view.size.x, r.view.size.y}},
+                          {"samples", o.samples},
+                          {"show", name_of(o.show)},
+                          {"sampler", o.sampler == facing ? "facing" : o.sampler->name},
+                          {"camera",
+                           {{"name", r.view.camera.name},
+                            {"eye", report::vector_json(eye_of(r.view.camera))},
+                            {"target", report::vector_json(target_of(r.view.camera))},
+                            {"fov", glm::degrees(r.view.camera.yfov)}}},
+                          {"dry_run", o.dry_run}};
     if (!o.dry_run) {
         document["exposure"] = r.exposure;
-        document["mean_luminance"] = mean_luminance(r.rendering.picture);
+        document["mean_luminance"] = render::mean_luminance(r.rendering.picture);
         document["rays"] = r.rendering.rays;
         document["reference"] = nullptr;
         if (r.reference)
-            document["reference"] = {{"paths", o.reference},
-                                     {"mean_luminance", mean_luminance(r.reference->picture)},
-                                     {"rmse", r.error.rmse},
-                                     {"relative_rmse", r.error.relative},
-                                     {"ratio", r.error.ratio},
-                                     {"flip", r.flip},
-                                     {"noise", r.reference->noise},
-                                     {"rays", r.reference->rays}};
+            document["reference"] = {
+                {"paths", o.reference},
+                {"mean_luminance", render::mean_luminance(r.reference->picture)},
+                {"rmse", r.error.rmse},
+                {"relative_rmse", r.error.relative},
+                {"ratio", r.error.ratio},
+                {"flip", r.flip},
+                {"noise", r.reference->noise},
+                {"rays", r.reference->rays}};
     }
     document["outputs"] = o.dry_run ? outputs_json(all_outputs(o)) : outputs_json(r.outputs);
     document["stages"] = stages_json(run.stages);
@@ -406,11 +412,11 @@ void print_text_result(const RenderResult& r, const Run& run) {
         return;
     }
     std::printf("exposure      %.4g EV\n", r.exposure);
-    std::printf("mean          %.5g (luminance)\n", mean_luminance(r.rendering.picture));
+    std::printf("mean          %.5g (luminance)\n", render::mean_luminance(r.rendering.picture));
     if (r.reference)
         std::printf(
             "reference     mean %.5g; RMSE %.4g, %.3g %% of it (noise %.3g %%); FLIP %.4f\n",
-            mean_luminance(r.reference->picture), r.error.rmse, 100 * r.error.relative,
+            render::mean_luminance(r.reference->picture), r.error.rmse, 100 * r.error.relative,
             r.error.rmse > 0 ? 100 * r.error.relative * r.reference->noise / r.error.rmse : 0.0,
             r.flip);
     print_stages(run.stages);
@@ -420,55 +426,55 @@ void print_text_result(const RenderResult& r, const Run& run) {
 
 /// The volume as the sampler's target writes it, where that fills cells; a fitted one is filled.
 std::optional<Volume> filled_for(const readers::Reader& sampler, const Volume& volume) {
-    const Target* target = target_named(sampler.name);
+    const io::Target* target = io::target_named(sampler.name);
     if (!target || target->dilate == 0 || volume.metadata.contains("fit"))
         return {};
     std::optional<Volume> filled = volume;
-    dilate(*filled, target->dilate);
+    volume::dilate(*filled, target->dilate);
     return filled;
 }
 
 void run(const RenderOptions& o) {
     check_options(o);
     Run run(o, o, all_outputs(o));
-    const ImageModulePreload preload = preload_image_module();
+    const image::ImageModulePreload preload = image::preload_image_module();
     auto opening = std::async(std::launch::async, [&o] {
         return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
     });
     const Volume volume = read(o.volume);
     const Scene scene = run.load();
-    if (triangle_count(scene) == 0)
+    if (scene::triangle_count(scene) == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to draw");
     warn_of_mismatch(o, scene, volume, run.progress);
     const std::unique_ptr<gpu::Device> device = opening.get();
     run.end_stage("load");
 
     run.progress.begin("prepare", 0);
-    const Frame frame = frame_of(volume.grid);
-    const Visibility visibility(scene, frame);
-    const Paths paths(scene, visibility, frame, rules_of(o, volume));
-    ViewSettings view;
+    const scene::Frame frame = scene::frame_of(volume.grid);
+    const visibility::Visibility visibility(scene, frame);
+    const reference::Paths paths(scene, visibility, frame, rules_of(o, volume));
+    render::ViewSettings view;
     view.camera = choose_camera(o, scene, volume, visibility, view.size);
     view.samples = o.samples;
     view.show = o.show;
     RenderResult result{o, scene, volume, device->info().name, view, {}, 0, {}, {}, 0, {}};
     if (!o.dry_run) {
-        const Raster raster(*device, scene, frame);
+        const raster::Raster raster(*device, scene, frame);
         run.end_stage("prepare");
-        const LitScene lit{scene, frame, visibility, paths};
+        const render::LitScene lit{scene, frame, visibility, paths};
         const std::optional<Volume> filled = filled_for(*o.sampler, volume);
         result.rendering =
-            render(lit, filled ? *filled : volume, raster, *o.sampler, view, run.progress);
-        const Pixels& drawn = result.rendering.picture;
+            render::render(lit, filled ? *filled : volume, raster, *o.sampler, view, run.progress);
+        const image::Pixels& drawn = result.rendering.picture;
         run.end_stage("render");
-        result.exposure = o.exposure ? *o.exposure : automatic_exposure(drawn, view.show);
+        result.exposure = o.exposure ? *o.exposure : render::automatic_exposure(drawn, view.show);
         if (o.reference > 0) {
             view.samples = o.reference;
-            result.reference = trace_picture(lit, view, run.progress);
-            const Pixels& traced = result.reference->picture;
-            result.error = compare_pictures(drawn, traced);
-            result.flip =
-                flip(displayed(o, drawn, result.exposure), displayed(o, traced, result.exposure));
+            result.reference = render::trace_picture(lit, view, run.progress);
+            const image::Pixels& traced = result.reference->picture;
+            result.error = render::compare_pictures(drawn, traced);
+            result.flip = render::flip(displayed(o, drawn, result.exposure),
+                                       displayed(o, traced, result.exposure));
             run.end_stage("reference");
         }
         run.progress.begin("write", 0);
@@ -488,19 +494,19 @@ void run(const RenderOptions& o) {
 }
 
 /// Our own two samplers, then the programs and formulas that readers know.
-Choices<const readers::Reader*> samplers() {
-    Choices<const readers::Reader*> choices{{"facing", facing}, {"trilinear", &trilinear}};
+options::Choices<const readers::Reader*> samplers() {
+    options::Choices<const readers::Reader*> choices{{"facing", facing}, {"trilinear", &trilinear}};
     for (const readers::Reader& reader : readers::all_readers())
         if (&reader != facing)
             choices.emplace_back(reader.name, &reader);
     return choices;
 }
 
-Action declare(Options& options) {
+options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<RenderOptions>();
     RenderOptions& o = *fields;
     options.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb");
-    options.text("volume", o.volume, "VOLUME", "Volume of bake or reference, " + format_list());
+    options.text("volume", o.volume, "VOLUME", "Volume of bake or reference, " + io::format_list());
     options.texts("-o,--output", o.outputs, "FILE",
                   "Picture to write, .png or .exr; may be repeated");
     add_light_options(options, o);
@@ -511,14 +517,15 @@ Action declare(Options& options) {
                   "Pixels; default: 960x540, or 540 high in the camera's aspect");
     options.number("--samples", o.samples, 1, 65536,
                    "Samples of each pixel, spread over its square");
-    options.choice("--show", o.show, choices_named<Show>(show_names), "See below");
+    options.choice("--show", o.show, options::choices_named<render::Show>(show_names), "See below");
     options.choice("--sampler", o.sampler, samplers(),
                    "How the volume is read, or by which program");
 
     options.group("Picture");
     options.value("--exposure", o.exposure, "EV|auto", parse_exposure, "Of a .png", "auto");
     options.choice("--tone-map", o.tone_map,
-                   Choices<ToneMap>{{"neutral", ToneMap::neutral}, {"none", ToneMap::none}},
+                   options::Choices<render::ToneMap>{{"neutral", render::ToneMap::neutral},
+                                                     {"none", render::ToneMap::none}},
                    "Of a .png");
     options.number("--reference", o.reference, 0, 1e6,
                    "Paths of each pixel to compare the picture with; 0: none");
@@ -536,8 +543,8 @@ Action declare(Options& options) {
 
 } // namespace
 
-Command render_command() {
+options::Command render_command() {
     return {"render", "Draws a scene lit by a volume, as an engine shows it.", manual, declare};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

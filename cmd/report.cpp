@@ -21,7 +21,7 @@
 #include <iostream>
 #include <memory>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 namespace {
 
 const char manual[] =
@@ -46,7 +46,7 @@ struct ReportOptions : SceneOptions, RunOptions {
 
 std::string extension_of(const std::string& path) {
     for (const char* extension : {".html", ".svg", ".csv", ".json"})
-        if (has_extension(path, extension))
+        if (options::has_extension(path, extension))
             return extension;
     return {};
 }
@@ -57,19 +57,19 @@ bool wants(const ReportOptions& o, const char* extension) {
 }
 
 /// Runs the suite. Throws Error (argument) for options that the suite's file decides.
-void run_suite(const ReportOptions& o, const Options& options) {
+void run_suite(const ReportOptions& o, const options::Options& options) {
     const std::vector<std::string> taken{
         "suite",  "baseline", "update-baseline", "slack",  "time-slack", "case",   "cheap",
         "solver", "device",   "threads",         "format", "progress",   "config", "print-config"};
-    for (const Option& option : options.rows())
+    for (const options::Option& option : options.rows())
         if (option.is_set() && std::ranges::find(taken, option.name()) == taken.end())
             throw Error(
                 ErrorKind::argument,
                 "--suite takes what it runs from its file, not "
                     + (option.is_positional() ? "the scene " + o.scenes[0] : "--" + option.name()));
     SuiteRun run = o.suite;
-    if (const Option* solver = options.find("solver"); solver->is_set())
-        run.selection.solvers = split(solver->given.back(), ',');
+    if (const options::Option* solver = options.find("solver"); solver->is_set())
+        run.selection.solvers = options::split(solver->given.back(), ',');
     run_suite(run, o);
 }
 
@@ -89,17 +89,18 @@ void check_options(const ReportOptions& o) {
 }
 
 /// Throws Error (argument: names file, line and key).
-std::vector<Sweep> read_sweeps(const std::string& path) {
-    std::vector<Sweep> sweeps;
-    for (const std::vector<ConfigEntry>& table : read_config_tables(path, "sweep")) {
-        Sweep sweep;
-        for (const ConfigEntry& entry : table) {
+std::vector<report::Sweep> read_sweeps(const std::string& path) {
+    std::vector<report::Sweep> sweeps;
+    for (const std::vector<options::ConfigEntry>& table :
+         options::read_config_tables(path, "sweep")) {
+        report::Sweep sweep;
+        for (const options::ConfigEntry& entry : table) {
             const std::string place = path + ":" + std::to_string(entry.line) + ": ";
             if (entry.values.empty())
                 throw Error(ErrorKind::argument, place + entry.key + " has no values");
             for (const std::string& value : entry.values)
                 try {
-                    check_sweep_value(entry.key, value);
+                    report::check_sweep_value(entry.key, value);
                 } catch (const Error& error) {
                     throw Error(error.kind, place + error.what());
                 }
@@ -115,30 +116,31 @@ std::vector<Sweep> read_sweeps(const std::string& path) {
     return sweeps;
 }
 
-std::vector<SweepRow> rows_of(const ReportOptions& o) {
-    BakeSettings base;
+std::vector<report::SweepRow> rows_of(const ReportOptions& o) {
+    bake::BakeSettings base;
     base.grid.margin = o.grid.margin;
     base.bounds = o.bounds;
     base.emitters = !o.no_emitters;
-    Sweep listed;
+    report::Sweep listed;
     for (const auto& [option, values] : o.axes)
         if (!values.empty())
-            listed.push_back({option, split(values, ',')});
+            listed.push_back({option, options::split(values, ',')});
     if (!o.sweep.empty() && !listed.empty())
         throw Error(ErrorKind::argument,
                     "--sweep and --" + listed.front().option + " exclude each other");
     if (!o.sweep.empty())
         try {
-            return sweep_rows(read_sweeps(o.sweep), base);
+            return report::sweep_rows(read_sweeps(o.sweep), base);
         } catch (const Error& error) {
             const std::string text = error.what();
             throw Error(error.kind, text.starts_with(o.sweep) ? text : o.sweep + ": " + text);
         }
-    return sweep_rows(listed.empty() ? default_sweeps() : std::vector<Sweep>{listed}, base);
+    return report::sweep_rows(
+        listed.empty() ? report::default_sweeps() : std::vector<report::Sweep>{listed}, base);
 }
 
-ReportSettings to_settings(const ReportOptions& o) {
-    ReportSettings settings;
+report::ReportSettings to_settings(const ReportOptions& o) {
+    report::ReportSettings settings;
     settings.repeats = o.repeats;
     settings.probes = o.probes;
     settings.seed = o.seed;
@@ -161,14 +163,14 @@ std::string shell_word(const std::string& text) {
 }
 
 /// `lpvbake bake SCENE` with the options that all rows share: what is set of those that bake has.
-std::string shared_command(const Options& options, const std::string& scene) {
-    Options bake;
-    const Action keeps_fields = bake_command().declare(bake);
+std::string shared_command(const options::Options& options, const std::string& scene) {
+    options::Options bake;
+    const options::Action keeps_fields = bake_command().declare(bake);
     std::string command =
         "lpvbake bake " + shell_word((scene.starts_with('-') ? "./" : "") + scene) + " -o out.vdb";
     const std::vector<std::string> own{"output", "format", "progress", "config"};
-    const std::vector<std::string> swept = sweep_options();
-    for (const Option& option : options.rows()) {
+    const std::vector<std::string> swept = report::sweep_options();
+    for (const options::Option& option : options.rows()) {
         const std::string name = option.name();
         if (option.is_positional() || !option.is_set() || !bake.find(name) || !option.in_files
             || std::ranges::count(own, name) > 0 || std::ranges::count(swept, name) > 0)
@@ -180,7 +182,7 @@ std::string shared_command(const Options& options, const std::string& scene) {
 }
 
 /// The command that repeats a row.
-std::string row_command(const std::string& shared, const SweepRow& row) {
+std::string row_command(const std::string& shared, const report::SweepRow& row) {
     std::string command = shared;
     for (const auto& [option, value] : row.options)
         command += " --" + option + " " + value;
@@ -188,32 +190,33 @@ std::string row_command(const std::string& shared, const SweepRow& row) {
 }
 
 /// Lists what would be baked, with estimates.
-void print_plan(const ReportOptions& o, const Options& options, const std::vector<Scene>& scenes,
-                const std::vector<SweepRow>& rows, const gpu::DeviceInfo& device) {
-    Json document{{"command", "report"},
-                  {"version", LPVBAKE_VERSION},
-                  {"dry_run", true},
-                  {"scenes", Json::array()}};
+void print_plan(const ReportOptions& o, const options::Options& options,
+                const std::vector<Scene>& scenes, const std::vector<report::SweepRow>& rows,
+                const gpu::DeviceInfo& device) {
+    report::Json document{{"command", "report"},
+                          {"version", LPVBAKE_VERSION},
+                          {"dry_run", true},
+                          {"scenes", report::Json::array()}};
     double seconds = 0;
     for (std::size_t i = 0; i < scenes.size(); ++i) {
         const std::string command = shared_command(options, o.scenes[i]);
-        Json entries = Json::array();
+        report::Json entries = report::Json::array();
         if (o.format == Format::text)
             std::printf("scene         %s\n", o.scenes[i].c_str());
-        const SceneFacts facts = survey(scenes[i]);
-        for (const SweepRow& row : rows) {
-            const BakePlan plan = plan_bake(facts, row.settings, device);
+        const bake::SceneFacts facts = bake::survey(scenes[i]);
+        for (const report::SweepRow& row : rows) {
+            const bake::BakePlan plan = bake::plan_bake(facts, row.settings, device);
             seconds += plan.seconds * o.repeats;
-            RowResult result;
+            report::RowResult result;
             result.row = row;
             const glm::ivec3 dims = plan.grid.dims;
-            entries.push_back({{"name", row_name(result)},
+            entries.push_back({{"name", report::row_name(result)},
                                {"command", row_command(command, row)},
                                {"dims", {dims.x, dims.y, dims.z}},
                                {"seconds", plan.seconds}});
             if (o.format == Format::text)
                 std::printf("row           %-28s %4d x %4d x %4d cells, about %.2g s each\n",
-                            row_name(result).c_str(), dims.x, dims.y, dims.z, plan.seconds);
+                            report::row_name(result).c_str(), dims.x, dims.y, dims.z, plan.seconds);
         }
         document["scenes"].push_back({{"scene", o.scenes[i]}, {"rows", entries}});
     }
@@ -225,38 +228,39 @@ void print_plan(const ReportOptions& o, const Options& options, const std::vecto
                     seconds, o.repeats);
 }
 
-void write_outputs(const ReportOptions& o, const Report& report) {
+void write_outputs(const ReportOptions& o, const report::Report& report) {
     std::string svg;
     if (wants(o, ".svg") || wants(o, ".html"))
-        svg = plot_svg(plot_script(report), report.scenes.size());
+        svg = report::plot_svg(report::plot_script(report), report.scenes.size());
     for (const std::string& output : o.outputs) {
         const std::string extension = extension_of(output);
-        AtomicFile file(output);
+        io::AtomicFile file(output);
         if (extension == ".html")
-            file.write(report_page(report, svg));
+            file.write(report::report_page(report, svg));
         else if (extension == ".svg")
             file.write(svg);
         else if (extension == ".csv")
-            file.write(report_csv(report));
+            file.write(report::report_csv(report));
         else
-            file.write(report_json(report).dump(2, ' ', false, Json::error_handler_t::replace)
+            file.write(report::report_json(report).dump(2, ' ', false,
+                                                        report::Json::error_handler_t::replace)
                        + "\n");
         file.seal();
         file.publish();
     }
 }
 
-void run(const ReportOptions& o, const Options& options) {
+void run(const ReportOptions& o, const options::Options& options) {
     check_options(o);
     check_baseline(o.suite.baseline);
     const auto begin = std::chrono::steady_clock::now();
-    const std::vector<SweepRow> rows = rows_of(o);
+    const std::vector<report::SweepRow> rows = rows_of(o);
     const std::vector<Light> lights = command_line_lights(o);
     probe_outputs(o.outputs);
     if (!o.dry_run && (wants(o, ".svg") || wants(o, ".html")))
-        require_gnuplot();
+        report::require_gnuplot();
     const auto thread_limit = limit_threads(o.threads);
-    const ImageModulePreload preload = preload_image_module();
+    const image::ImageModulePreload preload = image::preload_image_module();
 
     watch_signals();
     TerminalProgress progress(o.progress);
@@ -277,56 +281,57 @@ void run(const ReportOptions& o, const Options& options) {
         return;
     }
 
-    Report report;
+    report::Report report;
     report.device = device.info().name;
     report.threads = unsigned(tbb::this_task_arena::max_concurrency());
     report.settings = to_settings(o);
     for (std::size_t i = 0; i < scenes.size(); ++i) {
-        report.scenes.push_back(measure_scene(scenes[i], rows, report.settings, device, progress));
-        SceneReport& scene = report.scenes.back();
+        report.scenes.push_back(
+            report::measure_scene(scenes[i], rows, report.settings, device, progress));
+        report::SceneReport& scene = report.scenes.back();
         scene.path = o.scenes[i];
         const std::string command = shared_command(options, o.scenes[i]);
-        for (RowResult& row : scene.rows) {
+        for (report::RowResult& row : scene.rows) {
             row.command = row_command(command, row.row);
             for (std::string& warning : row.warnings)
-                warning = in_options(warning);
+                warning = options::in_options(warning);
         }
         for (std::string& warning : scene.warnings)
-            progress.warn(warning = in_options(warning));
+            progress.warn(warning = options::in_options(warning));
     }
     report.seconds = seconds_since(begin);
     progress.begin("write", 0);
     write_outputs(o, report);
     progress.clear();
     if (o.format == Format::json)
-        print_json(report_json(report));
+        print_json(report::report_json(report));
     else {
-        std::cout << report_text(report);
+        std::cout << report::report_text(report);
         for (const std::string& output : o.outputs)
             std::cout << "wrote         " << output << '\n';
     }
     finish_stdout();
-    const std::string worse = judge_by_baseline(o.suite.baseline, baseline_of(report));
+    const std::string worse = judge_by_baseline(o.suite.baseline, report::baseline_of(report));
     if (!worse.empty())
         throw Error(ErrorKind::difference, worse);
 }
 
 /// A row for each option that a sweep can set, whose values are checked one by one.
-void add_axes(Options& options, ReportOptions& o) {
-    Options bake;
-    const Action keeps_fields = bake_command().declare(bake);
-    for (const std::string& name : sweep_options())
+void add_axes(options::Options& options, ReportOptions& o) {
+    options::Options bake;
+    const options::Action keeps_fields = bake_command().declare(bake);
+    for (const std::string& name : report::sweep_options())
         o.axes.push_back({name, ""});
     for (auto& axis : o.axes) {
         const std::string& name = axis.first;
-        const Option& of_bake = *bake.find(name);
+        const options::Option& of_bake = *bake.find(name);
         options
             .value(
                 "--" + name, axis.second, "V,V,...",
                 [name](const std::string& text) {
-                    for (const std::string& part : split(text, ','))
+                    for (const std::string& part : options::split(text, ','))
                         try {
-                            check_sweep_value(name, part);
+                            report::check_sweep_value(name, part);
                         } catch (const Error& error) { // "NAME: " is told
                             throw Error(error.kind, error.what() + name.size() + 2);
                         }
@@ -337,7 +342,7 @@ void add_axes(Options& options, ReportOptions& o) {
     }
 }
 
-Action declare(Options& options) {
+options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<ReportOptions>();
     ReportOptions& o = *fields;
     options.texts("scene", o.scenes, "FILE...", "glTF 2.0 files, .gltf or .glb");
@@ -400,8 +405,8 @@ Action declare(Options& options) {
 
 } // namespace
 
-Command report_command() {
+options::Command report_command() {
     return {"report", "Bakes by many settings and tells speed against error.", manual, declare};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

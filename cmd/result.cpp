@@ -5,7 +5,7 @@
 
 #include <sys/resource.h>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 
 uint64_t peak_memory() {
     struct rusage usage = {};
@@ -33,13 +33,13 @@ void print_grid(const Grid& grid) {
                 grid.dims.y, grid.dims.z, grid.cell, grid.origin.x, grid.origin.y, grid.origin.z);
 }
 
-Json device_json(const gpu::DeviceInfo& device) {
+report::Json device_json(const gpu::DeviceInfo& device) {
     return {{"index", device.index}, {"name", device.name},     {"type", device.type},
             {"uuid", device.uuid},   {"driver", device.driver}, {"api", device.api}};
 }
 
-Json stages_json(const std::vector<StageReport>& stages) {
-    Json list = Json::array();
+report::Json stages_json(const std::vector<StageReport>& stages) {
+    report::Json list = report::Json::array();
     for (const StageReport& stage : stages) {
         list.push_back({{"name", stage.name}, {"seconds", stage.seconds}});
         if (!stage.detail.empty())
@@ -63,8 +63,8 @@ void print_text(const std::string& text) {
     std::fputs(text.c_str(), stdout);
 }
 
-void print_json(const Json& document) {
-    std::cout << document.dump(2, ' ', false, Json::error_handler_t::replace) << '\n';
+void print_json(const report::Json& document) {
+    std::cout << document.dump(2, ' ', false, report::Json::error_handler_t::replace) << '\n';
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

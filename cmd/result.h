@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 
 /// The process's largest resident memory so far, bytes.
 uint64_t peak_memory();
@@ -23,16 +23,16 @@ std::string bytes_text(uint64_t bytes);
 void print_grid(const Grid& grid);
 
 /// Index, name, type, uuid, driver and api.
-Json device_json(const gpu::DeviceInfo& device);
+report::Json device_json(const gpu::DeviceInfo& device);
 
 /// Details are left out where there are none.
-Json stages_json(const std::vector<StageReport>& stages);
+report::Json stages_json(const std::vector<StageReport>& stages);
 void print_stages(const std::vector<StageReport>& stages);
 
 /// The line below the stages.
 void print_total(double seconds);
 
-void print_json(const Json& document);
+void print_json(const report::Json& document);
 void print_text(const std::string& text);
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

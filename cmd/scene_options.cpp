@@ -15,7 +15,7 @@
 #include <fcntl.h>
 #include <unistd.h>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 namespace {
 
 namespace fs = std::filesystem;
@@ -25,83 +25,84 @@ namespace fs = std::filesystem;
 std::variant<std::monostate, Sky, SkyPicture> parse_sky_option(const std::string& text) {
     SkyPicture picture{text};
     const std::size_t comma = text.rfind(',');
-    if (const auto scale =
-            comma == std::string::npos ? std::nullopt : parse_number(text.substr(comma + 1)))
+    if (const auto scale = comma == std::string::npos
+                               ? std::nullopt
+                               : options::parse_number(text.substr(comma + 1)))
         picture = {text.substr(0, comma), *scale};
     const bool name = picture.path.find_first_of("./") != std::string::npos
                       && picture.path.find_first_not_of("0123456789.:,+-eE ") != std::string::npos;
     if (!name || text.front() == '#')
-        return parse_sky(text);
+        return options::parse_sky(text);
     if (picture.scale < 0)
-        refuse(text, "has a negative SCALE");
+        options::refuse(text, "has a negative SCALE");
     return picture;
 }
 
 double parse_time(const std::string& text) {
-    const std::optional<double> time = parse_number(text);
+    const std::optional<double> time = options::parse_number(text);
     if (!time)
-        refuse(text, "is not a number of seconds");
+        options::refuse(text, "is not a number of seconds");
     return *time;
 }
 
 } // namespace
 
-void add_load_options(Options& options, LoadSettings& load) {
+void add_load_options(options::Options& options, LoadSettings& load) {
     options.group("Scene");
     options
         .text("--scene,--scene-name", load.scene, "NAME|INDEX",
               "Scene of the file; default: the one that the file names")
-        .record(Recorded::if_changed);
+        .record(options::Recorded::if_changed);
     options
         .text("--animation", load.animation, "NAME|INDEX",
               "Pose the scene by an animation; default: none, the first where --time is given")
-        .record(Recorded::if_changed);
+        .record(options::Recorded::if_changed);
     options.value("--time", load.time, "SECONDS", parse_time, "Time of the animation; default: 0")
-        .record(Recorded::if_changed);
+        .record(options::Recorded::if_changed);
     options.text("--variant", load.variant, "NAME|INDEX", "Material variant of the file")
-        .record(Recorded::if_changed);
+        .record(options::Recorded::if_changed);
     // Textures are halved to fit into memory, so that it may show in the result.
     options
-        .value("--max-memory", load.max_memory, "SIZE", parse_bytes,
+        .value("--max-memory", load.max_memory, "SIZE", options::parse_bytes,
                "Memory that loading the scene may take", "4G")
-        .record(Recorded::if_changed);
+        .record(options::Recorded::if_changed);
     options.flag("--strict", load.strict, "Take warnings of the scene for errors");
     options.flag("--allow-external", load.allow_external,
                  "Let the scene read files outside its folder");
 }
 
-void add_bounds_options(Options& options, SceneOptions& o) {
+void add_bounds_options(options::Options& options, SceneOptions& o) {
     options
-        .value("--bounds", o.bounds, "X0,Y0,Z0,X1,Y1,Z1", parse_bounds,
+        .value("--bounds", o.bounds, "X0,Y0,Z0,X1,Y1,Z1", options::parse_bounds,
                "Box to fit the grid to, metres; default: the scene's")
-        .record(Recorded::if_changed);
+        .record(options::Recorded::if_changed);
     options.number("--margin", o.grid.margin, 0, 1024, "Whole cells around the box on each side")
         .record();
 }
 
-void add_grid_options(Options& options, SceneOptions& o) {
+void add_grid_options(options::Options& options, SceneOptions& o) {
     options.group("Grid");
     options
         .number("--resolution", o.grid.resolution, 3, 65536,
                 "Cells along the longest axis, margins included; at least 3")
         .record();
-    Option& cell = options.number("--cell-size", o.grid.cell, 1e-9, 1e9,
-                                  "Edge of a cell, metres; replaces --resolution");
+    options::Option& cell = options.number("--cell-size", o.grid.cell, 1e-9, 1e9,
+                                           "Edge of a cell, metres; replaces --resolution");
     cell.usual.clear();
-    cell.exclude({"resolution"}).record(Recorded::if_changed);
+    cell.exclude({"resolution"}).record(options::Recorded::if_changed);
     add_bounds_options(options, o);
 }
 
-void add_light_options(Options& options, SceneOptions& o) {
+void add_light_options(options::Options& options, SceneOptions& o) {
     add_load_options(options, o.load);
     options.group("Light");
     options
-        .values("--sun", o.suns, "AZIMUTH,ELEVATION,LUX[,COLOUR]", parse_sun,
+        .values("--sun", o.suns, "AZIMUTH,ELEVATION,LUX[,COLOUR]", options::parse_sun,
                 "Directional light: where it stands, degrees from +Z towards +X and above the "
                 "horizon; COLOUR #rrggbb or R:G:B linear; may be repeated")
         .record();
     options
-        .values("--point", o.points, "X,Y,Z,CANDELA[,COLOUR]", parse_point,
+        .values("--point", o.points, "X,Y,Z,CANDELA[,COLOUR]", options::parse_point,
                 "Point light, metres; may be repeated")
         .record();
     options.texts("--lights", o.light_files, "FILE",
@@ -115,7 +116,7 @@ void add_light_options(Options& options, SceneOptions& o) {
     options
         .number("--sky-rotation", o.sky_rotation, -360, 360,
                 "Degrees by which the picture is turned around +Y, from +Z towards +X")
-        .record(Recorded::if_changed);
+        .record(options::Recorded::if_changed);
     options.flag("--no-scene-lights", o.no_scene_lights, "Leave out the lights of the file")
         .record();
     options.flag("--no-emitters", o.no_emitters, "Emissive surfaces give no light").record();
@@ -125,12 +126,12 @@ void add_light_options(Options& options, SceneOptions& o) {
         .record();
     options
         .choice("--metallic", o.load.rules.metallic_black,
-                Choices<bool>{{"black", true}, {"reflect", false}},
+                options::Choices<bool>{{"black", true}, {"reflect", false}},
                 "Metal reflects its base colour, or (strict PBR) nothing")
         .record();
     options
         .choice("--backfaces", o.load.rules.cull_backfaces,
-                Choices<bool>{{"block", false}, {"cull", true}},
+                options::Choices<bool>{{"block", false}, {"cull", true}},
                 "Light stops at the back of single-sided surfaces, or passes")
         .record();
 }
@@ -170,8 +171,8 @@ bool mentions_images(const SceneOptions& o) {
     return head.find("\"images\"") != std::string::npos;
 }
 
-Target OutputOptions::storage() const {
-    Target storage = *target;
+io::Target OutputOptions::storage() const {
+    io::Target storage = *target;
     storage.precision = precision.value_or(storage.precision);
     storage.encoding.convention = convention.value_or(storage.encoding.convention);
     storage.encoding.axes = axes.value_or(storage.encoding.axes);
@@ -181,61 +182,63 @@ Target OutputOptions::storage() const {
     return storage;
 }
 
-void add_output_options(Options& options, OutputOptions& o) {
+void add_output_options(options::Options& options, OutputOptions& o) {
     options.group("Output");
-    Choices<const Target*> targets;
-    for (const Target& target : all_targets())
+    options::Choices<const io::Target*> targets;
+    for (const io::Target& target : io::all_targets())
         targets.emplace_back(target.name, &target);
     options.choice("--target", o.target, targets,
                    "Program that reads the files: sets the options below that are not given, see "
                    "lpvbake convert --help, and writes what it needs beside them");
     options
         .choice("--precision", o.precision,
-                Choices<Precision>{{"float", Precision::full}, {"half", Precision::half}},
+                options::Choices<Precision>{{"float", Precision::full}, {"half", Precision::half}},
                 "Type of the stored numbers")
         .implies([&o] { return o.storage().precision == Precision::half ? "half" : "float"; });
     options
-        .choice("--sh-convention", o.convention, choices_named<ShConvention>(convention_names()),
+        .choice("--sh-convention", o.convention,
+                options::choices_named<volume::ShConvention>(volume::convention_names()),
                 "Signs and factors of the stored coefficients")
-        .implies([&o] { return name_of(o.storage().encoding.convention); });
+        .implies([&o] { return volume::name_of(o.storage().encoding.convention); });
     options
-        .choice("--axes", o.axes, choices_named<Axes>(axes_names()),
+        .choice("--axes", o.axes, options::choices_named<volume::Axes>(volume::axes_names()),
                 "Axes of cells, directions and positions")
-        .implies([&o] { return name_of(o.storage().encoding.axes); });
+        .implies([&o] { return volume::name_of(o.storage().encoding.axes); });
     options
-        .choice("--exr-packing", o.packing, choices_named<Packing>(packing_names()),
+        .choice("--exr-packing", o.packing,
+                options::choices_named<io::Packing>(io::packing_names()),
                 "One RGB file per coefficient, one RGBA file per colour channel, or as VRC Light "
                 "Volumes, Bevy and three.js have it")
-        .implies([&o] { return name_of(o.storage().pictures.packing); });
+        .implies([&o] { return io::name_of(o.storage().pictures.packing); });
     options.number("--exr-columns", o.columns, 0, 16384,
                    "Slices in a row of an EXR's picture; 0: nearly square");
 }
 
-void add_format_option(Options& options, Format& format) {
+void add_format_option(options::Options& options, Format& format) {
     options.choice("--format", format,
-                   Choices<Format>{{"text", Format::text}, {"json", Format::json}},
+                   options::Choices<Format>{{"text", Format::text}, {"json", Format::json}},
                    "Form of the result");
 }
 
-void add_device_option(Options& options, RunOptions& o) {
+void add_device_option(options::Options& options, RunOptions& o) {
     options.group("Run");
     options.text("--device", o.device, "NAME",
                  "Index, UUID or part of the name; default: the first");
 }
 
-void add_dry_run_option(Options& options, RunOptions& o, const char* help) {
+void add_dry_run_option(options::Options& options, RunOptions& o, const char* help) {
     options.flag("--dry-run", o.dry_run, help).keep_out_of_files();
 }
 
-void add_run_options(Options& options, RunOptions& o) {
+void add_run_options(options::Options& options, RunOptions& o) {
     options.group("Run");
     options.number("--threads", o.threads, 0, 1024, "CPU threads; 0: one a core");
     add_format_option(options, o.format);
     options.choice("--progress", o.progress,
-                   Choices<ProgressStyle>{{"auto", ProgressStyle::automatic},
-                                          {"bar", ProgressStyle::bar},
-                                          {"plain", ProgressStyle::plain},
-                                          {"none", ProgressStyle::none}},
+                   options::Choices<ProgressStyle>{{"auto", ProgressStyle::automatic},
+                                                   {"bar", ProgressStyle::bar},
+                                                   {"plain", ProgressStyle::plain},
+                                                   {"none", ProgressStyle::none}},
                    "On standard error; auto: a bar on a terminal");
     options.text("--config", o.config, "FILE", "TOML file of options; the command line comes first")
         .keep_out_of_files();
@@ -259,11 +262,11 @@ bool has_file(const std::string& volume, const std::string& file) {
     const fs::path other = fs::weakly_canonical(fs::absolute(file));
     if (own == other)
         return true;
-    const VolumeFormat* format = readable_format(volume);
+    const io::VolumeFormat* format = io::readable_format(volume);
     return format && format->sidecar[0] && own.parent_path() == other.parent_path()
            && (other.filename() == own.stem().string() + format->sidecar
                || (other.filename().string().starts_with(own.stem().string() + "_")
-                   && has_extension(file, format->extension)));
+                   && options::has_extension(file, format->extension)));
 }
 
 bool is_same(const std::string& a, const std::string& b) {
@@ -297,9 +300,9 @@ void check_paths(const char* command, const SceneOptions& scene, const RunOption
                                              + " SCENE -o OUTPUT (see lpvbake " + command
                                              + " --help)");
     for (const std::string& output : outputs)
-        if (!volume_format(output))
+        if (!io::volume_format(output))
             throw Error(ErrorKind::argument,
-                        output + ": the name of an output ends in " + format_list());
+                        output + ": the name of an output ends in " + io::format_list());
     check_files(inputs_of(scene, run), {}, outputs);
 }
 
@@ -334,20 +337,20 @@ void fill_metadata(const SceneOptions& o, const Scene& scene, const std::string&
                    Volume& volume) {
     volume.metadata.try_emplace("tool", "lpvbake " LPVBAKE_VERSION);
     volume.metadata.try_emplace("scene", fs::path(o.scene).filename().string());
-    volume.metadata.try_emplace("scene_hash", scene_hash(scene));
+    volume.metadata.try_emplace("scene_hash", scene::scene_hash(scene));
     volume.metadata.try_emplace("settings", settings);
 }
 
 std::string outputs_help() {
     std::string text = "Volume to write: ";
-    for (const VolumeFormat* format : volume_formats())
-        text += (format == volume_formats().front() ? "" : ", or ") + std::string(format->help);
+    for (const io::VolumeFormat* format : io::volume_formats())
+        text += (format == io::volume_formats().front() ? "" : ", or ") + std::string(format->help);
     return text + "; may be repeated";
 }
 
 std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std::string>& paths,
                                    Volume& volume, TerminalProgress& progress) {
-    const Target storage = o.storage();
+    const io::Target storage = o.storage();
     Volume whole;
     whole.grid = volume.grid;
     whole.sh_order = volume.sh_order;
@@ -359,7 +362,8 @@ std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std
         progress.advance(written.size());
         const bool last = &path == &paths.back();
         const WriteReport report = // NOLINTNEXTLINE(bugprone-use-after-move): by the last one alone
-            last ? write_for(storage, path, std::move(whole)) : write_for(storage, path, whole);
+            last ? io::write_for(storage, path, std::move(whole))
+                 : io::write_for(storage, path, whole);
         for (const std::string& warning : report.warnings)
             progress.warn(warning);
         written.push_back({path, report.files});
@@ -367,10 +371,10 @@ std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std
     return written;
 }
 
-Json outputs_json(const std::vector<Written>& outputs) {
-    Json list = Json::array();
+report::Json outputs_json(const std::vector<Written>& outputs) {
+    report::Json list = report::Json::array();
     for (const Written& output : outputs) {
-        Json files = Json::array();
+        report::Json files = report::Json::array();
         uint64_t bytes = 0;
         for (const WriteReport::File& file : output.files) {
             files.push_back({{"path", file.path}, {"bytes", file.bytes}});
@@ -381,8 +385,8 @@ Json outputs_json(const std::vector<Written>& outputs) {
     return list;
 }
 
-Json outputs_json(const std::vector<std::string>& paths) {
-    Json list = Json::array();
+report::Json outputs_json(const std::vector<std::string>& paths) {
+    report::Json list = report::Json::array();
     for (const std::string& path : paths)
         list.push_back({{"path", path}});
     return list;
@@ -412,7 +416,7 @@ Run::Run(const SceneOptions& scene, const RunOptions& run, const std::vector<std
     probe_scene(scene);
     thread_limit_ = limit_threads(run.threads);
     if (mentions_images(scene))
-        preload_ = preload_image_module();
+        preload_ = image::preload_image_module();
     watch_signals();
 }
 
@@ -433,4 +437,4 @@ void Run::warn(const std::vector<std::string>& warnings) {
         progress.warn(warning);
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

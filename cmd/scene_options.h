@@ -18,7 +18,7 @@
 #include <variant>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 
 /// FILE[,SCALE] of --sky.
 struct SkyPicture {
@@ -30,7 +30,7 @@ struct SkyPicture {
 struct SceneOptions {
     std::string scene;
     LoadSettings load;
-    GridSettings grid;
+    volume::GridSettings grid;
     std::optional<Bounds> bounds; ///< none: the scene's
     std::vector<Light> suns, points;
     std::vector<std::string> light_files;
@@ -44,11 +44,11 @@ struct SceneOptions {
 };
 
 /// What of the scene's file is taken, and how strictly it is read.
-void add_load_options(Options& options, LoadSettings& load);
-void add_bounds_options(Options& options, SceneOptions& o);
-void add_grid_options(Options& options, SceneOptions& o);
+void add_load_options(options::Options& options, LoadSettings& load);
+void add_bounds_options(options::Options& options, SceneOptions& o);
+void add_grid_options(options::Options& options, SceneOptions& o);
 /// Begins with add_load_options.
-void add_light_options(Options& options, SceneOptions& o);
+void add_light_options(options::Options& options, SceneOptions& o);
 
 /// Lights of options and files. Throws Error as load_lights does.
 std::vector<Light> command_line_lights(const SceneOptions& o);
@@ -61,21 +61,21 @@ bool mentions_images(const SceneOptions& o);
 /// Volumes to write.
 struct OutputOptions {
     std::vector<std::string> paths;
-    const Target* target = target_named("generic");
+    const io::Target* target = io::target_named("generic");
     // As the target has it unless given.
     std::optional<Precision> precision;
-    std::optional<ShConvention> convention;
-    std::optional<Axes> axes;
-    std::optional<Packing> packing;
+    std::optional<volume::ShConvention> convention;
+    std::optional<volume::Axes> axes;
+    std::optional<io::Packing> packing;
     int columns = 0; ///< 0: nearly square
 
     /// How they are stored.
-    Target storage() const;
+    io::Target storage() const;
 };
-void add_output_options(Options& options, OutputOptions& o);
+void add_output_options(options::Options& options, OutputOptions& o);
 
 enum class Format { text, json };
-void add_format_option(Options& options, Format& format);
+void add_format_option(options::Options& options, Format& format);
 
 /// How a command that computes runs and reports.
 struct RunOptions {
@@ -89,18 +89,18 @@ struct RunOptions {
     bool print_config = false;
 };
 /// Opens the group.
-void add_device_option(Options& options, RunOptions& o);
-void add_dry_run_option(Options& options, RunOptions& o, const char* help);
-void add_run_options(Options& options, RunOptions& o);
+void add_device_option(options::Options& options, RunOptions& o);
+void add_dry_run_option(options::Options& options, RunOptions& o, const char* help);
+void add_run_options(options::Options& options, RunOptions& o);
 
 /// A volume or a picture that was written.
 struct Written {
     std::string path; ///< as it was asked for
     std::vector<WriteReport::File> files;
 };
-Json outputs_json(const std::vector<Written>& outputs);
+report::Json outputs_json(const std::vector<Written>& outputs);
 /// Of a dry run.
-Json outputs_json(const std::vector<std::string>& paths);
+report::Json outputs_json(const std::vector<std::string>& paths);
 void print_outputs(const std::vector<Written>& outputs);
 
 /// The files that these options read.
@@ -163,7 +163,7 @@ private:
     const SceneOptions& scene_;
     std::vector<Light> lights_;
     std::unique_ptr<tbb::global_control> thread_limit_;
-    ImageModulePreload preload_;
+    image::ImageModulePreload preload_;
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

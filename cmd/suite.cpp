@@ -9,12 +9,12 @@
 #include <chrono>
 #include <cstdio>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 namespace {
 
-SuiteRow worded(SuiteRow row) {
+report::SuiteRow worded(report::SuiteRow row) {
     for (std::string& failure : row.failures)
-        failure = in_options(failure);
+        failure = options::in_options(failure);
     return row;
 }
 
@@ -23,57 +23,57 @@ SuiteRow worded(SuiteRow row) {
 void run_suite(const SuiteRun& run, const RunOptions& o) {
     check_baseline(run.baseline);
     const auto begin = std::chrono::steady_clock::now();
-    const Suite suite = load_suite(run.suite);
+    const report::Suite suite = report::load_suite(run.suite);
     const auto thread_limit = limit_threads(o.threads);
-    const ImageModulePreload preload = preload_image_module();
+    const image::ImageModulePreload preload = image::preload_image_module();
     watch_signals();
     TerminalProgress progress(o.progress);
     const gpu::Device device({o.device, false});
 
     std::size_t width = 4;
-    for (const SuiteCase& each : suite.cases)
+    for (const report::SuiteCase& each : suite.cases)
         width = std::max(width, each.name.size());
     const bool text = o.format == Format::text;
     bool headed = false;
-    const auto show = [&](const SuiteRow& row) {
+    const auto show = [&](const report::SuiteRow& row) {
         progress.clear();
         if (!text)
             return;
         if (!std::exchange(headed, true))
-            print_text(suite_head(width));
-        print_text(suite_line(worded(row), width));
+            print_text(report::suite_head(width));
+        print_text(report::suite_line(worded(row), width));
         std::fflush(stdout);
     };
-    std::vector<SuiteRow> rows =
-        run_suite(suite, run.selection, suite_solvers(device), progress, show);
+    std::vector<report::SuiteRow> rows =
+        report::run_suite(suite, run.selection, report::suite_solvers(device), progress, show);
     std::ranges::transform(rows, rows.begin(), worded);
     progress.clear();
 
-    const auto fails = [](const SuiteRow& row) { return !row.failures.empty(); };
+    const auto fails = [](const report::SuiteRow& row) { return !row.failures.empty(); };
     const auto failed = std::ranges::count_if(rows, fails);
     if (!text) {
-        Json document{{"command", "report"},
-                      {"version", LPVBAKE_VERSION},
-                      {"suite", run.suite},
-                      {"device", device.info().name},
-                      {"rows", Json::array()},
-                      {"failed", failed},
-                      {"seconds", seconds_since(begin)}};
-        for (const SuiteRow& row : rows)
-            document["rows"].push_back(suite_row_json(row));
+        report::Json document{{"command", "report"},
+                              {"version", LPVBAKE_VERSION},
+                              {"suite", run.suite},
+                              {"device", device.info().name},
+                              {"rows", report::Json::array()},
+                              {"failed", failed},
+                              {"seconds", seconds_since(begin)}};
+        for (const report::SuiteRow& row : rows)
+            document["rows"].push_back(report::suite_row_json(row));
         print_json(document);
     }
     finish_stdout();
-    const std::string worse = judge_by_baseline(run.baseline, baseline_of(rows));
+    const std::string worse = judge_by_baseline(run.baseline, report::baseline_of(rows));
     if (failed > 0) {
-        const SuiteRow& first = *std::ranges::find_if(rows, fails);
+        const report::SuiteRow& first = *std::ranges::find_if(rows, fails);
         throw Error(ErrorKind::difference,
                     format("%s: %td of %s failed, the first is %s by %s: %s", run.suite.c_str(),
                            failed, counted(rows.size(), "row").c_str(), first.name.c_str(),
-                           first.solver.c_str(), failures_text(first).c_str()));
+                           first.solver.c_str(), report::failures_text(first).c_str()));
     }
     if (!worse.empty())
         throw Error(ErrorKind::difference, worse);
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

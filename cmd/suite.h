@@ -7,15 +7,15 @@
 
 #include <string>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 
 struct SuiteRun {
     std::string suite; ///< path
-    SuiteSelection selection;
+    report::SuiteSelection selection;
     BaselineOptions baseline;
 };
 
 /// Throws Error: what load_suite and run_suite throw, difference if a limit does not hold.
 void run_suite(const SuiteRun& run, const RunOptions& o);
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

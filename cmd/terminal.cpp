@@ -12,7 +12,7 @@
 
 #include <unistd.h>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 namespace {
 
 volatile std::sig_atomic_t noted_signal = 0;
@@ -109,7 +109,7 @@ void TerminalProgress::clear() {
 }
 
 void TerminalProgress::warn(const std::string& said) {
-    const std::string text = in_options(said);
+    const std::string text = options::in_options(said);
     if (std::find(warnings_.begin(), warnings_.end(), text) != warnings_.end())
         return;
     warnings_.push_back(text);
@@ -117,4 +117,4 @@ void TerminalProgress::warn(const std::string& said) {
     std::fprintf(stderr, "lpvbake: warning: %s\n", on_one_line(text).c_str());
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

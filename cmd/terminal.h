@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::cmd {
 
 /// From now on SIGINT and SIGTERM are noted instead of ending the process at once; the second
 /// SIGINT, or the second SIGTERM, ends it.
@@ -53,4 +53,4 @@ private:
     std::vector<std::string> warnings_;
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd

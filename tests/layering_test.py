@@ -3,6 +3,8 @@
 
 * a folder includes only what its lpvbake_folder() in CMakeLists.txt says that it builds on, and the
   headers of src/lpvbake/, which include nothing of ours but each other;
+* a file's namespace is its folder: lpvbake::solver::sn in src/solver/sn, and lpvbake alone for what
+  the headers of src/lpvbake/ declare;
 * a package's headers are included in its one folder;
 * Vulkan is named in src/gpu and in the .cpp files of stages that draw or dispatch;
 * the texts of src/ name no option of a command line: they name settings, in backquotes, and
@@ -38,6 +40,9 @@ VULKAN_HEADER = re.compile(r"^vulkan/|^gpu/vulkan\.h$")
 VULKAN_NAME = re.compile(r"\bvk::|\bVK_[A-Z]|\bVk[A-Z]")
 VULKAN_STAGES = ("src/raster/", "src/solver/", "src/render/")
 
+NAMESPACE = re.compile(r"^namespace (lpvbake[\w:]*) \{")
+MODULES = ("src/image/oiio/",)  # a folder for the linker's sake, of the room above it
+
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 
 STRING = re.compile(r'"((?:[^"\\\n]|\\.)*)"')
@@ -71,6 +76,18 @@ def may_name_vulkan(path):
         path.startswith(VULKAN_STAGES) and path.endswith(".cpp"))
 
 
+def may_open(namespace, path):
+    """Whether a file may open a namespace: lpvbake, that of its folder, or one inside that."""
+    folder = pathlib.PurePosixPath(path).parent
+    if path.startswith(MODULES):
+        folder = folder.parent
+    parts = folder.parts[1:] if path.startswith("src/") else folder.parts
+    if parts == (API,):
+        return namespace in (API, API + "::gpu")
+    own = "::".join((API, *parts))
+    return namespace in (API, own) or parts and namespace.startswith(own + "::")
+
+
 def offences(root):
     src = root / "src"
     builds_on = {**folders(root), API: []}
@@ -88,6 +105,9 @@ def offences(root):
             code = line.split("//")[0]
             if VULKAN_NAME.search(code) and not may_name_vulkan(path):
                 yield f"{place}: names Vulkan outside src/gpu and the .cpp of GPU stages"
+            match = NAMESPACE.match(line)
+            if match and not may_open(match.group(1), path):
+                yield f"{place}: {match.group(1)} is not the namespace of its folder"
             match = INCLUDE.match(line)
             if not match:
                 continue
@@ -152,6 +172,7 @@ PLANTED = {
     "src/gpu/vulkan.h": "#include <vulkan/vulkan_raii.hpp>\n",  # fine
     "src/gpu/gpu.h": "",
     "src/raster/raster.cpp": '#include "gpu/vulkan.h"\nvk::Format format; // fine\n',
+    "src/scene/names.h": "namespace lpvbake {\nnamespace lpvbake::scene {\nnamespace lpvbake::raster {\n",
     "src/stray.h": "",
     "src/volume/bad.h": '#include "solver/lpv/lpv.h"\n',
     "src/volume/worse.cpp": '#include "stray.h"\n',
@@ -170,7 +191,7 @@ PLANTED = {
 }
 EXPECTED = ["cmd/options/wording.cpp", "cmd/x.cpp:3", "src/io/relative.cpp:1", "src/io/texts.cpp:3",
             "src/io/texts.cpp:4", "src/io/texts.cpp:5", "src/lpvbake/bake.h:2", "src/lpvbake/bake.h:3",
-            "src/raster/raster.h:1", "src/scene/vdb.cpp:1",
+            "src/raster/raster.h:1", "src/scene/names.h:3", "src/scene/vdb.cpp:1",
             "src/solver/lpv/bad.h:1", "src/stray/stray.h", "src/volume/bad.h:1",
             "src/volume/worse.cpp:1"]
 

@@ -42,7 +42,7 @@ int add_quad(Scene& scene, int material, glm::vec3 corner, glm::vec3 u, glm::vec
     return place(scene, std::move(mesh), to_world);
 }
 
-int add_box(Scene& scene, int material, glm::vec3 lo, glm::vec3 hi, Facing facing,
+int add_box(Scene& scene, int material, glm::vec3 lo, glm::vec3 hi, scenes::Facing facing,
             const glm::dmat4& to_world) {
     Mesh mesh;
     mesh.material = material;
@@ -54,7 +54,7 @@ int add_box(Scene& scene, int material, glm::vec3 lo, glm::vec3 hi, Facing facin
             corner[axis] = upper ? hi[axis] : lo[axis];
             u[second] = size[second]; // u x v points along +axis
             v[third] = size[third];
-            if (upper == (facing == Facing::outward))
+            if (upper == (facing == scenes::Facing::outward))
                 append_quad(mesh, corner, u, v);
             else
                 append_quad(mesh, corner, v, u);
@@ -90,7 +90,7 @@ Light point_light(glm::dvec3 position, double candela, glm::vec3 color) {
 
 Light spot_light(glm::dvec3 position, glm::dvec3 travel, double candela, double inner,
                  double outer) {
-    Light light = point_light(position, candela);
+    Light light = scenes::point_light(position, candela);
     light.type = LightType::spot;
     light.direction = glm::normalize(travel);
     light.inner_cone = inner;
@@ -100,48 +100,48 @@ Light spot_light(glm::dvec3 position, glm::dvec3 travel, double candela, double 
 
 Scene floor_quad(float edge, glm::vec3 albedo) {
     Scene scene;
-    const int material = add_material(scene, albedo);
-    add_quad(scene, material, {-edge / 2, 0, edge / 2}, {edge, 0, 0}, {0, 0, -edge});
+    const int material = scenes::add_material(scene, albedo);
+    scenes::add_quad(scene, material, {-edge / 2, 0, edge / 2}, {edge, 0, 0}, {0, 0, -edge});
     return scene;
 }
 
 Scene furnace(float edge, float albedo, float emission) {
     Scene scene;
-    const int material = add_material(scene, glm::vec3(albedo), glm::vec3(emission));
-    add_box(scene, material, glm::vec3(0.0f), glm::vec3(edge), Facing::inward);
+    const int material = scenes::add_material(scene, glm::vec3(albedo), glm::vec3(emission));
+    scenes::add_box(scene, material, glm::vec3(0.0f), glm::vec3(edge), scenes::Facing::inward);
     return scene;
 }
 
 Scene cornell_box() {
     Scene scene;
-    const int white = add_material(scene, {0.73f, 0.73f, 0.73f});
-    const int red = add_material(scene, {0.63f, 0.065f, 0.05f});
-    const int green = add_material(scene, {0.14f, 0.45f, 0.091f});
-    add_quad(scene, white, {-1, 0, 1}, {2, 0, 0}, {0, 0, -2}); // floor
-    add_quad(scene, white, {-1, 2, -1}, {2, 0, 0}, {0, 0, 2}); // ceiling
-    add_quad(scene, white, {-1, 0, -1}, {2, 0, 0}, {0, 2, 0}); // back
-    add_quad(scene, red, {-1, 0, 1}, {0, 0, -2}, {0, 2, 0});   // left, faces +X
-    add_quad(scene, green, {1, 0, -1}, {0, 0, 2}, {0, 2, 0});  // right, faces -X
+    const int white = scenes::add_material(scene, {0.73f, 0.73f, 0.73f});
+    const int red = scenes::add_material(scene, {0.63f, 0.065f, 0.05f});
+    const int green = scenes::add_material(scene, {0.14f, 0.45f, 0.091f});
+    scenes::add_quad(scene, white, {-1, 0, 1}, {2, 0, 0}, {0, 0, -2}); // floor
+    scenes::add_quad(scene, white, {-1, 2, -1}, {2, 0, 0}, {0, 0, 2}); // ceiling
+    scenes::add_quad(scene, white, {-1, 0, -1}, {2, 0, 0}, {0, 2, 0}); // back
+    scenes::add_quad(scene, red, {-1, 0, 1}, {0, 0, -2}, {0, 2, 0});   // left, faces +X
+    scenes::add_quad(scene, green, {1, 0, -1}, {0, 0, 2}, {0, 2, 0});  // right, faces -X
     const auto turned = [](glm::dvec3 position, double degrees) {
         return glm::rotate(glm::translate(glm::dmat4(1.0), position), glm::radians(degrees),
                            glm::dvec3(0, 1, 0));
     };
-    add_box(scene, white, {-0.3f, 0, -0.3f}, {0.3f, 0.6f, 0.3f}, Facing::outward,
-            glm::translate(glm::dmat4(1.0), {0.35, 0.0, 0.35}));
-    add_box(scene, white, {-0.3f, 0, -0.3f}, {0.3f, 1.2f, 0.3f}, Facing::outward,
-            turned({-0.35, 0.0, -0.35}, 20.0));
+    scenes::add_box(scene, white, {-0.3f, 0, -0.3f}, {0.3f, 0.6f, 0.3f}, scenes::Facing::outward,
+                    glm::translate(glm::dmat4(1.0), {0.35, 0.0, 0.35}));
+    scenes::add_box(scene, white, {-0.3f, 0, -0.3f}, {0.3f, 1.2f, 0.3f}, scenes::Facing::outward,
+                    turned({-0.35, 0.0, -0.35}, 20.0));
     return scene;
 }
 
 Scene cornell_box_with_point(double candela) {
-    Scene scene = cornell_box();
-    scene.lights.push_back(point_light({0.0, 1.8, 0.0}, candela));
+    Scene scene = scenes::cornell_box();
+    scene.lights.push_back(scenes::point_light({0.0, 1.8, 0.0}, candela));
     return scene;
 }
 
 Scene cornell_box_with_sun(double lux) {
-    Scene scene = cornell_box();
-    scene.lights.push_back(sun({0.5, -0.6, -1.0}, lux));
+    Scene scene = scenes::cornell_box();
+    scene.lights.push_back(scenes::sun({0.5, -0.6, -1.0}, lux));
     return scene;
 }
 

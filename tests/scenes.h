@@ -21,7 +21,7 @@ int add_quad(Scene& scene, int material, glm::vec3 corner, glm::vec3 u, glm::vec
 
 /// Appends a box of 12 triangles, as one mesh with one normal a wall; places it; returns the mesh's
 /// index. Walls come in the order -x, +x, -y, +y, -z, +z, two triangles each.
-int add_box(Scene& scene, int material, glm::vec3 lo, glm::vec3 hi, Facing facing,
+int add_box(Scene& scene, int material, glm::vec3 lo, glm::vec3 hi, scenes::Facing facing,
             const glm::dmat4& to_world = glm::dmat4(1.0));
 
 /// A turn around any axis by any angle.

@@ -9,7 +9,7 @@
 #include <algorithm>
 #include <cstdio>
 
-namespace lpvbake {
+namespace lpvbake::cmd::options {
 namespace {
 
 const char summary[] =
@@ -179,4 +179,4 @@ void run_command_line(const Commands& commands, const std::vector<std::string>& 
         chosen->action();
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd::options

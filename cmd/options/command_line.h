@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::cmd::options {
 
 /// What a command line asks for. Throws Error.
 using Action = std::function<void()>;
@@ -26,4 +26,4 @@ using Commands = std::vector<Command>;
 /// what to do; what read_options throws), and whatever the command throws.
 void run_command_line(const Commands& commands, const std::vector<std::string>& words);
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd::options

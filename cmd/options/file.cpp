@@ -7,7 +7,7 @@
 #include <numeric>
 #include <utility>
 
-namespace lpvbake {
+namespace lpvbake::cmd::options {
 namespace {
 
 /// Letters to insert, to leave out or to replace between two words.
@@ -75,4 +75,4 @@ void read_options(const std::string& path, const std::string& command, Options& 
     }
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd::options

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::cmd::options {
 
 /// Sets what is not given yet, nor excluded by what is. Throws Error (file, argument: names file,
 /// line and key).
@@ -16,4 +16,4 @@ void read_options(const std::string& path, const std::string& command, Options& 
 std::string did_you_mean(const std::string& word, const std::vector<std::string>& known,
                          const std::string& prefix = "");
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd::options

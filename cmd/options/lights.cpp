@@ -9,7 +9,7 @@
 #include <string_view>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::cmd::options {
 namespace {
 
 /// A text with what is needed to complain about it.
@@ -55,8 +55,8 @@ glm::vec3 color(std::string_view text, const Argument& argument) {
         if (digits.size() != 6 || error != std::errc() || end != digits.data() + digits.size())
             argument.fail("COLOUR is not #rrggbb");
         for (int channel = 0; channel < 3; ++channel)
-            result[channel] =
-                static_cast<float>(srgb_to_linear(((value >> (16 - 8 * channel)) & 255u) / 255.0));
+            result[channel] = static_cast<float>(
+                colour::srgb_to_linear(((value >> (16 - 8 * channel)) & 255u) / 255.0));
         return result;
     }
     const std::vector<std::string> channels = split(std::string(text), ':');
@@ -131,4 +131,4 @@ Sky parse_sky(const std::string& text) {
     return sky;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd::options

@@ -5,7 +5,7 @@
 
 #include <string>
 
-namespace lpvbake {
+namespace lpvbake::cmd::options {
 
 /// "AZIMUTH,ELEVATION,LUX[,COLOUR]": where the sun stands. Azimuth in degrees from +Z towards +X,
 /// elevation in degrees above the horizon. COLOUR is #rrggbb (sRGB) or R:G:B (linear).
@@ -20,4 +20,4 @@ Light parse_point(const std::string& text);
 /// Throws Error (argument) that shows the form.
 Sky parse_sky(const std::string& text);
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd::options

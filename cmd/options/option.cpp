@@ -5,7 +5,7 @@
 
 #include <algorithm>
 
-namespace lpvbake {
+namespace lpvbake::cmd::options {
 namespace {
 
 std::string not_empty(const std::string& text) {
@@ -162,4 +162,4 @@ std::string Options::recorded() const {
     return text;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd::options

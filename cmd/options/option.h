@@ -17,7 +17,7 @@
 #include <utility>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::cmd::options {
 
 /// Whether the value stands among the settings in the metadata of what is written, which therefore
 /// depends on no other option.
@@ -79,7 +79,7 @@ Choices<T> choices_named(const Names& names) {
     return choices;
 }
 
-namespace options {
+namespace detail {
 template <class T>
 struct Inside {
     using type = T;
@@ -88,7 +88,7 @@ template <class T>
 struct Inside<std::optional<T>> {
     using type = T;
 };
-} // namespace options
+} // namespace detail
 
 /// The options of a command, in the order of --help. Fields outlive the table; what they hold when
 /// they are declared is the default. A field that is a std::optional has none.
@@ -113,7 +113,7 @@ public:
     template <class Field>
     Option& number(const std::string& names, Field& field, double lo, double hi,
                    const std::string& help) {
-        using T = typename options::Inside<Field>::type;
+        using T = typename detail::Inside<Field>::type;
         constexpr bool whole = std::is_integral_v<T>;
         Option& option = add(names, whole ? "N" : "X", help);
         option.quoted = false;
@@ -225,4 +225,4 @@ private:
     std::deque<Option> rows_;
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd::options

@@ -1,6 +1,6 @@
 #include "options/reference.h"
 
-namespace lpvbake {
+namespace lpvbake::cmd::options {
 namespace {
 
 using Json = nlohmann::ordered_json;
@@ -66,4 +66,4 @@ std::string reference_markdown(const Command& command) {
     return text + "\n```\n" + command.manual + "\n```\n";
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd::options

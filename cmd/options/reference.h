@@ -7,7 +7,7 @@
 
 #include <string>
 
-namespace lpvbake {
+namespace lpvbake::cmd::options {
 
 /// Name, summary, manual and options of a command: see lpvbake help --help.
 nlohmann::ordered_json reference_json(const Command& command);
@@ -15,4 +15,4 @@ nlohmann::ordered_json reference_json(const Command& command);
 /// The same as a section of a page in Markdown, with a table for each group of options.
 std::string reference_markdown(const Command& command);
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd::options

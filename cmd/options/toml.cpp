@@ -13,7 +13,7 @@
 #include <cstdio>
 #include <fstream>
 
-namespace lpvbake {
+namespace lpvbake::cmd::options {
 namespace {
 
 class File {
@@ -179,4 +179,4 @@ std::string toml_array(const std::vector<std::string>& values) {
     return text + "]";
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd::options

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::cmd::options {
 
 /// A line `key = value`: an option's name and what it was given.
 struct ConfigEntry {
@@ -27,4 +27,4 @@ std::vector<std::vector<ConfigEntry>> read_config_tables(const std::string& path
 std::string toml_string(const std::string& text);
 std::string toml_array(const std::vector<std::string>& values);
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd::options

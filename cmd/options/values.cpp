@@ -9,7 +9,7 @@
 #include <cstring>
 #include <filesystem>
 
-namespace lpvbake {
+namespace lpvbake::cmd::options {
 namespace {
 
 bool is_digits(const std::string& text) {
@@ -164,4 +164,4 @@ std::vector<std::string> split(const std::string& text, char separator) {
     return parts;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd::options

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::cmd::options {
 
 [[noreturn]] void refuse(const std::string& text, const std::string& why);
 
@@ -65,4 +65,4 @@ bool has_extension(const std::string& path, const char* extension);
 /// The parts between separators.
 std::vector<std::string> split(const std::string& text, char separator);
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd::options

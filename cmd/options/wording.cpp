@@ -2,7 +2,7 @@
 
 #include <cstring>
 
-namespace lpvbake {
+namespace lpvbake::cmd::options {
 namespace {
 
 constexpr Wording table[] = {
@@ -46,4 +46,4 @@ std::string in_options(std::string text) {
     return text;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd::options

@@ -4,7 +4,7 @@
 #include <span>
 #include <string>
 
-namespace lpvbake {
+namespace lpvbake::cmd::options {
 
 /// What the library's texts say of a setting, and what the command line has for it.
 struct Wording {
@@ -17,4 +17,4 @@ std::span<const Wording> wordings();
 /// them: "lower --resolution". All other texts stay.
 std::string in_options(std::string text);
 
-} // namespace lpvbake
+} // namespace lpvbake::cmd::options

@@ -20,7 +20,7 @@ int main(int argc, char** argv) {
         request.resolution = 16;
         const lpvbake::BakeForecast forecast = lpvbake::forecast(scene, request, device.info());
         std::printf("%s: about %.2g s\n", forecast.choice.c_str(), forecast.seconds);
-        lpvbake::Baked baked = lpvbake::bake(scene, request, device);
+        lpvbake::Baked baked = lpvbake::bake_volume(scene, request, device);
         for (const lpvbake::StageReport& stage : baked.stages)
             std::printf("%-12s%7.3f s  %s\n", stage.name.c_str(), stage.seconds,
                         stage.detail.c_str());

@@ -11,21 +11,21 @@
 
 #include <algorithm>
 
-namespace lpvbake {
+namespace lpvbake::bake {
 namespace {
 
-void warn_of_backs(const Scene& scene, const Visibility& visibility, const Frame& frame,
-                   Stages& stages) {
+void warn_of_backs(const Scene& scene, const visibility::Visibility& visibility,
+                   const scene::Frame& frame, solver::Stages& stages) {
     for (const Light& light : scene.lights)
-        if (const double backs = share_of_backs(visibility, light, frame); backs > 0.25)
+        if (const double backs = visibility::share_of_backs(visibility, light, frame); backs > 0.25)
             stages.warn(format(
                 "light '%s': %.0f %% of its first hits are backs of single-sided surfaces, which "
                 "are black; `cull_backfaces` lets light pass them",
                 light.name.c_str(), 100.0 * backs));
 }
 
-LightingSettings lighting_of(const BakePlan& plan) {
-    LightingSettings lighting;
+surface::LightingSettings lighting_of(const BakePlan& plan) {
+    surface::LightingSettings lighting;
     lighting.bounces = plan.settings.bounces;
     lighting.emitters = plan.emitters;
     lighting.maps = plan.maps.count > 0;
@@ -40,14 +40,14 @@ std::string share_with_walls(const std::vector<std::vector<glm::vec3>>& walls) {
 }
 
 /// Where maps hold some of the light, surfaces are lit anew for all of it.
-void fit_volume(const Scene& scene, const BakePlan& plan, const Visibility& visibility,
-                LitSurfaces lit, Stages& stages, Volume& volume) {
+void fit_volume(const Scene& scene, const BakePlan& plan, const visibility::Visibility& visibility,
+                surface::LitSurfaces lit, solver::Stages& stages, Volume& volume) {
     const readers::Reader& reader = *plan.settings.fit;
     stages.begin("fit");
     if (!plan.lit || plan.maps.count > 0) {
-        LightingSettings lighting = lighting_of(plan);
+        surface::LightingSettings lighting = lighting_of(plan);
         lighting.maps = false;
-        lit = light_surfaces(scene, visibility, plan.frame, lighting, stages.progress());
+        lit = surface::light_surfaces(scene, visibility, plan.frame, lighting, stages.progress());
     }
     const SurfaceFit fit = fit_to_surfaces(scene, lit, plan.frame, plan.emitters, reader, {},
                                            volume, stages.progress());
@@ -70,20 +70,21 @@ Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
     baked.warnings = plan.warnings;
     Volume& volume = baked.volume;
     volume.grid = plan.grid;
-    Stages stages(progress, baked.warnings);
+    solver::Stages stages(progress, baked.warnings);
 
-    const SolverKind& kind = plan.settings.solver.kind();
-    const std::unique_ptr<Solver> solver = kind.make(device, plan.grid, plan.settings.solver);
+    const solver::SolverKind& kind = plan.settings.solver.kind();
+    const std::unique_ptr<solver::Solver> solver =
+        kind.make(device, plan.grid, plan.settings.solver);
 
     stages.begin("visibility");
-    const Visibility visibility(scene, plan.frame);
+    const visibility::Visibility visibility(scene, plan.frame);
     warn_of_backs(scene, visibility, plan.frame, stages);
     stages.end(counted(plan.triangles, "triangle"));
 
-    LitSurfaces lit;
+    surface::LitSurfaces lit;
     if (plan.lit) {
         stages.begin("lighting");
-        lit = light_surfaces(scene, visibility, plan.frame, lighting_of(plan), progress);
+        lit = surface::light_surfaces(scene, visibility, plan.frame, lighting_of(plan), progress);
         stages.end(counted(lit.patches.size(), "patch", "patches") + ", "
                    + counted(uint64_t(lit.bounces), "reflection"));
     }
@@ -93,16 +94,17 @@ Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
         stages, volume);
 
     stages.begin("walls");
-    volume.walls = find_walls(visibility, plan.grid.dims, volume.validity, most_walls, walls_reach);
+    volume.walls = visibility::find_walls(visibility, plan.grid.dims, volume.validity, most_walls,
+                                          walls_reach);
     stages.end(share_with_walls(volume.walls));
 
     if (plan.settings.fit)
         fit_volume(scene, plan, visibility, std::move(lit), stages, volume);
 
     volume.metadata["solver"] = kind.name;
-    set_content(
-        content_of(!scene.lights.empty(), plan.emitters, has_sky(scene), plan.settings.bounces),
-        volume.metadata);
+    volume::set_content(volume::content_of(!scene.lights.empty(), plan.emitters,
+                                           scene::has_sky(scene), plan.settings.bounces),
+                        volume.metadata);
     volume.metadata["bounces"] =
         plan.settings.bounces ? std::to_string(*plan.settings.bounces) : "inf";
     volume.metadata["device"] = device.info().name;
@@ -110,4 +112,4 @@ Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
     return baked;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::bake

@@ -12,10 +12,10 @@
 #include "gpu/gpu.h"
 #include "lpvbake/bake.h"
 
-namespace lpvbake {
+namespace lpvbake::bake {
 
 /// Runs the plan, which must be one of this scene. Throws Error: memory, device, and whatever
 /// `progress` throws.
 Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device, Progress& progress);
 
-} // namespace lpvbake
+} // namespace lpvbake::bake

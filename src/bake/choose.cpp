@@ -7,37 +7,38 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::bake {
 namespace {
 
 /// What the bands up to `order` cost, even where they are exact.
 double error_of_bands(int order, bool once) {
-    for (const auto& [from, once_reflected, more] : models::error::bands)
+    for (const auto& [from, once_reflected, more] : solver::models::error::bands)
         if (order >= from)
             return once ? once_reflected : more;
     return 1.0;
 }
 
 /// What is not chosen: of `base` where that is of the same kind.
-SolverSettings starting_point(const SolverKind& kind, const SolverSettings& base) {
-    return &base.kind() == &kind ? base : SolverSettings(kind);
+solver::SolverSettings starting_point(const solver::SolverKind& kind,
+                                      const solver::SolverSettings& base) {
+    return &base.kind() == &kind ? base : solver::SolverSettings(kind);
 }
 
-void set_given(const Wish& wish, SolverSettings& settings) {
-    for (const ParameterValue& each : wish.given)
-        if (find_parameter(settings.kind(), each.parameter))
+void set_given(const Wish& wish, solver::SolverSettings& settings) {
+    for (const solver::ParameterValue& each : wish.given)
+        if (solver::find_parameter(settings.kind(), each.parameter))
             settings.set(each.parameter, each.value);
 }
 
 /// Solver, order, and the parameters that its ladder sets.
-std::string text_of(const SolverSettings& settings) {
+std::string text_of(const solver::SolverSettings& settings) {
     std::string text = format("%s, order %d", settings.kind().name, settings.order());
-    for (const Parameter& parameter : settings.kind().parameters)
-        if (is_on_ladder(settings.kind(), parameter.name)) {
+    for (const solver::Parameter& parameter : settings.kind().parameters)
+        if (solver::is_on_ladder(settings.kind(), parameter.name)) {
             const double number = settings[parameter.name];
-            const std::string value = parameter.kind == ValueKind::real
+            const std::string value = parameter.kind == solver::ValueKind::real
                                           ? format("%.3g", number)
-                                          : value_text(parameter, number);
+                                          : solver::value_text(parameter, number);
             text += *parameter.unit ? ", " + value + " " + parameter.unit
                                     : std::string(", ") + parameter.name + " " + value;
         }
@@ -47,7 +48,7 @@ std::string text_of(const SolverSettings& settings) {
 } // namespace
 
 double expected_error(const BakeSettings& settings) {
-    const SolverSettings& solver = settings.solver;
+    const solver::SolverSettings& solver = settings.solver;
     const bool once = settings.bounces && *settings.bounces <= 1;
     return std::hypot(error_of_bands(solver.order(), once),
                       solver.kind().expected_error(solver, once));
@@ -56,7 +57,7 @@ double expected_error(const BakeSettings& settings) {
 Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const Wish& wish,
                        const gpu::DeviceInfo& device) {
     std::vector<Choice> choices;
-    const auto consider = [&](SolverSettings solver, int order) {
+    const auto consider = [&](solver::SolverSettings solver, int order) {
         BakeSettings settings = base;
         set_given(wish, solver);
         solver.set_order(order);
@@ -82,12 +83,12 @@ Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const 
     for (const int order : orders) {
         if (std::ranges::any_of(choices, both))
             break;
-        for (const SolverKind* kind : wish.solvers) {
+        for (const solver::SolverKind* kind : wish.solvers) {
             if (order > kind->orders.back() && order > (wish.order ? 0 : 2))
                 continue;
-            for (const Rung& rung : kind->ladder)
+            for (const solver::Rung& rung : kind->ladder)
                 try {
-                    SolverSettings solver = starting_point(*kind, base.solver);
+                    solver::SolverSettings solver = starting_point(*kind, base.solver);
                     solver.set(rung);
                     consider(solver, order);
                 } catch (const Error& error) {
@@ -127,4 +128,4 @@ Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const 
     return choice;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::bake

@@ -7,17 +7,17 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::bake {
 
 /// What of a bake's settings is left to choose, and by what.
 struct Wish {
     /// Solvers that may be taken, best first; at least one.
-    std::vector<const SolverKind*> solvers{solver_kinds().begin(), solver_kinds().end()};
+    std::vector<const solver::SolverKind*> solvers{solver_kinds().begin(), solver_kinds().end()};
     std::optional<int> order;      ///< of the harmonics; none: 2, or 4 where `error` needs it
     std::optional<double> error;   ///< relative error of irradiance, at most
     std::optional<double> seconds; ///< of a bake without loading and writing, at most
     /// Parameters that are not to be chosen, of those solvers that have them.
-    std::vector<ParameterValue> given;
+    std::vector<solver::ParameterValue> given;
 };
 
 struct Choice {
@@ -26,7 +26,7 @@ struct Choice {
     std::string text; ///< solver and settings, as in "gather, order 2, 192 clusters, ..."
     std::vector<std::string> warnings; ///< what of the wish is not reached
 
-    const SolverSettings& solver() const { return plan.settings.solver; }
+    const solver::SolverSettings& solver() const { return plan.settings.solver; }
 };
 
 /// Plans settings for a wish: the fastest that are expected to reach the error, or the most
@@ -41,4 +41,4 @@ Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const 
 /// the hardest of the scenes that it was measured in; more evenly lit ones err by down to a third.
 double expected_error(const BakeSettings& settings);
 
-} // namespace lpvbake
+} // namespace lpvbake::bake

@@ -2,7 +2,7 @@
 
 #include "lpvbake/error.h"
 
-namespace lpvbake {
+namespace lpvbake::bake {
 namespace {
 
 /// Of all placed triangles, m^2.
@@ -27,16 +27,16 @@ SceneFacts survey(const Scene& scene) {
     SceneFacts facts;
     facts.path = scene.path;
     facts.warnings = scene.warnings;
-    facts.triangles = triangle_count(scene);
+    facts.triangles = scene::triangle_count(scene);
     if (facts.triangles == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to light");
     facts.area = surface_area(scene);
     facts.bounds = bounds_of(scene);
-    facts.crowd = trimmed_bounds(scene, 0.01);
+    facts.crowd = scene::trimmed_bounds(scene, 0.01);
     facts.lights = scene.lights;
-    facts.emitters = has_emitters(scene);
-    facts.sky = has_sky(scene);
+    facts.emitters = scene::has_emitters(scene);
+    facts.sky = scene::has_sky(scene);
     return facts;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::bake

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::bake {
 
 /// A scene, surveyed once for any number of plans.
 struct SceneFacts {
@@ -24,4 +24,4 @@ struct SceneFacts {
 /// Throws Error (invalid) where there is no triangle.
 SceneFacts survey(const Scene& scene);
 
-} // namespace lpvbake
+} // namespace lpvbake::bake

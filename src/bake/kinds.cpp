@@ -6,18 +6,19 @@
 
 #include <algorithm>
 
-namespace lpvbake {
+namespace lpvbake::bake {
 
-SolverKinds solver_kinds() {
+solver::SolverKinds solver_kinds() {
     // Where rooms lie behind rooms, clusters see too little of each other: gather loses up to 12 %
     // of the light there, which sn does not.
-    static constexpr const SolverKind* kinds[] = {&sn_kind, &gather_kind, &lpv_kind};
+    static constexpr const solver::SolverKind* kinds[] = {
+        &solver::sn::sn_kind, &solver::gather::gather_kind, &solver::lpv::lpv_kind};
     return kinds;
 }
 
-const SolverKind* find_solver(std::string_view name, SolverKinds kinds) {
-    const auto found = std::ranges::find(kinds, name, &SolverKind::name);
+const solver::SolverKind* find_solver(std::string_view name, solver::SolverKinds kinds) {
+    const auto found = std::ranges::find(kinds, name, &solver::SolverKind::name);
     return found == kinds.end() ? nullptr : *found;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::bake

@@ -3,12 +3,13 @@
 
 #include "solver/solver.h"
 
-namespace lpvbake {
+namespace lpvbake::bake {
 
 /// All kinds of solvers, the one that is taken unless something speaks against it first.
-SolverKinds solver_kinds();
+solver::SolverKinds solver_kinds();
 
 /// The kind of that name; null if there is none.
-const SolverKind* find_solver(std::string_view name, SolverKinds kinds = solver_kinds());
+const solver::SolverKind* find_solver(std::string_view name,
+                                      solver::SolverKinds kinds = solver_kinds());
 
-} // namespace lpvbake
+} // namespace lpvbake::bake

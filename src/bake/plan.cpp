@@ -14,10 +14,10 @@
 
 #include <unistd.h>
 
-namespace lpvbake {
+namespace lpvbake::bake {
 namespace {
 
-namespace seconds = models::seconds;
+namespace seconds = solver::models::seconds;
 
 std::string dims_text(glm::ivec3 dims) {
     return format("a grid of %d x %d x %d", dims.x, dims.y, dims.z);
@@ -40,11 +40,11 @@ void warn_of_empty_bounds(const SceneFacts& scene, std::vector<std::string>& war
 
 /// The largest resolution at which the same box fits the device.
 int largest_resolution(const Bounds& box, const BakeSettings& settings, uint64_t memory) {
-    const SolverSettings& solver = settings.solver;
+    const solver::SolverSettings& solver = settings.solver;
     int fits = 0;
     for (int low = 3, high = 2048; low <= high;) {
         const int middle = (low + high) / 2;
-        const Grid grid = fit_grid(box.lo, box.hi, {middle, 0.0, settings.grid.margin});
+        const Grid grid = volume::fit_grid(box.lo, box.hi, {middle, 0.0, settings.grid.margin});
         if (solver.kind().device_bytes(grid, solver) <= memory) {
             fits = middle;
             low = middle + 1;
@@ -57,7 +57,7 @@ int largest_resolution(const Bounds& box, const BakeSettings& settings, uint64_t
 
 void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan) {
     const BakeSettings& settings = plan.settings;
-    const SolverSettings& solver = settings.solver;
+    const solver::SolverSettings& solver = settings.solver;
     const auto& [lo, hi] = scene.bounds;
     const Bounds box = settings.bounds.value_or(scene.bounds);
     if (!settings.bounds)
@@ -66,8 +66,8 @@ void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan)
         plan.warnings.push_back(
             format("`bounds` do not meet the scene's, %.6g,%.6g,%.6g to %.6g,%.6g,%.6g", lo.x, lo.y,
                    lo.z, hi.x, hi.y, hi.z));
-    plan.grid = fit_grid(box.lo, box.hi, settings.grid);
-    plan.frame = frame_of(plan.grid);
+    plan.grid = volume::fit_grid(box.lo, box.hi, settings.grid);
+    plan.frame = scene::frame_of(plan.grid);
     plan.device_bytes = solver.kind().device_bytes(plan.grid, solver);
     if (plan.device_bytes > device.memory)
         throw Error(ErrorKind::memory,
@@ -135,7 +135,7 @@ void plan_maps(const SceneFacts& scene, int size, BakePlan& plan) {
     const glm::dvec3 lo = plan.frame.from_world(scene.bounds.lo);
     const glm::dvec3 hi = plan.frame.from_world(scene.bounds.hi);
     for (const Light& light : scene.lights)
-        plan.maps.count += int(views_of(light, plan.frame, lo, hi).size());
+        plan.maps.count += int(raster::views_of(light, plan.frame, lo, hi).size());
     const double texels = double(plan.maps.count) * size * size;
     plan.stages.push_back(
         {"rsm",
@@ -158,7 +158,7 @@ void plan_fit(const SceneFacts& scene, BakePlan& plan) {
     plan.stages.push_back(
         {"fit", seconds::fit_ray * points * fit.rays + seconds::fit_point * points,
          format("about %.2g points of surfaces, as %s reads them", points, reader->name)});
-    plan.host_bytes += uint64_t(models::bytes::fit_point * points);
+    plan.host_bytes += uint64_t(solver::models::bytes::fit_point * points);
 }
 
 void check_host_memory(const BakePlan& plan) {
@@ -180,16 +180,16 @@ void check_host_memory(const BakePlan& plan) {
 
 BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                    const gpu::DeviceInfo& device) {
-    const SolverSettings& solver = settings.solver;
+    const solver::SolverSettings& solver = settings.solver;
     BakePlan plan;
     plan.settings = settings;
     plan.warnings = scene.warnings;
     plan.triangles = scene.triangles;
     plan.emitters = settings.emitters && scene.emitters;
-    check_light_arrives(scene.path, {.punctual = !scene.lights.empty(),
-                                     .emitters = plan.emitters,
-                                     .sky = scene.sky,
-                                     .bounces = settings.bounces});
+    scene::check_light_arrives(scene.path, {.punctual = !scene.lights.empty(),
+                                            .emitters = plan.emitters,
+                                            .sky = scene.sky,
+                                            .bounces = settings.bounces});
     fit(scene, device, plan);
     for (const Light& light : scene.lights) // its square is a float
         if (light.type != LightType::directional
@@ -210,7 +210,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                            counted(plan.triangles, "triangle")});
     plan_lighting(scene, patches, plan);
     plan_maps(scene, map_size, plan);
-    const Cost cost = solver.kind().cost({plan.grid, patches, plan.lit, plan.maps}, solver);
+    const solver::Cost cost = solver.kind().cost({plan.grid, patches, plan.lit, plan.maps}, solver);
     plan.stages.insert(plan.stages.end(), cost.stages.begin(), cost.stages.end());
     plan.skipped.insert(plan.skipped.end(), cost.skipped.begin(), cost.skipped.end());
     plan.stages.push_back({"walls", seconds::walls_cell * cells,
@@ -221,13 +221,14 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
 
     // The volume itself takes 12 bytes a coefficient and a wall, and a copy while it is fitted, or
     // written more than once.
-    plan.host_bytes +=
-        models::bytes::triangle * plan.triangles + models::bytes::fixed
-        + plan.grid.size()
-              * (models::bytes::cell + 24 * uint64_t(sh_count(solver.order()) + most_walls))
-        + cost.host_bytes;
+    plan.host_bytes += solver::models::bytes::triangle * plan.triangles
+                       + solver::models::bytes::fixed
+                       + plan.grid.size()
+                             * (solver::models::bytes::cell
+                                + 24 * uint64_t(volume::sh_count(solver.order()) + most_walls))
+                       + cost.host_bytes;
     check_host_memory(plan);
     return plan;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::bake

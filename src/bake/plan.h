@@ -9,21 +9,21 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::bake {
 
 struct BakePlan {
     BakeSettings settings;
     Grid grid;
-    Frame frame;           ///< the grid's
+    scene::Frame frame;    ///< the grid's
     bool emitters = false; ///< some surface emits, and is wanted to
     bool lit = false;      ///< surfaces are lit as a whole, not by reflective shadow maps alone
-    ReflectiveMaps maps;
+    solver::ReflectiveMaps maps;
     uint64_t triangles = 0;
-    uint64_t device_bytes = 0;       ///< peak of the solver's device memory
-    uint64_t host_bytes = 0;         ///< estimate
-    double seconds = 0;              ///< estimate, as on two threads of a CPU device; see solver/models.h
-    std::vector<StageReport> stages; ///< what will run, and why (detail)
-    std::vector<SkippedStage> skipped; ///< what such a bake has no need of
+    uint64_t device_bytes = 0; ///< peak of the solver's device memory
+    uint64_t host_bytes = 0;   ///< estimate
+    double seconds = 0;        ///< estimate, as on two threads of a CPU device; see solver/models.h
+    std::vector<StageReport> stages;           ///< what will run, and why (detail)
+    std::vector<solver::SkippedStage> skipped; ///< what such a bake has no need of
     std::vector<std::string> warnings;
 };
 
@@ -32,4 +32,4 @@ struct BakePlan {
 BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                    const gpu::DeviceInfo& device);
 
-} // namespace lpvbake
+} // namespace lpvbake::bake

@@ -6,19 +6,19 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::bake {
 namespace {
 
-std::string names_of(const std::vector<const SolverKind*>& kinds) {
+std::string names_of(const std::vector<const solver::SolverKind*>& kinds) {
     std::string names;
-    for (const SolverKind* kind : kinds)
+    for (const solver::SolverKind* kind : kinds)
         names += (names.empty() ? "" : ", ") + std::string(kind->name);
     return names;
 }
 
 /// Whether the kind has the parameter, and what that needs is asked for.
-bool takes(const SolverKind& kind, const std::string& name, const BakeRequest& request) {
-    const Parameter* parameter = find_parameter(kind, name);
+bool takes(const solver::SolverKind& kind, const std::string& name, const BakeRequest& request) {
+    const solver::Parameter* parameter = solver::find_parameter(kind, name);
     if (!parameter || !parameter->needs)
         return parameter != nullptr;
     const auto needed = request.parameters.find(parameter->needs);
@@ -26,24 +26,25 @@ bool takes(const SolverKind& kind, const std::string& name, const BakeRequest& r
 }
 
 /// The kinds that have all that is asked of a solver, best first.
-std::vector<const SolverKind*> kinds_for(const BakeRequest& request) {
-    std::vector<const SolverKind*> kinds(solver_kinds().begin(), solver_kinds().end());
+std::vector<const solver::SolverKind*> kinds_for(const BakeRequest& request) {
+    std::vector<const solver::SolverKind*> kinds(solver_kinds().begin(), solver_kinds().end());
     const auto keep = [&](const std::string& what, const auto& has) {
         const std::string before = names_of(kinds);
-        std::erase_if(kinds, [&](const SolverKind* kind) { return !has(*kind); });
+        std::erase_if(kinds, [&](const solver::SolverKind* kind) { return !has(*kind); });
         if (kinds.empty())
             throw Error(ErrorKind::argument, what + ": not of " + before);
     };
     if (!request.solver.empty())
         keep("`solver` " + request.solver,
-             [&](const SolverKind& kind) { return kind.name == request.solver; });
+             [&](const solver::SolverKind& kind) { return kind.name == request.solver; });
     for (const auto& given : request.parameters)
         keep(given.first,
-             [&](const SolverKind& kind) { return takes(kind, given.first, request); });
+             [&](const solver::SolverKind& kind) { return takes(kind, given.first, request); });
     if (request.sh_order)
-        keep("`sh_order` " + std::to_string(*request.sh_order), [&](const SolverKind& kind) {
-            return std::ranges::count(kind.orders, *request.sh_order) > 0;
-        });
+        keep("`sh_order` " + std::to_string(*request.sh_order),
+             [&](const solver::SolverKind& kind) {
+                 return std::ranges::count(kind.orders, *request.sh_order) > 0;
+             });
     return kinds;
 }
 
@@ -62,17 +63,17 @@ Wish wish_of(const BakeRequest& request) {
     if (request.time_budget)
         wish.seconds = checked("`time_budget`", *request.time_budget);
     for (const auto& [name, text] : request.parameters) {
-        const Parameter& parameter = *find_parameter(*wish.solvers.front(), name);
-        const std::optional<double> value = parse_value(parameter, text);
+        const solver::Parameter& parameter = *solver::find_parameter(*wish.solvers.front(), name);
+        const std::optional<double> value = solver::parse_value(parameter, text);
         if (!value)
-            throw Error(ErrorKind::argument,
-                        name + ": '" + text + "' is none of its values, " + values_of(parameter));
+            throw Error(ErrorKind::argument, name + ": '" + text + "' is none of its values, "
+                                                 + solver::values_of(parameter));
         wish.given.push_back({parameter.name, *value});
     }
     return wish;
 }
 
-BakeSettings settings_of(const BakeRequest& request, const SolverKind& kind) {
+BakeSettings settings_of(const BakeRequest& request, const solver::SolverKind& kind) {
     if (request.bounces && *request.bounces < 0)
         throw Error(ErrorKind::argument, "`bounces` is below 0");
     if (request.cell_size == 0 && request.resolution < 3)
@@ -92,7 +93,7 @@ BakeSettings settings_of(const BakeRequest& request, const SolverKind& kind) {
 }
 
 Choice choose(const Scene& scene, const BakeRequest& request, const gpu::DeviceInfo& device) {
-    check_scene(scene);
+    scene::check_scene(scene);
     const Wish wish = wish_of(request);
     return choose_settings(survey(scene), settings_of(request, *wish.solvers.front()), wish,
                            device);
@@ -100,29 +101,33 @@ Choice choose(const Scene& scene, const BakeRequest& request, const gpu::DeviceI
 
 } // namespace
 
+} // namespace lpvbake::bake
+
+namespace lpvbake {
+
 BakeForecast forecast(const Scene& scene, const BakeRequest& request,
                       const gpu::DeviceInfo& device) {
-    Choice choice = choose(scene, request, device);
-    const BakePlan& plan = choice.plan;
+    bake::Choice choice = bake::choose(scene, request, device);
+    const bake::BakePlan& plan = choice.plan;
     BakeForecast forecast{plan.grid,         choice.text,     choice.error,   plan.seconds,
                           plan.device_bytes, plan.host_bytes, choice.warnings};
     forecast.warnings.insert(forecast.warnings.end(), plan.warnings.begin(), plan.warnings.end());
     return forecast;
 }
 
-Baked bake(const Scene& scene, const BakeRequest& request, const gpu::Device& device,
-           Progress& progress) {
-    const Choice choice = choose(scene, request, device.info());
-    Baked baked = bake(scene, choice.plan, device, progress);
+Baked bake_volume(const Scene& scene, const BakeRequest& request, const gpu::Device& device,
+                  Progress& progress) {
+    const bake::Choice choice = bake::choose(scene, request, device.info());
+    Baked baked = bake::bake(scene, choice.plan, device, progress);
     baked.warnings.insert(baked.warnings.begin(), choice.warnings.begin(), choice.warnings.end());
     baked.volume.metadata["tool"] = "lpvbake " LPVBAKE_VERSION;
     baked.volume.metadata["choice"] = choice.text;
     return baked;
 }
 
-Baked bake(const Scene& scene, const BakeRequest& request, const gpu::Device& device) {
+Baked bake_volume(const Scene& scene, const BakeRequest& request, const gpu::Device& device) {
     Progress silent;
-    return bake(scene, request, device, silent);
+    return bake_volume(scene, request, device, silent);
 }
 
 } // namespace lpvbake

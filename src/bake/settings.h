@@ -8,18 +8,22 @@
 #include <optional>
 
 namespace lpvbake {
-
 namespace readers {
 struct Reader;
 }
+} // namespace lpvbake
+
+namespace lpvbake::bake {
 
 /// Defaults are those of the program: sn, order 2, all reflections.
 struct BakeSettings {
     BakeSettings() : BakeSettings(*solver_kinds().front()) {}
-    explicit BakeSettings(const SolverKind& kind) : solver(kind), bounces(kind.default_bounces) {}
+    explicit BakeSettings(const solver::SolverKind& kind)
+        : solver(kind),
+          bounces(kind.default_bounces) {}
 
-    SolverSettings solver;
-    GridSettings grid;
+    solver::SolverSettings solver;
+    volume::GridSettings grid;
     std::optional<Bounds> bounds; ///< what the grid is fitted to; none: the scene's bounds
     bool emitters = true;         ///< emissive surfaces give light
     std::optional<int> bounces;   ///< reflections at most; none: all
@@ -28,4 +32,4 @@ struct BakeSettings {
     const readers::Reader* fit = nullptr;
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::bake

@@ -3,13 +3,13 @@
 #include "text.h"
 #include "volume/dilate.h"
 
-namespace lpvbake {
+namespace lpvbake::bake {
 
-std::vector<readers::FitPoint> fit_points(const Scene& scene, const LitSurfaces& lit,
-                                          const Frame& frame, bool emitters,
-                                          const SidePointSettings& settings, int rays,
+std::vector<readers::FitPoint> fit_points(const Scene& scene, const surface::LitSurfaces& lit,
+                                          const scene::Frame& frame, bool emitters,
+                                          const surface::SidePointSettings& settings, int rays,
                                           Progress& progress) {
-    SidePoints sides = draw_side_points(lit, glm::vec3(frame.extent), settings);
+    surface::SidePoints sides = surface::draw_side_points(lit, glm::vec3(frame.extent), settings);
     size_t kept = 0; // what matters
     for (size_t i = 0; i < sides.points.size(); ++i)
         if (const double weight =
@@ -19,8 +19,8 @@ std::vector<readers::FitPoint> fit_points(const Scene& scene, const LitSurfaces&
             sides.area[kept++] = float(weight);
         }
     sides.points.resize(kept);
-    const std::vector<glm::vec3> irradiance =
-        irradiance_at(scene, lit, frame, sides.points, emitters, rays, settings.seed, progress);
+    const std::vector<glm::vec3> irradiance = surface::irradiance_at(
+        scene, lit, frame, sides.points, emitters, rays, settings.seed, progress);
     std::vector<readers::FitPoint> points(kept);
     for (size_t i = 0; i < kept; ++i)
         points[i] = {frame.to_world(glm::dvec3(sides.points[i].position)),
@@ -29,11 +29,11 @@ std::vector<readers::FitPoint> fit_points(const Scene& scene, const LitSurfaces&
     return points;
 }
 
-SurfaceFit fit_to_surfaces(const Scene& scene, const LitSurfaces& lit, const Frame& frame,
-                           bool emitters, const readers::Reader& reader,
+SurfaceFit fit_to_surfaces(const Scene& scene, const surface::LitSurfaces& lit,
+                           const scene::Frame& frame, bool emitters, const readers::Reader& reader,
                            const SurfaceFitSettings& settings, Volume& volume, Progress& progress) {
     SurfaceFit result;
-    dilate(volume, settings.dilate);
+    volume::dilate(volume, settings.dilate);
     const auto checks =
         fit_points(scene, lit, frame, emitters, {.most_points = settings.checks, .seed = 2},
                    settings.check_rays, progress);
@@ -52,4 +52,4 @@ SurfaceFit fit_to_surfaces(const Scene& scene, const LitSurfaces& lit, const Fra
     return result;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::bake

@@ -4,7 +4,7 @@
 #include "readers/fit.h"
 #include "surface/side_points.h"
 
-namespace lpvbake {
+namespace lpvbake::bake {
 
 struct SurfaceFitSettings {
     double density = 4;             ///< points a face of a cell, on each side of a surface
@@ -25,15 +25,15 @@ struct SurfaceFit {
 
 /// Points of all sides, what arrives there, and how much they matter: by area and by how open they
 /// are (readers::openness_weight). `lit` as irradiance_at wants it.
-std::vector<readers::FitPoint> fit_points(const Scene& scene, const LitSurfaces& lit,
-                                          const Frame& frame, bool emitters,
-                                          const SidePointSettings& settings, int rays,
+std::vector<readers::FitPoint> fit_points(const Scene& scene, const surface::LitSurfaces& lit,
+                                          const scene::Frame& frame, bool emitters,
+                                          const surface::SidePointSettings& settings, int rays,
                                           Progress& progress);
 
 /// Fits the volume to a reader, and adds the metadata fit (the reader's name), fit_error,
 /// fit_energy, fit_leak (SurfaceFit::after) and fit_moved. Throws whatever `progress` throws.
-SurfaceFit fit_to_surfaces(const Scene& scene, const LitSurfaces& lit, const Frame& frame,
-                           bool emitters, const readers::Reader& reader,
+SurfaceFit fit_to_surfaces(const Scene& scene, const surface::LitSurfaces& lit,
+                           const scene::Frame& frame, bool emitters, const readers::Reader& reader,
                            const SurfaceFitSettings& settings, Volume& volume, Progress& progress);
 
-} // namespace lpvbake
+} // namespace lpvbake::bake

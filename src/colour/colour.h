@@ -7,7 +7,7 @@
 #include <cmath>
 #include <cstddef>
 
-namespace lpvbake {
+namespace lpvbake::colour {
 
 /// Luminance of linear Rec. 709 RGB is the dot product with this.
 inline constexpr glm::dvec3 rec709_luminance{0.2126, 0.7152, 0.0722};
@@ -33,4 +33,4 @@ inline double linear_to_srgb(double linear) {
     return linear <= 0.0031308 ? linear * 12.92 : 1.055 * std::pow(linear, 1.0 / 2.4) - 0.055;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::colour

@@ -14,7 +14,7 @@
 #include <algorithm>
 #include <cstring>
 
-namespace lpvbake {
+namespace lpvbake::image {
 namespace {
 
 /// A file in memory.
@@ -81,4 +81,4 @@ std::vector<unsigned char> encode_exr(const Pixels& pixels, bool half,
     }
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::image

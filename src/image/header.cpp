@@ -1,6 +1,6 @@
 #include "image/header.h"
 
-namespace lpvbake {
+namespace lpvbake::image {
 namespace {
 
 int byte_at(std::span<const std::byte> data, size_t i) {
@@ -83,4 +83,4 @@ ImageHeader read_image_header(std::span<const std::byte> data) {
     return {};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::image

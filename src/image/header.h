@@ -6,7 +6,7 @@
 #include <span>
 #include <string_view>
 
-namespace lpvbake {
+namespace lpvbake::image {
 
 struct ImageHeader {
     const char* format = nullptr; ///< OpenImageIO's name for PNG, JPEG or WebP; null: none of them
@@ -25,4 +25,4 @@ bool has_bytes(std::span<const std::byte> data, size_t at, std::string_view magi
 /// `bytes` bytes at offset `at`; those past the end count as 0.
 uint64_t big_endian(std::span<const std::byte> data, size_t at, int bytes);
 
-} // namespace lpvbake
+} // namespace lpvbake::image

@@ -7,7 +7,7 @@
 
 #include <dlfcn.h>
 
-namespace lpvbake {
+namespace lpvbake::image {
 namespace {
 
 const ImageModule* load() {
@@ -53,4 +53,4 @@ ImageModulePreload preload_image_module() {
                               }).share());
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::image

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::image {
 
 /// Row-major samples from the top left, `channels` interleaved.
 struct Pixels {
@@ -77,4 +77,4 @@ private:
 /// cannot be loaded is an error only for those who then need it.
 [[nodiscard]] ImageModulePreload preload_image_module();
 
-} // namespace lpvbake
+} // namespace lpvbake::image

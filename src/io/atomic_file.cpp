@@ -15,7 +15,7 @@
 #include <fstream>
 #include <utility>
 
-namespace lpvbake {
+namespace lpvbake::io {
 namespace fs = std::filesystem;
 namespace {
 
@@ -184,4 +184,4 @@ std::string read_file(const std::string& path, uint64_t max_bytes) {
     return bytes;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::io

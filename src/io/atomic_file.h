@@ -7,7 +7,7 @@
 #include <string>
 #include <string_view>
 
-namespace lpvbake {
+namespace lpvbake::io {
 
 /// A file that is written under a temporary, hidden name beside its target and takes the target's
 /// name when it is complete: after an error, a full disk or a kill there is the old file or the new
@@ -48,4 +48,4 @@ private:
 /// larger.
 std::string read_file(const std::string& path, uint64_t max_bytes);
 
-} // namespace lpvbake
+} // namespace lpvbake::io

@@ -16,7 +16,7 @@
 #include <map>
 #include <numbers>
 
-namespace lpvbake {
+namespace lpvbake::io {
 namespace {
 
 using Json = nlohmann::ordered_json;
@@ -143,11 +143,11 @@ struct Texture {
     std::string suffix; ///< of the file's name: STEM_suffix.exr
     /// What the channels hold, block by block, all of as many channels.
     std::vector<std::vector<Component>> blocks;
-    const GridKind* kind = &light_kind();
+    const GridKind* kind = &volume::light_kind();
 };
 
 /// The scalars of a grid.
-std::vector<Component> components(const ConstGridView& grid) {
+std::vector<Component> components(const volume::ConstGridView& grid) {
     std::vector<Component> all;
     all.reserve(size_t(grid.kind->width()));
     for (int c = 0; c < grid.kind->width(); ++c)
@@ -167,8 +167,8 @@ std::vector<glm::vec3> cube_side(const Volume& volume, size_t side) {
             for (int c = 0; c < 3; ++c) {
                 for (size_t k = 0; k < coefficients.size(); ++k)
                     coefficients[k] = volume.sh[k][cell][c];
-                values[cell][c] =
-                    std::max(0.0f, sh_irradiance(coefficients, normal)) / std::numbers::pi_v<float>;
+                values[cell][c] = std::max(0.0f, volume::sh_irradiance(coefficients, normal))
+                                  / std::numbers::pi_v<float>;
             }
     });
     return values;
@@ -186,17 +186,18 @@ Texture cube_texture() {
 }
 
 /// How many of these share a picture, of one, three or four channels: those of one kind.
-size_t grids_in_picture(std::span<const ConstGridView> grids) {
+size_t grids_in_picture(std::span<const volume::ConstGridView> grids) {
     size_t left = 1;
     while (left < grids.size() && grids[left].kind == grids[0].kind)
         ++left;
     return grids[0].kind->width() == 3 || left < 3 ? 1 : std::min<size_t>(left, 4);
 }
 
-std::vector<Texture> textures_of(const Volume& volume, Packing packing, ShConvention convention) {
+std::vector<Texture> textures_of(const Volume& volume, Packing packing,
+                                 volume::ShConvention convention) {
     if (packing == Packing::cube)
         return {cube_texture()};
-    const std::vector<ConstGridView> light = grids_of(volume, light_kind());
+    const std::vector<volume::ConstGridView> light = volume::grids_of(volume, volume::light_kind());
     const auto colours = [&](size_t k) { return components(light[k]); };
     std::vector<Texture> textures;
     const auto add_band = [&](size_t k) { textures.push_back({light[k].name(), {colours(k)}}); };
@@ -231,16 +232,17 @@ std::vector<Texture> textures_of(const Volume& volume, Packing packing, ShConven
         for (size_t k = 0; k < volume.sh.size(); ++k)
             add_band(k);
     } else {
-        add_channels("", convention == ShConvention::unity ? std::array<size_t, 4>{3, 1, 2, 0}
-                                                           : std::array<size_t, 4>{0, 1, 2, 3});
+        add_channels("", convention == volume::ShConvention::unity
+                             ? std::array<size_t, 4>{3, 1, 2, 0}
+                             : std::array<size_t, 4>{0, 1, 2, 3});
         if (volume.sh_order == 2) {
             add_channels("2", {4, 5, 6, 7});
             add_band(8);
         }
     }
-    const std::vector<ConstGridView> grids = grids_of(volume);
+    const std::vector<volume::ConstGridView> grids = volume::grids_of(volume);
     for (size_t g = light.size(), count; g < grids.size(); g += count) {
-        const ConstGridView& first = grids[g];
+        const volume::ConstGridView& first = grids[g];
         count = grids_in_picture(std::span(grids).subspan(g));
         const bool whole = first.k == 0 && count > 1;
         Texture& texture = textures.emplace_back(
@@ -252,11 +254,11 @@ std::vector<Texture> textures_of(const Volume& volume, Packing packing, ShConven
     return textures;
 }
 
-Pixels picture_of(const Texture& texture, glm::ivec3 cells, const Stack& stack,
-                  const Layout& layout) {
+image::Pixels picture_of(const Texture& texture, glm::ivec3 cells, const Stack& stack,
+                         const Layout& layout) {
     const size_t n = texture.blocks[0].size();
     const glm::ivec3 dims = stack.dims(cells);
-    Pixels pixels{layout.columns * dims.x, layout.rows * dims.y, int(n), {}};
+    image::Pixels pixels{layout.columns * dims.x, layout.rows * dims.y, int(n), {}};
     pixels.samples.resize(size_t(pixels.width) * size_t(pixels.height) * n);
     stack.for_each_texel(cells, layout, [&](size_t texel, int block, size_t cell, bool) {
         for (size_t c = 0; c < n; ++c)
@@ -266,9 +268,9 @@ Pixels picture_of(const Texture& texture, glm::ivec3 cells, const Stack& stack,
     return pixels;
 }
 
-Pixels cube_picture(const Volume& volume, const Stack& stack, const Layout& layout) {
+image::Pixels cube_picture(const Volume& volume, const Stack& stack, const Layout& layout) {
     const glm::ivec3 dims = stack.dims(volume.grid.dims);
-    Pixels pixels{layout.columns * dims.x, layout.rows * dims.y, 3, {}};
+    image::Pixels pixels{layout.columns * dims.x, layout.rows * dims.y, 3, {}};
     pixels.samples.resize(size_t(pixels.width) * size_t(pixels.height) * 3);
     for (int side = 0; side < stack.blocks; ++side) {
         const std::vector<glm::vec3> values = cube_side(volume, size_t(side));
@@ -282,16 +284,17 @@ Pixels cube_picture(const Volume& volume, const Stack& stack, const Layout& layo
 }
 
 /// Throws Error (unsupported) for what a packing has no form for.
-void check_packing(const Volume& volume, Packing packing, ShConvention convention,
+void check_packing(const Volume& volume, Packing packing, volume::ShConvention convention,
                    const std::string& path) {
     const auto unless = [&](bool fits, const std::string& what) {
         if (!fits)
             throw Error(ErrorKind::unsupported, path + ": packing by " + what + ", not order "
                                                     + std::to_string(volume.sh_order) + " of "
-                                                    + name_of(convention) + "; pack by band");
+                                                    + volume::name_of(convention)
+                                                    + "; pack by band");
     };
     const int order = volume.sh_order;
-    const bool canonical = convention == ShConvention::radiance;
+    const bool canonical = convention == volume::ShConvention::radiance;
     switch (packing) {
     case Packing::band:
         break;
@@ -299,7 +302,7 @@ void check_packing(const Volume& volume, Packing packing, ShConvention conventio
         unless(order == 1 || order == 2, "colour channel holds SH order 1 or 2");
         break;
     case Packing::vrc:
-        unless(order == 1 && convention == ShConvention::unity,
+        unless(order == 1 && convention == volume::ShConvention::unity,
                "vrc holds SH order 1 of the convention unity");
         break;
     case Packing::cube:
@@ -370,14 +373,14 @@ Header common_header(const Stored& stored, const Json& json) {
     return header;
 }
 
-Quantity quantity_in(const Texture& texture, Packing packing, const Stored& stored) {
+volume::Quantity quantity_in(const Texture& texture, Packing packing, const Stored& stored) {
     if (packing == Packing::cube)
         return {"irradiance / pi", "lx"};
-    return quantity_of(*texture.kind, stored.encoding().convention);
+    return volume::quantity_of(*texture.kind, stored.encoding().convention);
 }
 
 /// Adds to a picture's header, and fills its entry of the sidecar.
-void describe(const Texture& texture, const Quantity& quantity, const std::string& path,
+void describe(const Texture& texture, const volume::Quantity& quantity, const std::string& path,
               Header& header, Json& entry) {
     Json blocks = Json::array();
     for (const std::vector<Component>& block : texture.blocks) {
@@ -419,7 +422,7 @@ void expect(const Json& json, const char* key, const std::string& value) {
 /// Where a channel's values go: name -> component, of a volume whose grids have been sized.
 std::map<std::string, std::pair<float*, size_t>> destinations(Volume& volume) {
     std::map<std::string, std::pair<float*, size_t>> all;
-    for (const GridView& grid : grids_of(volume))
+    for (const volume::GridView& grid : volume::grids_of(volume))
         for (int c = 0; c < grid.kind->width(); ++c)
             all[grid.channel_name(c)] = {grid.data + c, size_t(grid.kind->width())};
     return all;
@@ -436,7 +439,7 @@ void read_texture(const std::string& path, const Names& blocks, glm::ivec3 cells
     const int width = layout.columns * dims.x, height = layout.rows * dims.y;
     const uint64_t texels = uint64_t(width) * uint64_t(height);
     const std::string bytes = read_file(path, (uint64_t(1) << 20) + texels * channels * 8);
-    const Pixels pixels = decode_exr(std::as_bytes(std::span(bytes)), path, texels);
+    const image::Pixels pixels = image::decode_exr(std::as_bytes(std::span(bytes)), path, texels);
     if (pixels.width != width || pixels.height != height || size_t(pixels.channels) != channels)
         reject(path, "has " + std::to_string(pixels.width) + " x " + std::to_string(pixels.height)
                          + " texels of " + std::to_string(pixels.channels)
@@ -503,7 +506,7 @@ std::vector<Entry> entries_of(const std::string& path, const Json& json, glm::iv
 }
 
 bool mentions(const std::vector<Entry>& entries, const GridKind& kind, int k) {
-    const std::string channel = ConstGridView{&kind, k, nullptr, 0}.channel_name(0);
+    const std::string channel = volume::ConstGridView{&kind, k, nullptr, 0}.channel_name(0);
     for (const Entry& entry : entries)
         for (const std::vector<std::string>& block : entry.blocks)
             if (std::ranges::find(block, channel) != block.end())
@@ -512,7 +515,7 @@ bool mentions(const std::vector<Entry>& entries, const GridKind& kind, int k) {
 }
 
 /// Whether a channel is of one of these kinds, by its name.
-bool holds_any(const Entry& entry, GridKinds kinds) {
+bool holds_any(const Entry& entry, volume::GridKinds kinds) {
     const auto is_of = [](const std::string& channel, const std::string& kind) {
         return channel.starts_with(kind)
                && (channel.size() == kind.size() || channel[kind.size()] == '_'
@@ -525,13 +528,13 @@ bool holds_any(const Entry& entry, GridKinds kinds) {
     return false;
 }
 
-Volume read_sidecar(const std::string& path, const Json& json, GridKinds kinds) {
+Volume read_sidecar(const std::string& path, const Json& json, volume::GridKinds kinds) {
     expect(json, "format", format_name);
     integer(json.at("version"), format_version, format_version);
     if (json.at("packing") == name_of(Packing::cube))
         throw Error(ErrorKind::unsupported,
                     path + ": holds ambient cubes, which cannot be turned back into coefficients");
-    const Encoding encoding =
+    const volume::Encoding encoding =
         encoding_of([&](const char* key) { return json.at(key).get<std::string>(); }, path);
     Volume volume;
     const Json& grid = json.at("grid");
@@ -541,16 +544,16 @@ Volume read_sidecar(const std::string& path, const Json& json, GridKinds kinds) 
     }
     const glm::ivec3 dims = volume.grid.dims;
     volume.grid.cell = grid.at("cell").get<double>();
-    volume.sh_order = integer(json.at("sh_order"), 0, sh_max_order);
+    volume.sh_order = integer(json.at("sh_order"), 0, volume::sh_max_order);
     check_dims(dims, volume.sh_order, kinds, path);
     const Layout layout = layout_of(json.at("layout"), dims);
     const std::vector<Entry> entries = entries_of(path, json, dims, layout);
     for (const GridKind* kind : kinds) {
-        int count = kind == &light_kind() ? sh_count(volume.sh_order) : 0;
+        int count = kind == &volume::light_kind() ? volume::sh_count(volume.sh_order) : 0;
         if (count == 0 && mentions(entries, *kind, 0))
             for (count = kind->fewest; count < kind->most && mentions(entries, *kind, count);)
                 ++count;
-        set_grids(volume, *kind, count);
+        volume::set_grids(volume, *kind, count);
     }
     auto wanted = destinations(volume);
     for (const Entry& entry : entries)
@@ -623,7 +626,7 @@ WriteReport write_exr(const std::string& path, const Stored& stored, Precision w
     files.back().write(json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 
     tbb::parallel_for(size_t(0), textures.size(), [&](size_t t) {
-        const auto bytes = encode_exr(
+        const auto bytes = image::encode_exr(
             packing == Packing::cube ? cube_picture(volume, stack, layout)
                                      : picture_of(textures[t], volume.grid.dims, stack, layout),
             half, headers[t], path);
@@ -636,7 +639,7 @@ WriteReport write_exr(const std::string& path, const Stored& stored, Precision w
     return report;
 }
 
-Volume read_exr(const std::string& path, GridKinds kinds) {
+Volume read_exr(const std::string& path, volume::GridKinds kinds) {
     const std::string sidecar = sidecar_of(path);
     const std::string text = read_file(sidecar, uint64_t(16) << 20);
     Volume volume;
@@ -660,4 +663,4 @@ Volume read_exr(const std::string& path, GridKinds kinds) {
     return volume;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::io

@@ -3,7 +3,7 @@
 
 #include "io/format.h"
 
-namespace lpvbake {
+namespace lpvbake::io {
 
 extern const VolumeFormat exr_format;
 
@@ -42,6 +42,6 @@ WriteReport write_exr(const std::string& path, const Stored& stored, Precision p
 
 /// Reads what write_exr made, through its sidecar (STEM.json; STEM.exr and every picture name the
 /// same). Throws Error (file, invalid, memory; unsupported: Packing::cube).
-Volume read_exr(const std::string& path, GridKinds kinds = grid_kinds());
+Volume read_exr(const std::string& path, volume::GridKinds kinds = volume::grid_kinds());
 
-} // namespace lpvbake
+} // namespace lpvbake::io

@@ -10,7 +10,7 @@
 #include <span>
 #include <string>
 
-namespace lpvbake {
+namespace lpvbake::io {
 
 /// A kind of volume file. Functions may not be null.
 struct VolumeFormat {
@@ -26,7 +26,7 @@ struct VolumeFormat {
                          const Pictures& pictures);
     /// The canonical volume with its grids of these kinds. Throws Error (file, invalid, memory,
     /// unsupported).
-    Volume (*read)(const std::string& path, GridKinds kinds);
+    Volume (*read)(const std::string& path, volume::GridKinds kinds);
 };
 
 using VolumeFormats = std::span<const VolumeFormat* const>;
@@ -34,4 +34,4 @@ using VolumeFormats = std::span<const VolumeFormat* const>;
 /// OpenVDB, then OpenEXR.
 VolumeFormats volume_formats();
 
-} // namespace lpvbake
+} // namespace lpvbake::io

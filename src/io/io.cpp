@@ -9,7 +9,7 @@
 #include <filesystem>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::io {
 namespace {
 
 constexpr const VolumeFormat* formats_known[] = {&vdb_format, &exr_format};
@@ -64,25 +64,29 @@ std::string format_list(const char* last, bool sidecars, VolumeFormats formats) 
 }
 
 WriteReport write_volume(const std::string& path, const Volume& volume, Precision precision,
-                         const Pictures& pictures, const Encoding& encoding,
+                         const Pictures& pictures, const volume::Encoding& encoding,
                          VolumeFormats formats) {
     const VolumeFormat& format = required(volume_format(path, formats), path, formats);
     return format.write(path, Stored(volume, encoding, path), precision, pictures);
 }
 
 WriteReport write_volume(const std::string& path, Volume&& volume, Precision precision,
-                         const Pictures& pictures, const Encoding& encoding,
+                         const Pictures& pictures, const volume::Encoding& encoding,
                          VolumeFormats formats) {
     const VolumeFormat& format = required(volume_format(path, formats), path, formats);
     return format.write(path, Stored(std::move(volume), encoding, path), precision, pictures);
 }
 
-Volume read_volume(const std::string& path, GridKinds kinds, VolumeFormats formats) {
+Volume read_volume(const std::string& path, volume::GridKinds kinds, VolumeFormats formats) {
     return required(readable_format(path, formats), path, formats).read(path, kinds);
 }
 
+} // namespace lpvbake::io
+
+namespace lpvbake {
+
 Volume read_volume(const std::string& path) {
-    return read_volume(path, grid_kinds());
+    return io::read_volume(path, volume::grid_kinds());
 }
 
 } // namespace lpvbake

@@ -3,7 +3,7 @@
 
 #include "io/format.h"
 
-namespace lpvbake {
+namespace lpvbake::io {
 
 /// The format that a path's extension stands for, in any case; null: none does.
 const VolumeFormat* volume_format(const std::string& path,
@@ -22,15 +22,15 @@ std::string format_list(const char* last = " or ", bool sidecars = false,
 /// values. Throws Error: argument (unknown extension: names those that are known), and what Stored
 /// and the format throw.
 WriteReport write_volume(const std::string& path, const Volume& volume, Precision precision,
-                         const Pictures& pictures = {}, const Encoding& encoding = {},
+                         const Pictures& pictures = {}, const volume::Encoding& encoding = {},
                          VolumeFormats formats = volume_formats());
 WriteReport write_volume(const std::string& path, Volume&& volume, Precision precision,
-                         const Pictures& pictures = {}, const Encoding& encoding = {},
+                         const Pictures& pictures = {}, const volume::Encoding& encoding = {},
                          VolumeFormats formats = volume_formats());
 
 /// Reads what write_volume wrote, or a sidecar beside it. Grids of other kinds are left out. Throws
 /// Error: argument (unknown extension), and what the format throws.
-Volume read_volume(const std::string& path, GridKinds kinds,
+Volume read_volume(const std::string& path, volume::GridKinds kinds,
                    VolumeFormats formats = volume_formats());
 
-} // namespace lpvbake
+} // namespace lpvbake::io

@@ -8,30 +8,31 @@
 #include <cmath>
 #include <sstream>
 
-namespace lpvbake {
-std::vector<std::pair<std::string, std::string>> field_facts(const Encoding& encoding) {
-    const bool travel = encoding.convention == ShConvention::lpv;
+namespace lpvbake::io {
+std::vector<std::pair<std::string, std::string>> field_facts(const volume::Encoding& encoding) {
+    const bool travel = encoding.convention == volume::ShConvention::lpv;
     return {
-        {"convention", name_of(encoding.convention)},
+        {"convention", volume::name_of(encoding.convention)},
         {"direction", travel ? "travel" : "incident"},
-        {"axes", name_of(encoding.axes)},
+        {"axes", volume::name_of(encoding.axes)},
         {"probe_position", "center"},
     };
 }
 
-Encoding encoding_of(const std::function<std::string(const char*)>& fact, const std::string& path) {
+volume::Encoding encoding_of(const std::function<std::string(const char*)>& fact,
+                             const std::string& path) {
     const auto unknown = [&](const char* key, const std::string& value) {
         return Error(ErrorKind::invalid,
                      path + ": " + key + " is '" + value + "', which this version does not know");
     };
     const std::string convention = fact("convention"), axes = fact("axes");
-    const auto known_convention = convention_named(convention);
+    const auto known_convention = volume::convention_named(convention);
     if (!known_convention)
         throw unknown("convention", convention);
-    const auto known_axes = axes_named(axes);
+    const auto known_axes = volume::axes_named(axes);
     if (!known_axes)
         throw unknown("axes", axes);
-    const Encoding encoding{*known_convention, *known_axes};
+    const volume::Encoding encoding{*known_convention, *known_axes};
     for (const auto& [key, value] : field_facts(encoding))
         if (const std::string found = fact(key.c_str()); found != value)
             throw Error(ErrorKind::invalid,
@@ -53,16 +54,16 @@ void check_volume(const Volume& volume, const std::string& path, ErrorKind error
         || !std::isfinite(grid.origin.z))
         reject("the lattice of ", dims.x, " x ", dims.y, " x ", dims.z, " cells of ", grid.cell,
                " m is not valid");
-    if (volume.sh_order < 0 || volume.sh_order > sh_max_order)
-        reject("the SH order ", volume.sh_order, " is not 0 to ", sh_max_order);
-    const size_t coefficients = size_t(sh_count(volume.sh_order));
+    if (volume.sh_order < 0 || volume.sh_order > volume::sh_max_order)
+        reject("the SH order ", volume.sh_order, " is not 0 to ", volume::sh_max_order);
+    const size_t coefficients = size_t(volume::sh_count(volume.sh_order));
     if (volume.sh.size() != coefficients)
         reject(volume.sh.size(), " coefficients are given, SH order ", volume.sh_order, " has ",
                coefficients);
-    for (const ConstGridView& view : grids_of(volume)) {
+    for (const volume::ConstGridView& view : volume::grids_of(volume)) {
         const GridKind& kind = *view.kind;
-        if (view.k == 0 && &kind != &light_kind())
-            if (const int count = int(grids_of(volume, kind).size());
+        if (view.k == 0 && &kind != &volume::light_kind())
+            if (const int count = int(volume::grids_of(volume, kind).size());
                 count < kind.fewest || count > kind.most)
                 reject(count, " grids of ", kind.name, " are given, expected ", kind.fewest,
                        kind.fewest < kind.most ? " to " + std::to_string(kind.most) : "");
@@ -79,10 +80,11 @@ void check_volume(const Volume& volume, const std::string& path, ErrorKind error
     }
 }
 
-void check_dims(glm::ivec3 dims, int sh_order, GridKinds kinds, const std::string& path) {
+void check_dims(glm::ivec3 dims, int sh_order, volume::GridKinds kinds, const std::string& path) {
     int floats = 0;
     for (const GridKind* kind : kinds)
-        floats += kind->width() * (kind == &light_kind() ? sh_count(sh_order) : kind->most);
+        floats += kind->width()
+                  * (kind == &volume::light_kind() ? volume::sh_count(sh_order) : kind->most);
     const auto text = [&](const char* why) {
         return path + ": the lattice of " + std::to_string(dims.x) + " x " + std::to_string(dims.y)
                + " x " + std::to_string(dims.z) + " cells " + why;
@@ -96,13 +98,13 @@ void check_dims(glm::ivec3 dims, int sh_order, GridKinds kinds, const std::strin
 
 std::optional<std::string> half_misfit(const Volume& volume) {
     constexpr float half_max = 65504, half_min = 1.0f / 16384;
-    for (const ConstGridView& grid : grids_of(volume)) {
+    for (const volume::ConstGridView& grid : volume::grids_of(volume)) {
         float largest = 0;
         for (const float value : grid.values())
             largest = std::max(largest, std::abs(value));
         const bool beyond = largest > half_max;
         const bool below =
-            grid.kind == &light_kind() && grid.k == 0 && largest > 0 && largest < half_min;
+            grid.kind == &volume::light_kind() && grid.k == 0 && largest > 0 && largest < half_min;
         if (!beyond && !below)
             continue;
         std::ostringstream text;
@@ -115,4 +117,4 @@ std::optional<std::string> half_misfit(const Volume& volume) {
     return {};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::io

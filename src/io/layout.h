@@ -10,15 +10,16 @@
 #include <utility>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::io {
 
 /// What is true of the field as a file stores it, as text, keys without the `lpv:` prefix:
 /// convention, direction, axes, probe_position.
-std::vector<std::pair<std::string, std::string>> field_facts(const Encoding& encoding);
+std::vector<std::pair<std::string, std::string>> field_facts(const volume::Encoding& encoding);
 
 /// The encoding that a file's facts tell; `fact` returns the text of a key. Throws Error (invalid),
 /// naming `path`, for facts that no encoding has.
-Encoding encoding_of(const std::function<std::string(const char*)>& fact, const std::string& path);
+volume::Encoding encoding_of(const std::function<std::string(const char*)>& fact,
+                             const std::string& path);
 
 /// Throws an Error of kind `error`, naming `path`, the grid and the cell, unless all grids fit the
 /// lattice, the number of coefficients fits the order (0 to 4) and every value is finite.
@@ -26,10 +27,10 @@ void check_volume(const Volume& volume, const std::string& path, ErrorKind error
 
 /// Throws Error (invalid, memory) unless a volume of these dims with all kinds of grids is one that
 /// this machine could hold. For dims that come from a file.
-void check_dims(glm::ivec3 dims, int sh_order, GridKinds kinds, const std::string& path);
+void check_dims(glm::ivec3 dims, int sh_order, volume::GridKinds kinds, const std::string& path);
 
 /// Why the volume should not be stored as half: values beyond 65504, or an L0 whose largest value
 /// lies below 2^-14, where half has fewer digits. None: it fits.
 std::optional<std::string> half_misfit(const Volume& volume);
 
-} // namespace lpvbake
+} // namespace lpvbake::io

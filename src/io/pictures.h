@@ -5,7 +5,7 @@
 #include <string_view>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::io {
 
 /// What the pictures hold. The last three hold nothing but light: no occlusion, no validity.
 enum class Packing {
@@ -41,4 +41,4 @@ struct Pictures {
     bool no_empty_tiles = false;
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::io

@@ -9,7 +9,7 @@
 #include <cmath>
 #include <limits>
 
-namespace lpvbake {
+namespace lpvbake::io {
 namespace {
 
 /// What is drawn as white: the 99th percentile of the luminances above zero, but at most ten times
@@ -17,7 +17,7 @@ namespace {
 float white_point(const std::vector<glm::vec3>& colours) {
     std::vector<float> lit;
     for (const glm::vec3& colour : colours)
-        if (const double y = glm::dot(glm::dvec3(colour), rec709_luminance); y > 0)
+        if (const double y = glm::dot(glm::dvec3(colour), colour::rec709_luminance); y > 0)
             lit.push_back(float(y));
     if (lit.empty())
         return 1;
@@ -53,7 +53,7 @@ Layer layer_of(const Volume& volume, int axis, int index) {
             cell[right] = column;
             cell[vertical] = axis == 1 ? row : layer.height - 1 - row;
             const size_t i = volume.grid.index(cell);
-            layer.colours.push_back(sh_y0 * volume.sh[0][i]);
+            layer.colours.push_back(volume::sh_y0 * volume.sh[0][i]);
             layer.inside.push_back(!volume.validity.empty() && volume.validity[i] == 0);
         }
     return layer;
@@ -73,14 +73,14 @@ float slice_white(const Volume& volume, int axis, int index) {
     return white_of(layer_of(volume, axis, index));
 }
 
-Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<float> white) {
+image::Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<float> white) {
     const Layer layer = layer_of(volume, axis, index);
     const auto& [width, height, colours, inside] = layer;
     const float exposure = 1 / (white ? *white : white_of(layer));
 
     const int block = std::max(1, (255 + std::max(width, height)) / std::max(width, height));
     const int stripe = std::max(1, block / 4);
-    Pixels picture{width * block, height * block, 3, {}};
+    image::Pixels picture{width * block, height * block, 3, {}};
     picture.samples.reserve(size_t(picture.width) * size_t(picture.height) * 3);
     for (int y = 0; y < picture.height; ++y)
         for (int x = 0; x < picture.width; ++x) {
@@ -88,9 +88,9 @@ Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<fl
             const bool hatched = inside[cell] && (x + y) / stripe % 2 == 0;
             const glm::vec3 colour = exposure * colours[cell];
             for (int c = 0; c < 3; ++c)
-                picture.samples.push_back(hatched
-                                              ? (c == 1 ? 0.0f : 0.3f)
-                                              : linear_to_srgb(std::clamp(colour[c], 0.0f, 1.0f)));
+                picture.samples.push_back(
+                    hatched ? (c == 1 ? 0.0f : 0.3f)
+                            : colour::linear_to_srgb(std::clamp(colour[c], 0.0f, 1.0f)));
         }
     return picture;
 }
@@ -111,12 +111,12 @@ double error_white(std::vector<float> errors) {
     return std::min({quantile(99), 6 * quantile(50), double(std::numeric_limits<float>::max())});
 }
 
-void write_png(const std::string& path, const Pixels& pixels) {
+void write_png(const std::string& path, const image::Pixels& pixels) {
     AtomicFile file(path);
-    const auto bytes = encode_png(pixels, path);
+    const auto bytes = image::encode_png(pixels, path);
     file.write({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
     file.seal();
     file.publish();
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::io

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::io {
 
 /// Draws the cells with index `index` along `axis` (0 x, 1 y, 2 z): the mean luminance over all
 /// directions (c_0 / (2 sqrt(pi)), nits), colour by colour, divided by `white`, clipped and
@@ -19,7 +19,8 @@ namespace lpvbake {
 ///
 /// z slices show x to the right and y up; y slices x to the right and z down, as seen from above;
 /// x slices z to the right and y up. RGB. Throws Error (argument) for a slice that does not exist.
-Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<float> white = {});
+image::Pixels slice_picture(const Volume& volume, int axis, int index,
+                            std::optional<float> white = {});
 
 /// What slice_picture without `white` draws as white, nits. Throws Error (argument) as it does.
 float slice_white(const Volume& volume, int axis, int index);
@@ -33,6 +34,6 @@ double error_white(std::vector<float> errors);
 
 /// Writes an 8-bit PNG; samples are display-referred values, clamped to [0, 1]. Atomic. Throws
 /// Error (file).
-void write_png(const std::string& path, const Pixels& pixels);
+void write_png(const std::string& path, const image::Pixels& pixels);
 
-} // namespace lpvbake
+} // namespace lpvbake::io

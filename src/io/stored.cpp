@@ -4,34 +4,36 @@
 #include "io/layout.h"
 #include "volume/sh.h"
 
-namespace lpvbake {
+namespace lpvbake::io {
 namespace {
 
-void check(const Volume& canonical, const Encoding& encoding, const std::string& path) {
+void check(const Volume& canonical, const volume::Encoding& encoding, const std::string& path) {
     check_volume(canonical, path, ErrorKind::failure);
-    const int highest = highest_order(encoding.convention);
+    const int highest = volume::highest_order(encoding.convention);
     if (canonical.sh_order > highest)
         throw Error(ErrorKind::unsupported,
-                    path + ": the convention " + name_of(encoding.convention)
+                    path + ": the convention " + volume::name_of(encoding.convention)
                         + " has a form for order " + std::to_string(highest)
                         + " at most; the volume has order " + std::to_string(canonical.sh_order)
                         + ": set `sh_order`");
 }
 
-bool changes(const Encoding& encoding) {
-    return encoding.convention != ShConvention::radiance || encoding.axes != Axes::gltf;
+bool changes(const volume::Encoding& encoding) {
+    return encoding.convention != volume::ShConvention::radiance
+           || encoding.axes != volume::Axes::gltf;
 }
 
 std::vector<float> density_of(const Volume& canonical) {
     std::vector<float> density(canonical.grid.size());
     for (size_t i = 0; i < density.size(); ++i)
-        density[i] = sh_y0 * float(glm::dot(glm::dvec3(canonical.sh[0][i]), rec709_luminance));
+        density[i] = volume::sh_y0
+                     * float(glm::dot(glm::dvec3(canonical.sh[0][i]), colour::rec709_luminance));
     return density;
 }
 
 } // namespace
 
-Stored::Stored(const Volume& canonical, const Encoding& encoding, const std::string& path)
+Stored::Stored(const Volume& canonical, const volume::Encoding& encoding, const std::string& path)
     : encoding_(encoding) {
     check(canonical, encoding, path);
     if (!changes(encoding)) {
@@ -43,7 +45,7 @@ Stored::Stored(const Volume& canonical, const Encoding& encoding, const std::str
     encode_own();
 }
 
-Stored::Stored(Volume&& canonical, const Encoding& encoding, const std::string& path)
+Stored::Stored(Volume&& canonical, const volume::Encoding& encoding, const std::string& path)
     : encoding_(encoding) {
     check(canonical, encoding, path);
     own_ = std::move(canonical);
@@ -51,9 +53,9 @@ Stored::Stored(Volume&& canonical, const Encoding& encoding, const std::string& 
 }
 
 void Stored::encode_own() {
-    turn_axes(from_gltf(encoding_.axes), *own_);
+    volume::turn_axes(volume::from_gltf(encoding_.axes), *own_);
     density_ = density_of(*own_);
-    encode(encoding_.convention, own_->sh_order, own_->sh);
+    volume::encode(encoding_.convention, own_->sh_order, own_->sh);
 }
 
 Precision Stored::precision(Precision wanted, const std::string& path, WriteReport& report) const {
@@ -66,13 +68,13 @@ Precision Stored::precision(Precision wanted, const std::string& path, WriteRepo
     return report.precision;
 }
 
-void decode(const Encoding& encoding, const std::string& path, Volume& stored) {
-    if (stored.sh_order > highest_order(encoding.convention))
+void decode(const volume::Encoding& encoding, const std::string& path, Volume& stored) {
+    if (stored.sh_order > volume::highest_order(encoding.convention))
         throw Error(ErrorKind::invalid, path + ": order " + std::to_string(stored.sh_order)
                                             + " cannot be of the convention "
-                                            + name_of(encoding.convention));
-    decode(encoding.convention, stored.sh_order, stored.sh);
-    turn_axes(glm::transpose(from_gltf(encoding.axes)), stored);
+                                            + volume::name_of(encoding.convention));
+    volume::decode(encoding.convention, stored.sh_order, stored.sh);
+    volume::turn_axes(glm::transpose(volume::from_gltf(encoding.axes)), stored);
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::io

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::io {
 
 /// A volume as a file of an encoding stores it. One that is given up is changed in place, with the
 /// memory of two more grids at most; of any other a copy is made, but only where values change.
@@ -16,11 +16,11 @@ class Stored {
 public:
     /// Throws Error that names `path`: failure (a grid does not fit or a value is not finite);
     /// unsupported (the convention has no form for the order). `canonical` outlives this.
-    Stored(const Volume& canonical, const Encoding& encoding, const std::string& path);
-    Stored(Volume&& canonical, const Encoding& encoding, const std::string& path);
+    Stored(const Volume& canonical, const volume::Encoding& encoding, const std::string& path);
+    Stored(Volume&& canonical, const volume::Encoding& encoding, const std::string& path);
 
     const Volume& volume() const { return own_ ? *own_ : *shared_; }
-    const Encoding& encoding() const { return encoding_; }
+    const volume::Encoding& encoding() const { return encoding_; }
     /// For viewers: luminance of each cell's mean over all directions, nits, whatever the
     /// convention.
     const std::vector<float>& density() const { return density_; }
@@ -30,7 +30,7 @@ public:
 private:
     void encode_own();
 
-    Encoding encoding_;
+    volume::Encoding encoding_;
     const Volume* shared_ = nullptr;
     std::optional<Volume> own_;
     std::vector<float> density_;
@@ -38,6 +38,6 @@ private:
 
 /// Turns what a file of the encoding stores into a canonical volume, in place. Throws Error
 /// (invalid) that names `path`.
-void decode(const Encoding& encoding, const std::string& path, Volume& stored);
+void decode(const volume::Encoding& encoding, const std::string& path, Volume& stored);
 
-} // namespace lpvbake
+} // namespace lpvbake::io

@@ -11,7 +11,7 @@
 
 #include <filesystem>
 
-namespace lpvbake {
+namespace lpvbake::io {
 namespace {
 
 namespace fs = std::filesystem;
@@ -22,11 +22,11 @@ constexpr Pictures full_channel{.packing = Packing::channel, .no_empty_tiles = t
 constexpr Target targets[] = {
     {.name = "generic"},
     {.name = "blender",
-     .encoding = {.axes = Axes::blender, .corner_index = true},
+     .encoding = {.axes = volume::Axes::blender, .corner_index = true},
      .reads = &vdb_format},
     {.name = "houdini", .reads = &vdb_format},
     {.name = "unity",
-     .encoding = {ShConvention::unity, Axes::unity},
+     .encoding = {volume::ShConvention::unity, volume::Axes::unity},
      .pictures = full_channel,
      .precision = Precision::half,
      .highest_order = 2,
@@ -34,14 +34,14 @@ constexpr Target targets[] = {
      .notes = Notes::unity,
      .reads = &exr_format},
     {.name = "unreal",
-     .encoding = {ShConvention::unreal, Axes::unreal},
+     .encoding = {volume::ShConvention::unreal, volume::Axes::unreal},
      .pictures = full_channel,
      .precision = Precision::half,
      .highest_order = 2,
      .dilate = 2,
      .notes = Notes::unreal},
     {.name = "godot",
-     .encoding = {.convention = ShConvention::godot},
+     .encoding = {.convention = volume::ShConvention::godot},
      .pictures = full_channel,
      .precision = Precision::half,
      .highest_order = 2,
@@ -55,7 +55,7 @@ constexpr Target targets[] = {
      .dilate = 2,
      .reads = &exr_format},
     {.name = "vrc",
-     .encoding = {ShConvention::unity, Axes::unity},
+     .encoding = {volume::ShConvention::unity, volume::Axes::unity},
      .pictures = {.packing = Packing::vrc, .no_empty_tiles = true},
      .precision = Precision::half,
      .highest_order = 1,
@@ -89,7 +89,7 @@ std::string godot_import(const WriteReport& report) {
 
 /// What every program needs: the pictures, what their channels hold, and where the volume stands.
 Json common_notes(const std::string& program, const std::string& stem, const WriteReport& report,
-                  const Grid& grid, Axes axes, double units_a_metre) {
+                  const Grid& grid, volume::Axes axes, double units_a_metre) {
     Json names = Json::array();
     for (const WriteReport::File& file : report.files)
         if (const fs::path path = file.path; path.extension() == ".exr")
@@ -102,7 +102,7 @@ Json common_notes(const std::string& program, const std::string& stem, const Wri
         {"channels", "see " + fs::path(stem + ".json").filename().string()},
         {"volume", {{"min", {lo.x, lo.y, lo.z}}, {"max", {hi.x, hi.y, hi.z}}}},
         {"units", units_a_metre == 1.0 ? "metres" : "centimetres"},
-        {"axes", name_of(axes)},
+        {"axes", volume::name_of(axes)},
     };
 }
 
@@ -171,7 +171,7 @@ Json bevy_notes(const Grid& grid, const WriteReport& report) {
 
 void write_notes(const Target& target, const std::string& path, const Grid& baked,
                  WriteReport& report) {
-    const Grid grid = turned_grid(baked, from_gltf(target.encoding.axes));
+    const Grid grid = volume::turned_grid(baked, volume::from_gltf(target.encoding.axes));
     const std::string stem = fs::path(path).replace_extension().string();
     std::vector<WriteReport::File> notes;
     const auto write = [&](const char* program, const char* kind, const Json& own,
@@ -245,13 +245,6 @@ std::span<const Target> all_targets() {
     return targets;
 }
 
-std::vector<const char*> target_names() {
-    std::vector<const char*> names;
-    for (const Target& target : targets)
-        names.push_back(target.name);
-    return names;
-}
-
 const Target* target_named(std::string_view name) {
     for (const Target& target : targets)
         if (name == target.name)
@@ -269,25 +262,36 @@ WriteReport write_for(const Target& target, const std::string& path, Volume&& vo
     const std::vector<std::string> warnings = warnings_of(target, path, volume);
     if (volume.sh_order > target.highest_order) {
         volume.sh_order = target.highest_order;
-        volume.sh.resize(size_t(sh_count(target.highest_order)));
+        volume.sh.resize(size_t(volume::sh_count(target.highest_order)));
     }
     if (is_dilated(target, volume))
-        dilate(volume, target.dilate);
+        volume::dilate(volume, target.dilate);
     return write(target, path, std::move(volume), warnings);
+}
+
+} // namespace lpvbake::io
+
+namespace lpvbake {
+
+std::vector<const char*> target_names() {
+    std::vector<const char*> names;
+    for (const io::Target& target : io::targets)
+        names.push_back(target.name);
+    return names;
 }
 
 WriteReport write_volume(const std::string& path, Volume volume, const std::string& target,
                          std::optional<Precision> precision) {
-    const Target* known = target_named(target);
+    const io::Target* known = io::target_named(target);
     if (!known) {
         std::string names;
         for (const char* name : target_names())
             names += (names.empty() ? "" : ", ") + std::string(name);
         throw Error(ErrorKind::argument, "`target` " + target + " is none of " + names);
     }
-    Target storage = *known;
+    io::Target storage = *known;
     storage.precision = precision.value_or(storage.precision);
-    return write_for(storage, path, std::move(volume));
+    return io::write_for(storage, path, std::move(volume));
 }
 
 } // namespace lpvbake

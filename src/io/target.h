@@ -6,7 +6,7 @@
 #include <span>
 #include <string_view>
 
-namespace lpvbake {
+namespace lpvbake::io {
 
 /// Files that a program wants beside a volume.
 enum class Notes {
@@ -20,7 +20,7 @@ enum class Notes {
 /// How a volume is stored for a program.
 struct Target {
     const char* name;
-    Encoding encoding = {};
+    volume::Encoding encoding = {};
     Pictures pictures = {};
     Precision precision = Precision::full;
     int highest_order = 4; ///< bands above it are left out
@@ -42,4 +42,4 @@ const Target* target_named(std::string_view name);
 WriteReport write_for(const Target& target, const std::string& path, Volume&& volume);
 WriteReport write_for(const Target& target, const std::string& path, const Volume& volume);
 
-} // namespace lpvbake
+} // namespace lpvbake::io

@@ -15,7 +15,7 @@
 #include <functional>
 #include <mutex>
 
-namespace lpvbake {
+namespace lpvbake::io {
 namespace {
 
 using openvdb::Coord;
@@ -151,7 +151,7 @@ void insert_text(MetaMap& metadata, const std::string& key, const std::string& v
 }
 
 /// What a reader must know to make sense of any of the grids.
-void insert_lattice(MetaMap& metadata, const Volume& volume, const Encoding& encoding) {
+void insert_lattice(MetaMap& metadata, const Volume& volume, const volume::Encoding& encoding) {
     const Grid& grid = volume.grid;
     for (const auto& [key, value] : field_facts(encoding))
         insert_text(metadata, key, value);
@@ -167,7 +167,7 @@ void insert_lattice(MetaMap& metadata, const Volume& volume, const Encoding& enc
 /// 1 where a cell carries meaning: where any grid has a value that is not 0.
 std::vector<uint8_t> active_cells(const Volume& volume) {
     std::vector<uint8_t> active(volume.grid.size());
-    for (const ConstGridView& grid : grids_of(volume)) {
+    for (const volume::ConstGridView& grid : volume::grids_of(volume)) {
         const auto width = size_t(grid.kind->width());
         for (size_t i = 0; i < grid.values().size(); ++i)
             active[i / width] |= grid.data[i] != 0;
@@ -191,7 +191,7 @@ typename GridType::Ptr make_grid(const Grid& lattice, const std::vector<uint8_t>
     return grid;
 }
 
-openvdb::GridBase::Ptr make_grid(const ConstGridView& grid, const Grid& lattice,
+openvdb::GridBase::Ptr make_grid(const volume::ConstGridView& grid, const Grid& lattice,
                                  const std::vector<uint8_t>& active) {
     if (grid.kind->width() == 1)
         return make_grid<FloatGrid>(lattice, active, [&](size_t i) { return grid.data[i]; });
@@ -223,7 +223,7 @@ Value required(const MetaMap& metadata, const char* key, const std::string& path
 /// puts a value where the cell's floats begin.
 template <typename GridType, typename Convert>
 void copy_cells(const openvdb::GridBase::Ptr& base, const Grid& lattice, const std::string& path,
-                const GridView& view, const Convert& convert) {
+                const volume::GridView& view, const Convert& convert) {
     const auto grid = openvdb::gridPtrCast<GridType>(base);
     if (!grid)
         reject(path, "grid " + base->getName() + " has the wrong type, " + base->type());
@@ -243,7 +243,7 @@ void copy_cells(const openvdb::GridBase::Ptr& base, const Grid& lattice, const s
 }
 
 void copy_grid(const openvdb::GridBase::Ptr& base, const Grid& lattice, const std::string& path,
-               const GridView& view) {
+               const volume::GridView& view) {
     if (view.kind->width() == 1)
         copy_cells<FloatGrid>(base, lattice, path, view,
                               [](float value, float* cell) { *cell = value; });
@@ -256,7 +256,7 @@ void copy_grid(const openvdb::GridBase::Ptr& base, const Grid& lattice, const st
 
 } // namespace
 
-Volume volume_of(const VdbContent& content, const std::string& path, GridKinds kinds) {
+Volume volume_of(const VdbContent& content, const std::string& path, volume::GridKinds kinds) {
     Volume volume;
     const MetaMap::Ptr& metadata = content.metadata;
     const auto dims = required<openvdb::Vec3i>(*metadata, "lpv:grid_dims", path);
@@ -265,23 +265,24 @@ Volume volume_of(const VdbContent& content, const std::string& path, GridKinds k
                    required<double>(*metadata, "lpv:cell_size", path),
                    {dims.x(), dims.y(), dims.z()}};
     volume.sh_order = required<int32_t>(*metadata, "lpv:sh_order", path);
-    if (volume.sh_order < 0 || volume.sh_order > sh_max_order)
+    if (volume.sh_order < 0 || volume.sh_order > volume::sh_max_order)
         reject(path, "lpv:sh_order is " + std::to_string(volume.sh_order) + ", not 0 to "
-                         + std::to_string(sh_max_order));
+                         + std::to_string(volume::sh_max_order));
     check_dims(volume.grid.dims, volume.sh_order, kinds, path);
-    const Encoding encoding = encoding_of(
+    const volume::Encoding encoding = encoding_of(
         [&](const char* key) {
             return required<std::string>(*metadata, (std::string("lpv:") + key).c_str(), path);
         },
         path);
 
     for (const GridKind* kind : kinds) {
-        int count = kind == &light_kind() ? sh_count(volume.sh_order) : 0;
-        if (count == 0 && content.has(grid_name(*kind, 0)))
-            for (count = kind->fewest; count < kind->most && content.has(grid_name(*kind, count));)
+        int count = kind == &volume::light_kind() ? volume::sh_count(volume.sh_order) : 0;
+        if (count == 0 && content.has(volume::grid_name(*kind, 0)))
+            for (count = kind->fewest;
+                 count < kind->most && content.has(volume::grid_name(*kind, count));)
                 ++count;
-        set_grids(volume, *kind, count);
-        for (const GridView& view : grids_of(volume, *kind)) {
+        volume::set_grids(volume, *kind, count);
+        for (const volume::GridView& view : volume::grids_of(volume, *kind)) {
             const openvdb::GridBase::Ptr found = content.grid(view.name());
             if (!found)
                 reject(path, "has no grid " + view.name());
@@ -309,12 +310,12 @@ constexpr VolumeFormat vdb_format{
 WriteReport write_vdb(const std::string& path, const Stored& stored, Precision wanted) {
     initialise();
     const Volume& volume = stored.volume();
-    const Encoding& encoding = stored.encoding();
+    const volume::Encoding& encoding = stored.encoding();
     WriteReport report;
     const bool half = stored.precision(wanted, path, report) == Precision::half;
     const std::vector<uint8_t> active = active_cells(volume);
     const auto transform = transform_of(volume.grid, encoding.corner_index);
-    const auto make = [&](const ConstGridView& view, const Quantity& quantity) {
+    const auto make = [&](const volume::ConstGridView& view, const volume::Quantity& quantity) {
         openvdb::GridBase::Ptr grid = make_grid(view, volume.grid, active);
         grid->setName(view.name());
         grid->setTransform(transform->copy());
@@ -334,13 +335,13 @@ WriteReport write_vdb(const std::string& path, const Stored& stored, Precision w
     insert_text(metadata, "precision", half ? "half" : "float");
     insert_lattice(metadata, volume, encoding);
 
-    std::vector<ConstGridView> views = grids_of(volume);
+    std::vector<volume::ConstGridView> views = volume::grids_of(volume);
     views.push_back({&density_kind, 0, stored.density().data(), stored.density().size()});
     AtomicFile file(path);
     file.write([&](std::ostream& out) {
         GridStream stream(out, metadata, views.size());
-        for (const ConstGridView& view : views)
-            stream.add(make(view, quantity_of(*view.kind, encoding.convention)));
+        for (const volume::ConstGridView& view : views)
+            stream.add(make(view, volume::quantity_of(*view.kind, encoding.convention)));
     });
     file.patch(uuid_offset, identify(file.temporary(), path).computed);
     report.files.push_back({path, file.seal()});
@@ -348,7 +349,7 @@ WriteReport write_vdb(const std::string& path, const Stored& stored, Precision w
     return report;
 }
 
-Volume read_vdb(const std::string& path, GridKinds kinds) {
+Volume read_vdb(const std::string& path, volume::GridKinds kinds) {
     initialise();
     // OpenVDB trusts what it reads, so damage has to be found before.
     const Identity identity = identify(path, path);
@@ -374,4 +375,4 @@ Volume read_vdb(const std::string& path, GridKinds kinds) {
     return volume;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::io

@@ -3,7 +3,7 @@
 
 #include "io/format.h"
 
-namespace lpvbake {
+namespace lpvbake::io {
 
 extern const VolumeFormat vdb_format;
 
@@ -29,6 +29,6 @@ WriteReport write_vdb(const std::string& path, const Stored& stored, Precision p
 /// canonical). Grids of other kinds are left out. A file that was changed since, by accident or by
 /// another program, is told by its hash. Throws Error (file, invalid, memory) that names the
 /// file and the grid.
-Volume read_vdb(const std::string& path, GridKinds kinds = grid_kinds());
+Volume read_vdb(const std::string& path, volume::GridKinds kinds = volume::grid_kinds());
 
-} // namespace lpvbake
+} // namespace lpvbake::io

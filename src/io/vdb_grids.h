@@ -13,7 +13,7 @@
 #include <functional>
 #include <string>
 
-namespace lpvbake {
+namespace lpvbake::io {
 
 struct VdbContent {
     openvdb::MetaMap::Ptr metadata;              ///< of the file
@@ -25,6 +25,6 @@ struct VdbContent {
 /// The volume that the grids hold; its values may be anything. Throws Error (invalid, memory) that
 /// begins with `path`, and openvdb::Exception.
 Volume volume_of(const VdbContent& content, const std::string& path,
-                 GridKinds kinds = grid_kinds());
+                 volume::GridKinds kinds = volume::grid_kinds());
 
-} // namespace lpvbake
+} // namespace lpvbake::io

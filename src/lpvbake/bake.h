@@ -4,7 +4,7 @@
 //     const lpvbake::gpu::Device device({}); // the first that Vulkan has
 //     lpvbake::BakeRequest request;
 //     request.resolution = 48;
-//     lpvbake::Baked baked = lpvbake::bake(scene, request, device);
+//     lpvbake::Baked baked = lpvbake::bake_volume(scene, request, device);
 //     lpvbake::write_volume("room.vdb", std::move(baked.volume));
 #pragma once
 
@@ -72,8 +72,9 @@ LPVBAKE_API BakeForecast forecast(const Scene& scene, const BakeRequest& request
 /// Bakes. The same bits for the same scene, request and device, on any number of threads. Throws
 /// Error: as `forecast`, device (it was lost), and whatever `progress` throws. One bake a device at
 /// a time.
-LPVBAKE_API Baked bake(const Scene& scene, const BakeRequest& request, const gpu::Device& device,
-                       Progress& progress);
-LPVBAKE_API Baked bake(const Scene& scene, const BakeRequest& request, const gpu::Device& device);
+LPVBAKE_API Baked bake_volume(const Scene& scene, const BakeRequest& request,
+                              const gpu::Device& device, Progress& progress);
+LPVBAKE_API Baked bake_volume(const Scene& scene, const BakeRequest& request,
+                              const gpu::Device& device);
 
 } // namespace lpvbake

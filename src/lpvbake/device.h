@@ -27,7 +27,7 @@ struct DeviceInfo {
 
 /// All devices with Vulkan 1.2 and a queue for graphics and compute, in the driver's order.
 /// Throws Error (device) where there is no Vulkan at all.
-LPVBAKE_API std::vector<DeviceInfo> list_devices();
+LPVBAKE_API std::vector<gpu::DeviceInfo> list_devices();
 
 struct DeviceOptions {
     std::string selector;    ///< index, UUID or part of the name; empty: the first device
@@ -38,12 +38,12 @@ struct DeviceOptions {
 /// library makes of it itself: programs may be made on any number of threads, while others use it.
 class LPVBAKE_API Device {
 public:
-    explicit Device(const DeviceOptions& options);
+    explicit Device(const gpu::DeviceOptions& options);
     ~Device();
-    Device(const Device&) = delete;
-    Device& operator=(const Device&) = delete;
+    Device(const gpu::Device&) = delete;
+    gpu::Device& operator=(const gpu::Device&) = delete;
 
-    const DeviceInfo& info() const;
+    const gpu::DeviceInfo& info() const;
     bool is_cpu() const { return info().type == "cpu"; }
     /// Throws Error (failure) with the first validation message seen since the last call, if any.
     void check_validation();

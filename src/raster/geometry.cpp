@@ -9,7 +9,7 @@
 #include <tuple>
 #include <utility>
 
-namespace lpvbake {
+namespace lpvbake::raster {
 
 namespace {
 
@@ -27,7 +27,7 @@ bool plane_of(const std::array<glm::vec3, 3>& corner, glm::vec4& plane) {
 
 } // namespace
 
-RsmGeometry flatten(const Scene& scene, const Frame& frame) {
+RsmGeometry flatten(const Scene& scene, const scene::Frame& frame) {
     // Materials that share a pipeline, then a texture, stand together.
     std::vector<int> order(scene.instances.size());
     std::iota(order.begin(), order.end(), 0);
@@ -51,8 +51,8 @@ RsmGeometry flatten(const Scene& scene, const Frame& frame) {
         const Instance& instance = scene.instances[i];
         const Mesh& mesh = scene.meshes[instance.mesh];
         const Material& material = scene.materials[mesh.material];
-        const std::vector<glm::vec3> positions = positions_in_frame(scene, instance, frame);
-        const bool mirrored = is_mirrored(instance);
+        const std::vector<glm::vec3> positions = scene::positions_in_frame(scene, instance, frame);
+        const bool mirrored = scene::is_mirrored(instance);
         if (geometry.runs.empty() || geometry.runs.back().material != mesh.material)
             geometry.runs.push_back({mesh.material, geometry.vertices.size(), 0});
         for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
@@ -79,4 +79,4 @@ RsmGeometry flatten(const Scene& scene, const Frame& frame) {
     return geometry;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::raster

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::raster {
 
 /// As the vertex shader reads it.
 struct RsmVertex {
@@ -38,6 +38,6 @@ struct RsmGeometry {
 };
 
 /// Triangles without an area are left out. Throws Error (memory) beyond 2^31 - 1 triangles.
-RsmGeometry flatten(const Scene& scene, const Frame& frame);
+RsmGeometry flatten(const Scene& scene, const scene::Frame& frame);
 
-} // namespace lpvbake
+} // namespace lpvbake::raster

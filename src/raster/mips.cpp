@@ -8,7 +8,7 @@
 #include <array>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::raster {
 
 namespace {
 
@@ -75,7 +75,7 @@ Image halved(const Image& image, bool weighted, const std::array<float, 256>& li
 } // namespace
 
 std::vector<Image> mip_levels(const Image& image, int first, bool weighted) {
-    const std::array<float, 256>& linear = linear_values();
+    const std::array<float, 256>& linear = colour::linear_values();
     std::vector<Image> levels{image};
     while (levels.back().width > 1 || levels.back().height > 1) {
         levels.push_back(halved(levels.back(), weighted, linear));
@@ -87,4 +87,4 @@ std::vector<Image> mip_levels(const Image& image, int first, bool weighted) {
     return levels;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::raster

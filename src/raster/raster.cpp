@@ -15,7 +15,7 @@
 #include <optional>
 #include <utility>
 
-namespace lpvbake {
+namespace lpvbake::raster {
 
 namespace {
 
@@ -150,7 +150,7 @@ std::vector<int> levels_to_drop(const Scene& scene, const std::map<std::pair<int
 } // namespace
 
 struct Raster::Impl {
-    Impl(const gpu::Device& on, const Scene& scene, const Frame& frame);
+    Impl(const gpu::Device& on, const Scene& scene, const scene::Frame& frame);
 
     void make_textures(const Scene& scene);
     void make_passes();
@@ -183,7 +183,7 @@ struct Raster::Impl {
     std::optional<gpu::Buffer::Impl> readback;
 };
 
-Raster::Impl::Impl(const gpu::Device& on, const Scene& scene, const Frame& frame)
+Raster::Impl::Impl(const gpu::Device& on, const Scene& scene, const scene::Frame& frame)
     : shared(on),
       device(on.impl()),
       rules(scene.rules),
@@ -453,7 +453,7 @@ void Raster::Impl::draw(const RsmView& view, const Tile& tile, bool cull) {
     }
 }
 
-Raster::Raster(const gpu::Device& device, const Scene& scene, const Frame& frame)
+Raster::Raster(const gpu::Device& device, const Scene& scene, const scene::Frame& frame)
     : impl_(std::make_unique<Impl>(device, scene, frame)) {}
 Raster::~Raster() = default;
 
@@ -467,4 +467,4 @@ std::span<const RasterTexel> Raster::draw(const RsmView& view, const Tile& tile,
             std::size_t(tile.extent.x) * std::size_t(tile.extent.y)};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::raster

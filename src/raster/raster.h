@@ -8,7 +8,7 @@
 #include <memory>
 #include <span>
 
-namespace lpvbake {
+namespace lpvbake::raster {
 
 /// What a texel sees. A black back (of a single-sided material) has albedo 0.
 struct RasterTexel {
@@ -39,7 +39,7 @@ struct Tile {
 class Raster {
 public:
     /// Throws Error (memory, device).
-    Raster(const gpu::Device& device, const Scene& scene, const Frame& frame);
+    Raster(const gpu::Device& device, const Scene& scene, const scene::Frame& frame);
     ~Raster();
 
     const RsmGeometry& geometry() const;
@@ -52,4 +52,4 @@ private:
     std::unique_ptr<Impl> impl_;
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::raster

@@ -96,7 +96,7 @@ std::vector<double> Equations::preconditioner() const {
         of_points[i] = glm::dvec3(weights[i]);
     std::vector<double> result(lookups.unknowns());
     tbb::parallel_for(std::size_t(0), lookups.cells.size(), [&](std::size_t u) {
-        std::array<glm::dvec3, sh_count(sh_max_order)> diagonal{};
+        std::array<glm::dvec3, volume::sh_count(volume::sh_max_order)> diagonal{};
         lookups.gather(of_points, u, diagonal.data(), true);
         for (std::size_t k = 0; k < count; ++k) {
             const double whole = diagonal[k].x + hold[u * count + k];

@@ -42,14 +42,14 @@ public:
     Lookups(const Reader& reader, const Volume& volume, std::span<const FitPoint> points,
             std::size_t coefficients, const RowOf& row_of)
         : coefficients_(coefficients) {
-        std::vector<CellWeights> taps(points.size());
+        std::vector<volume::CellWeights> taps(points.size());
         tbb::parallel_for(std::size_t(0), points.size(), [&](std::size_t p) {
             if (points[p].weight > 0)
                 taps[p] = taps_of(reader, volume, points[p].position, points[p].normal);
         });
         constexpr uint32_t none = ~0u;
         std::vector<uint32_t> unknown(volume.grid.size(), none);
-        for (const CellWeights& tap : taps)
+        for (const volume::CellWeights& tap : taps)
             for (std::size_t i = 0; i < tap.cell.size(); ++i)
                 if (tap.weight[i] > 0)
                     unknown[tap.cell[i]] = 0;

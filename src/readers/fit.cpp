@@ -14,7 +14,7 @@
 namespace lpvbake::readers {
 namespace {
 
-using Row = std::array<double, sh_count(sh_max_order)>;
+using Row = std::array<double, volume::sh_count(volume::sh_max_order)>;
 
 /// Mean of a cell's light over directions, up to a factor.
 double light_of(const Volume& volume, std::size_t cell) {
@@ -48,16 +48,16 @@ using Coefficients = std::vector<std::vector<glm::vec3>>; // Volume::sh
 void tell_moved(const Reader& reader, const Coefficients& before, const Volume& after,
                 FitReport& report) {
     const int order = order_of(reader, after);
-    const std::size_t count = std::size_t(sh_count(order));
-    constexpr Reader plain{.name = "", .highest_order = sh_max_order};
+    const std::size_t count = std::size_t(volume::sh_count(order));
+    constexpr Reader plain{.name = "", .highest_order = volume::sh_max_order};
     std::vector<Row> transfer;
-    for (const glm::dvec3& n : neighbour_normals())
+    for (const glm::dvec3& n : volume::neighbour_normals())
         transfer.push_back(transfer_of(plain, order, n));
     std::vector<double> was(after.grid.size()), moved(after.grid.size());
     tbb::parallel_for(std::size_t(0), was.size(), [&](std::size_t cell) {
         if (!after.is_valid(cell))
             return;
-        std::array<glm::dvec3, sh_count(sh_max_order)> c, change;
+        std::array<glm::dvec3, volume::sh_count(volume::sh_max_order)> c, change;
         bool same = true;
         for (std::size_t k = 0; k < count; ++k) {
             c[k] = glm::dvec3(before[k][cell]);
@@ -90,7 +90,7 @@ public:
           order_(order_of(reader, volume)),
           sides_(reader.evaluation == Evaluation::cube && order_ == 2) {}
 
-    std::size_t count() const { return sides_ ? 6 : std::size_t(sh_count(order_)); }
+    std::size_t count() const { return sides_ ? 6 : std::size_t(volume::sh_count(order_)); }
     bool not_negative() const { return sides_; }
 
     /// What the reader shows of each.
@@ -108,9 +108,9 @@ public:
         if (sides_)
             return 1.0 / 6;
         int l = 0;
-        while (std::size_t(sh_count(l)) <= k)
+        while (std::size_t(volume::sh_count(l)) <= k)
             ++l;
-        const double factor = sh_cosine_factor(l);
+        const double factor = volume::sh_cosine_factor(l);
         return factor * factor / (4 * std::numbers::pi);
     }
 
@@ -137,7 +137,7 @@ public:
             return;
         }
         const auto put = [&](std::size_t k, int l, double basis, glm::dvec3 e) {
-            volume.sh[k][cell] = glm::vec3(e / (sh_cosine_factor(l) * basis));
+            volume.sh[k][cell] = glm::vec3(e / (volume::sh_cosine_factor(l) * basis));
         };
         std::array<glm::dvec3, 3> even, odd;
         for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -145,12 +145,12 @@ public:
             odd[axis] = 0.5 * (values[2 * axis] - values[2 * axis + 1]);
         }
         const glm::dvec3 mean = (even[0] + even[1] + even[2]) / 3.0;
-        put(0, 0, double(sh_y0), mean);
-        put(1, 1, double(sh_y1), odd[1]);
-        put(2, 1, double(sh_y1), odd[2]);
-        put(3, 1, double(sh_y1), odd[0]);
-        put(6, 2, 2 * double(sh_y2b), even[2] - mean);
-        put(8, 2, 2 * double(sh_y2c), even[0] - even[1]);
+        put(0, 0, double(volume::sh_y0), mean);
+        put(1, 1, double(volume::sh_y1), odd[1]);
+        put(2, 1, double(volume::sh_y1), odd[2]);
+        put(3, 1, double(volume::sh_y1), odd[0]);
+        put(6, 2, 2 * double(volume::sh_y2b), even[2] - mean);
+        put(8, 2, 2 * double(volume::sh_y2c), even[0] - even[1]);
     }
 
 private:
@@ -167,7 +167,7 @@ SurfaceError error_of(const Reader& reader, const Volume& volume,
     tbb::parallel_for(std::size_t(0), points.size(), [&](std::size_t i) {
         shown[i] = irradiance(reader, volume, points[i].position, points[i].normal);
     });
-    const auto luminance = [](glm::dvec3 e) { return glm::dot(e, rec709_luminance); };
+    const auto luminance = [](glm::dvec3 e) { return glm::dot(e, colour::rec709_luminance); };
     struct Sums {
         double distance = 0, whole = 0, shown = 0, truth = 0, weight = 0;
         Sums& operator+=(const Sums& other) {

@@ -13,13 +13,13 @@ namespace {
 constexpr Reader readers[] = {
     {.name = "lpvbake",
      .lookup = Reading::facing,
-     .highest_order = sh_max_order,
+     .highest_order = volume::sh_max_order,
      .clamped = true,
      .source = "volume/sampler.h; examples/shaders"},
     {.name = "blender",
-     .highest_order = sh_max_order,
+     .highest_order = volume::sh_max_order,
      .source = "a volume grid, linear; examples/blender"},
-    {.name = "houdini", .highest_order = sh_max_order, .source = "volumesample() of VEX"},
+    {.name = "houdini", .highest_order = volume::sh_max_order, .source = "volumesample() of VEX"},
     {.name = "unity", .source = "a Texture3D, bilinear and clamped; ShadeSH9 of UnityCG.cginc"},
     {.name = "unreal",
      .clamped = true,
@@ -54,7 +54,8 @@ glm::vec3 cube_side(int axis, glm::dvec3 n) {
 }
 
 /// Coefficients of the lookup, one colour after the other.
-std::vector<glm::vec3> mix(const Volume& volume, const CellWeights& taps, std::size_t count) {
+std::vector<glm::vec3> mix(const Volume& volume, const volume::CellWeights& taps,
+                           std::size_t count) {
     std::vector<glm::vec3> mixed(count);
     for (std::size_t k = 0; k < count; ++k) {
         glm::dvec3 sum(0.0);
@@ -67,10 +68,10 @@ std::vector<glm::vec3> mix(const Volume& volume, const CellWeights& taps, std::s
 }
 
 double towards(std::span<const glm::vec3> c, int colour, glm::vec3 n) {
-    std::array<float, sh_count(sh_max_order)> one;
+    std::array<float, volume::sh_count(volume::sh_max_order)> one;
     for (std::size_t k = 0; k < c.size(); ++k)
         one[k] = c[k][colour];
-    return double(sh_irradiance(std::span(one).first(c.size()), n));
+    return double(volume::sh_irradiance(std::span(one).first(c.size()), n));
 }
 
 /// Band 1 as a vector (x, y, z), one colour.
@@ -79,11 +80,11 @@ glm::dvec3 first_band(std::span<const glm::vec3> c, int colour) {
 }
 
 double geomerics(double l0, glm::dvec3 l1, glm::dvec3 n) {
-    const double mean = std::numbers::pi * double(sh_y0) * l0; // of irradiance over normals
+    const double mean = std::numbers::pi * double(volume::sh_y0) * l0; // of irradiance over normals
     const double length = glm::length(l1);
     if (!(mean > 0 && length > 0))
         return std::max(0.0, mean);
-    const double r = double(sh_y1) * length / (3.0 * double(sh_y0) * l0);
+    const double r = double(volume::sh_y1) * length / (3.0 * double(volume::sh_y0) * l0);
     const double q = std::clamp(0.5 + 0.5 * glm::dot(l1 / length, n), 0.0, 1.0);
     const double p = 1 + 2 * r, a = (1 - r) / (1 + r);
     return mean * (a + (1 - a) * (p + 1) * std::pow(q, p));
@@ -93,20 +94,20 @@ glm::dvec3 zh3(std::span<const glm::vec3> c, glm::dvec3 n) {
     glm::dvec3 result, axis(0.0);
     for (int colour = 0; colour < 3; ++colour) {
         result[colour] = towards(c, colour, glm::vec3(n));
-        axis += rec709_luminance[colour] * first_band(c, colour);
+        axis += colour::rec709_luminance[colour] * first_band(c, colour);
     }
     const double length = glm::length(axis);
     if (!(length > 0))
         return result;
     axis /= length;
     const double along = glm::dot(axis, n);
-    const double zonal = double(sh_y2b) * (3 * along * along - 1);
+    const double zonal = double(volume::sh_y2b) * (3 * along * along - 1);
     for (int colour = 0; colour < 3; ++colour) {
         const double l0 = double(c[0][colour]);
         if (!(l0 > 0))
             continue;
         const double r = std::abs(glm::dot(first_band(c, colour), axis)) / l0;
-        result[colour] += sh_cosine_factor(2) * l0 * (0.08 * r + 0.6 * r * r) * zonal;
+        result[colour] += volume::sh_cosine_factor(2) * l0 * (0.08 * r + 0.6 * r * r) * zonal;
     }
     return result;
 }
@@ -128,7 +129,8 @@ int order_of(const Reader& reader, const Volume& volume) {
     return std::min(reader.highest_order, volume.sh_order);
 }
 
-CellWeights taps_of(const Reader& reader, const Volume& volume, glm::dvec3 point, glm::dvec3 n) {
+volume::CellWeights taps_of(const Reader& reader, const Volume& volume, glm::dvec3 point,
+                            glm::dvec3 n) {
     if (!reader.beyond_box) {
         const glm::dvec3 at = volume.grid.to_grid(point);
         if (at != glm::clamp(at, glm::dvec3(0), glm::dvec3(volume.grid.dims)))
@@ -136,17 +138,18 @@ CellWeights taps_of(const Reader& reader, const Volume& volume, glm::dvec3 point
     }
     if (reader.offset != 0)
         point += reader.offset * volume.grid.cell * n;
-    return weights_at(volume, point, n, reader.lookup);
+    return volume::weights_at(volume, point, n, reader.lookup);
 }
 
-std::array<double, sh_count(sh_max_order)> transfer_of(const Reader& reader, int order,
-                                                       glm::dvec3 n) {
+std::array<double, volume::sh_count(volume::sh_max_order)> transfer_of(const Reader& reader,
+                                                                       int order, glm::dvec3 n) {
     assert(is_linear(reader));
-    std::array<double, sh_count(sh_max_order)> result{};
+    std::array<double, volume::sh_count(volume::sh_max_order)> result{};
     const auto add = [&](glm::vec3 direction, double share) {
-        const ShValues basis = sh_basis(order, direction);
+        const volume::ShValues basis = volume::sh_basis(order, direction);
         for (int l = 0, k = 0; l <= order; ++l)
-            for (const double factor = share * sh_cosine_factor(l); k < sh_count(l); ++k)
+            for (const double factor = share * volume::sh_cosine_factor(l); k < volume::sh_count(l);
+                 ++k)
                 result[std::size_t(k)] += factor * double(basis[std::size_t(k)]);
     };
     if (reader.evaluation == Evaluation::linear)
@@ -171,8 +174,8 @@ glm::dvec3 evaluate(Evaluation evaluation, std::span<const glm::vec3> coefficien
 }
 
 glm::dvec3 irradiance(const Reader& reader, const Volume& volume, glm::dvec3 point, glm::dvec3 n) {
-    const CellWeights taps = taps_of(reader, volume, point, n);
-    const std::size_t count = std::size_t(sh_count(order_of(reader, volume)));
+    const volume::CellWeights taps = taps_of(reader, volume, point, n);
+    const std::size_t count = std::size_t(volume::sh_count(order_of(reader, volume)));
     glm::dvec3 result(0.0);
     if (reader.evaluation == Evaluation::cube) {
         std::vector<glm::vec3> cell(count);

@@ -53,7 +53,8 @@ int order_of(const Reader& reader, const Volume& volume);
 
 /// The cells that a reader looks up for a point (metres) of a surface with unit normal n, with
 /// their weights, which sum to 1; all are 0 where it finds nothing.
-CellWeights taps_of(const Reader& reader, const Volume& volume, glm::dvec3 point, glm::dvec3 n);
+volume::CellWeights taps_of(const Reader& reader, const Volume& volume, glm::dvec3 point,
+                            glm::dvec3 n);
 
 /// Whether irradiance is a linear map of the cells' coefficients but for what is clamped.
 constexpr bool is_linear(const Reader& reader) {
@@ -62,8 +63,8 @@ constexpr bool is_linear(const Reader& reader) {
 
 /// T_k of the first sh_count(order) coefficients, the others 0: a linear reader shows the sum over
 /// taps of weight * sum_k T_k c_k, one colour, lux from nits.
-std::array<double, sh_count(sh_max_order)> transfer_of(const Reader& reader, int order,
-                                                       glm::dvec3 n);
+std::array<double, volume::sh_count(volume::sh_max_order)> transfer_of(const Reader& reader,
+                                                                       int order, glm::dvec3 n);
 
 /// Irradiance (lux, RGB) that the reader shows at a point (metres) of unit normal n. Sums over taps
 /// are rounded to single precision; lpvbake's row gives the bits of read_irradiance.

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::reference {
 namespace {
 
 /// Largest channel of what the triangle emits, mean over points spread over it.
@@ -18,7 +18,7 @@ double mean_emission(const Scene& scene, const Mesh& mesh, uint32_t triangle) {
     for (int i = 0; i < steps; ++i)
         for (int j = 0; i + j < steps; ++j, ++points) {
             const glm::vec2 place = (glm::vec2(i, j) + 1.0f / 3.0f) / float(steps);
-            const glm::vec3 emission = sample_emission(scene, mesh, triangle, place);
+            const glm::vec3 emission = scene::sample_emission(scene, mesh, triangle, place);
             sum += double(std::max({emission.r, emission.g, emission.b}));
         }
     return sum / points;
@@ -26,14 +26,16 @@ double mean_emission(const Scene& scene, const Mesh& mesh, uint32_t triangle) {
 
 } // namespace
 
-Emitters::Emitters(const Scene& scene, const Frame& frame) : first_(scene.instances.size(), ~0u) {
+Emitters::Emitters(const Scene& scene, const scene::Frame& frame)
+    : first_(scene.instances.size(), ~0u) {
     double total = 0.0;
     for (uint32_t i = 0; i < scene.instances.size(); ++i) {
         const Mesh& mesh = scene.meshes[size_t(scene.instances[i].mesh)];
         if (scene.materials[size_t(mesh.material)].emission == glm::vec3(0.0f))
             continue;
         first_[i] = uint32_t(triangles_.size());
-        const std::vector<glm::vec3> placed = positions_in_frame(scene, scene.instances[i], frame);
+        const std::vector<glm::vec3> placed =
+            scene::positions_in_frame(scene, scene.instances[i], frame);
         for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
             const glm::uvec3 v = mesh.triangles[t];
             const glm::vec3 ab = placed[v.y] - placed[v.x], ac = placed[v.z] - placed[v.x];
@@ -67,7 +69,7 @@ Emitters::Target Emitters::target(glm::dvec2 sample) const {
     return {t.instance, t.triangle, point};
 }
 
-double Emitters::density(const Hit& hit, glm::dvec3 towards) const {
+double Emitters::density(const visibility::Hit& hit, glm::dvec3 towards) const {
     if (triangles_.empty() || first_[hit.instance] == ~0u)
         return 0.0;
     const double cosine = std::abs(glm::dot(glm::dvec3(hit.normal), towards));
@@ -77,4 +79,4 @@ double Emitters::density(const Hit& hit, glm::dvec3 towards) const {
                         : 0.0;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::reference

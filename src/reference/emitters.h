@@ -5,12 +5,12 @@
 
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::reference {
 
 /// Chooses points on all emissive surfaces with a density that follows the emitted luminance.
 class Emitters {
 public:
-    Emitters(const Scene& scene, const Frame& frame);
+    Emitters(const Scene& scene, const scene::Frame& frame);
     bool empty() const { return triangles_.empty(); }
 
     /// A place on an emissive triangle.
@@ -26,7 +26,7 @@ public:
     /// How likely, per steradian, `target` chooses the direction in which `hit` was met, and the
     /// triangle that was hit; `towards` is the ray's unit direction, so that Hit::t is the
     /// distance. 0 for what does not glow.
-    double density(const Hit& hit, glm::dvec3 towards) const;
+    double density(const visibility::Hit& hit, glm::dvec3 towards) const;
 
 private:
     struct Triangle {
@@ -39,4 +39,4 @@ private:
     std::vector<uint32_t> first_;    ///< an instance: its first in triangles_; ~0u: none
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::reference

@@ -10,7 +10,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::reference {
 namespace {
 
 /// Below this throughput a path of unlimited reflections goes on by chance.
@@ -27,14 +27,14 @@ glm::dvec3 off_surface(glm::dvec3 point, glm::dvec3 n) {
     return point + ray_offset(point) * n;
 }
 
-Paths::Paths(const Scene& scene, const Visibility& visibility, const Frame& frame,
-             const PathRules& rules)
+Paths::Paths(const Scene& scene, const visibility::Visibility& visibility,
+             const scene::Frame& frame, const PathRules& rules)
     : scene_(scene),
       visibility_(visibility),
       rules_(rules),
       unit_(frame.unit),
       emitters_(rules.emitters ? Emitters(scene, frame) : Emitters({}, frame)),
-      sky_(has_sky(scene) ? scene.sky.map.get() : nullptr) {
+      sky_(scene::has_sky(scene) ? scene.sky.map.get() : nullptr) {
     across_ = 1.01 * glm::length(glm::dvec3(visibility.hi()) - glm::dvec3(visibility.lo())) + 1.0;
     for (const Light& light : scene.lights)
         sources_.push_back({light.type, glm::dvec3(light.color) * light.intensity,
@@ -67,19 +67,20 @@ glm::dvec3 Paths::illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays) co
         if (!(share > 0.0))
             continue;
         ++rays;
-        const Ray shadow{glm::vec3(point), glm::vec3(way), 0.0f, float(end)};
+        const visibility::Ray shadow{glm::vec3(point), glm::vec3(way), 0.0f, float(end)};
         sum += share * double(visibility_.transmittance(shadow)) * source.color;
     }
     return sum;
 }
 
-glm::dvec3 Paths::emission(const Hit& hit) const {
+glm::dvec3 Paths::emission(const visibility::Hit& hit) const {
     const Mesh& mesh = scene_.meshes[size_t(scene_.instances[hit.instance].mesh)];
-    const glm::dvec3 covered = sample_emission(scene_, mesh, hit.triangle, hit.barycentric);
+    const glm::dvec3 covered = scene::sample_emission(scene_, mesh, hit.triangle, hit.barycentric);
     if (covered == glm::dvec3(0.0))
         return covered;
     // The hit was drawn with probability alpha already, which sample_emission holds as a factor.
-    return covered / double(sample_surface(scene_, mesh, hit.triangle, hit.barycentric).alpha);
+    return covered
+           / double(scene::sample_surface(scene_, mesh, hit.triangle, hit.barycentric).alpha);
 }
 
 template <class Density>
@@ -97,10 +98,10 @@ Paths::Glimpse Paths::aim(glm::vec3 origin, const Density& density, PathSampler&
         return {};
     ++rays;
     const float end = float(distance + ray_offset(target.point));
-    const Hit hit = visibility_.closest({origin, glm::vec3(seen.direction), 0.0f, end});
+    const visibility::Hit hit = visibility_.closest({origin, glm::vec3(seen.direction), 0.0f, end});
     // Of two triangles at one place only one is ever hit, and only it may count.
     if (hit.instance != target.instance || hit.triangle != target.triangle
-        || hit.facing == Facing::back)
+        || hit.facing == visibility::Facing::back)
         return seen;
     seen.luminance = emission(hit) * (own / (own + emitters_.density(hit, seen.direction)));
     return seen;
@@ -117,15 +118,15 @@ template <class Density>
 Paths::Glimpse Paths::aim_at_sky(glm::vec3 origin, const Density& density, PathSampler& sampler,
                                  uint64_t& rays) const {
     Glimpse seen;
-    seen.direction = sample_sky(*sky_, sampler.pair());
+    seen.direction = scene::sample_sky(*sky_, sampler.pair());
     const double own = density(seen.direction);
     if (!(own > 0.0))
         return {};
     ++rays;
     const glm::vec3 towards(seen.direction);
     const float passes = visibility_.transmittance({origin, towards, 0.0f, HUGE_VALF});
-    seen.luminance = double(passes) * own / (own + sky_density(*sky_, towards))
-                     * glm::dvec3(sky_luminance(scene_.sky, towards));
+    seen.luminance = double(passes) * own / (own + scene::sky_density(*sky_, towards))
+                     * glm::dvec3(scene::sky_luminance(scene_.sky, towards));
     return seen;
 }
 
@@ -158,16 +159,18 @@ glm::dvec3 Paths::trace(glm::vec3 origin, glm::dvec3 towards, double density, Pa
     glm::dvec3 sum{0.0}, throughput{1.0};
     for (int reflections = 0;; ++reflections) {
         const bool last = rules_.bounces && reflections == *rules_.bounces;
-        if (last && emitters_.empty() && !has_sky(scene_))
+        if (last && emitters_.empty() && !scene::has_sky(scene_))
             break;
         ++rays;
-        const Hit hit = visibility_.closest({origin, glm::vec3(towards), 0.0f, HUGE_VALF});
-        if (hit.instance == no_hit) {
+        const visibility::Hit hit =
+            visibility_.closest({origin, glm::vec3(towards), 0.0f, HUGE_VALF});
+        if (hit.instance == visibility::no_hit) {
             const double share =
-                sky_ ? density / (density + sky_density(*sky_, glm::vec3(towards))) : 1.0;
-            sum += share * throughput * glm::dvec3(sky_luminance(scene_.sky, glm::vec3(towards)));
+                sky_ ? density / (density + scene::sky_density(*sky_, glm::vec3(towards))) : 1.0;
+            sum += share * throughput
+                   * glm::dvec3(scene::sky_luminance(scene_.sky, glm::vec3(towards)));
         }
-        if (hit.instance == no_hit || hit.facing == Facing::back)
+        if (hit.instance == visibility::no_hit || hit.facing == visibility::Facing::back)
             break;
         if (!emitters_.empty())
             sum += throughput * emission(hit)
@@ -176,7 +179,7 @@ glm::dvec3 Paths::trace(glm::vec3 origin, glm::dvec3 towards, double density, Pa
             break;
         const Mesh& mesh = scene_.meshes[size_t(scene_.instances[hit.instance].mesh)];
         throughput *=
-            glm::dvec3(sample_surface(scene_, mesh, hit.triangle, hit.barycentric).albedo);
+            glm::dvec3(scene::sample_surface(scene_, mesh, hit.triangle, hit.barycentric).albedo);
         if (throughput == glm::dvec3(0.0))
             break;
 
@@ -212,4 +215,4 @@ glm::dvec3 Paths::trace(glm::vec3 origin, glm::dvec3 towards, double density, Pa
     return sum;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::reference

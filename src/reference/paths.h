@@ -7,7 +7,7 @@
 
 #include <optional>
 
-namespace lpvbake {
+namespace lpvbake::reference {
 
 /// Which light a path carries.
 struct PathRules {
@@ -25,7 +25,7 @@ glm::dvec3 off_surface(glm::dvec3 point, glm::dvec3 n);
 class Paths {
 public:
     /// `unit` is the length of a frame unit in metres.
-    Paths(const Scene& scene, const Visibility& visibility, const Frame& frame,
+    Paths(const Scene& scene, const visibility::Visibility& visibility, const scene::Frame& frame,
           const PathRules& rules);
 
     /// An unbiased estimate of the light (RGB, nits) that arrives at `origin` (frame units), of
@@ -60,7 +60,7 @@ public:
     glm::dvec3 illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays) const;
 
     /// What a surface emits (nits) where a ray meets it, of the share alpha that is there.
-    glm::dvec3 emission(const Hit& hit) const;
+    glm::dvec3 emission(const visibility::Hit& hit) const;
 
 private:
     /// A light as a surface point sees it, positions in frame units.
@@ -85,7 +85,7 @@ private:
                        uint64_t& rays) const;
 
     const Scene& scene_;
-    const Visibility& visibility_;
+    const visibility::Visibility& visibility_;
     PathRules rules_;
     double unit_;
     double across_; ///< longer than the way from any surface out of the scene, frame units
@@ -94,4 +94,4 @@ private:
     const SkyMap* sky_ = nullptr; ///< unless it is black
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::reference

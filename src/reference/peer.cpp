@@ -15,7 +15,7 @@
 #include <cmath>
 #include <numeric>
 
-namespace lpvbake {
+namespace lpvbake::reference {
 namespace {
 
 constexpr uint32_t wave_size = 2048; ///< rays: what a wave keeps of them stays in a core's cache
@@ -94,7 +94,7 @@ struct PeerLight {
 /// All that is the same for every wave.
 struct PeerWork {
     const Scene& scene;
-    const Visibility& visibility;
+    const visibility::Visibility& visibility;
     const PeerSettings& settings;
     std::span<const glm::vec3> points;
     std::vector<glm::vec3> directions;
@@ -105,7 +105,7 @@ struct PeerWork {
     float across;
     std::vector<glm::vec3> normals;
 
-    PeerWork(const Scene& of, const Visibility& rays, const Frame& frame,
+    PeerWork(const Scene& of, const visibility::Visibility& rays, const scene::Frame& frame,
              std::span<const glm::vec3> from, const PeerSettings& how);
 
     /// Points whose rays share waves.
@@ -113,15 +113,15 @@ struct PeerWork {
     size_t groups() const { return (points.size() + group() - 1) / group(); }
 };
 
-PeerWork::PeerWork(const Scene& of, const Visibility& rays, const Frame& frame,
+PeerWork::PeerWork(const Scene& of, const visibility::Visibility& rays, const scene::Frame& frame,
                    std::span<const glm::vec3> from, const PeerSettings& how)
     : scene(of),
       visibility(rays),
       settings(how),
       points(from),
       directions(fibonacci_lattice(std::clamp(how.rays, 1u, 1u << 24))),
-      emitters(how.paths.emitters && has_emitters(of)),
-      sky(has_sky(of)),
+      emitters(how.paths.emitters && scene::has_emitters(of)),
+      sky(scene::has_sky(of)),
       across(1.01f * glm::length(rays.hi() - rays.lo()) + 1.0f) {
     for (const Instance& instance : scene.instances) {
         const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
@@ -142,10 +142,10 @@ PeerWork::PeerWork(const Scene& of, const Visibility& rays, const Frame& frame,
                            float(std::cos(std::min(light.inner_cone, light.outer_cone))),
                            float(std::cos(light.outer_cone))});
     }
-    for (const Light& sun : sky_suns(scene.sky))
+    for (const Light& sun : scene::sky_suns(scene.sky))
         sources.push_back({sun.type, sun.color, {}, glm::vec3(sun.direction), 0.0f, 0.0f, 0.0f});
     if (settings.irradiance)
-        for (const glm::dvec3& n : neighbour_normals())
+        for (const glm::dvec3& n : volume::neighbour_normals())
             normals.push_back(glm::vec3(n));
 }
 
@@ -153,7 +153,7 @@ PeerWork::PeerWork(const Scene& of, const Visibility& rays, const Frame& frame,
 class Waves {
 public:
     /// `recorder`, if any, gets all rays.
-    explicit Waves(const PeerWork& work, PackedRays* recorder = nullptr)
+    explicit Waves(const PeerWork& work, visibility::PackedRays* recorder = nullptr)
         : work_(work),
           recorder_(recorder),
           light_(wave_size),
@@ -202,35 +202,36 @@ private:
     void go_on(int reflections);
 
     const PeerWork& work_;
-    PackedRays* recorder_;
+    visibility::PackedRays* recorder_;
     uint64_t traced_ = 0;
     std::vector<glm::vec3> light_; ///< a slot of the wave
     // One entry a path that is under way, of which there are count_. Entries are written member by
     // member: a whole one would be put together on the stack first, and be waited for.
     size_t count_ = 0;
     std::vector<Path> paths_;
-    std::vector<Ray> rays_;
-    std::vector<Hit> hits_;
+    std::vector<visibility::Ray> rays_;
+    std::vector<visibility::Hit> hits_;
     std::vector<Lit> lit_;
     // One entry a shadow ray.
-    std::vector<Ray> shadows_;
+    std::vector<visibility::Ray> shadows_;
     std::vector<Arriving> arriving_;
     std::vector<float> visible_;
     std::vector<glm::vec3> indirect_;
 };
 
 /// What a surface does to light at a hit: {albedo, emission}.
-std::pair<glm::vec3, glm::vec3> surface_at(const PeerWork& work, const Hit& hit) {
+std::pair<glm::vec3, glm::vec3> surface_at(const PeerWork& work, const visibility::Hit& hit) {
     const Surface& surface = work.surfaces[hit.instance];
     if (surface.even)
         return {surface.albedo, surface.glows ? surface.emission : glm::vec3(0.0f)};
     const Mesh& mesh = work.scene.meshes[size_t(work.scene.instances[hit.instance].mesh)];
-    const SurfaceSample sample = sample_surface(work.scene, mesh, hit.triangle, hit.barycentric);
+    const scene::SurfaceSample sample =
+        scene::sample_surface(work.scene, mesh, hit.triangle, hit.barycentric);
     if (!surface.glows || !(sample.alpha > 0.0f))
         return {sample.albedo, glm::vec3(0.0f)};
     // The hit was drawn with probability alpha already, which sample_emission has as a factor.
     return {sample.albedo,
-            sample_emission(work.scene, mesh, hit.triangle, hit.barycentric) / sample.alpha};
+            scene::sample_emission(work.scene, mesh, hit.triangle, hit.barycentric) / sample.alpha};
 }
 
 /// The sky that a ray of `count` over the sphere sees: the mean over a share of it like its own.
@@ -243,8 +244,8 @@ glm::vec3 sky_around(const Sky& sky, glm::vec3 w, size_t count) {
     const double high = std::min(1.0, double(w.y) + 0.5 * edge * radius);
     const double width = std::min(glm::two_pi<double>(), edge * edge / std::max(high - low, 1e-9));
     const double azimuth = std::atan2(double(w.x), double(w.z));
-    return glm::vec3(sky_mean(sky, std::min(low, high - 1e-9), high, azimuth - 0.5 * width,
-                              azimuth + 0.5 * width));
+    return glm::vec3(scene::sky_mean(sky, std::min(low, high - 1e-9), high, azimuth - 0.5 * width,
+                                     azimuth + 0.5 * width));
 }
 
 /// Takes what the hits emit, and the sky where there are none, and keeps those that reflect.
@@ -252,16 +253,16 @@ void Waves::shade(int reflections) {
     const bool last = work_.settings.paths.bounces && reflections == *work_.settings.paths.bounces;
     size_t kept = 0;
     for (size_t i = 0; i < count_; ++i) {
-        const Hit& hit = hits_[i];
-        if (hit.instance == no_hit && work_.sky) {
+        const visibility::Hit& hit = hits_[i];
+        if (hit.instance == visibility::no_hit && work_.sky) {
             const Path& path = paths_[i];
             const glm::vec3 w = rays_[i].direction;
             light_[path.slot] +=
                 path.throughput
                 * (reflections == 0 ? sky_around(work_.scene.sky, w, work_.directions.size())
-                                    : sky_rest(work_.scene.sky, w));
+                                    : scene::sky_rest(work_.scene.sky, w));
         }
-        if (hit.instance == no_hit || hit.facing == Facing::back)
+        if (hit.instance == visibility::no_hit || hit.facing == visibility::Facing::back)
             continue;
         const auto [albedo, emission] = surface_at(work_, hit);
         const Path& path = paths_[i];
@@ -269,7 +270,7 @@ void Waves::shade(int reflections) {
         light_[path.slot] += path.throughput * emission;
         if (last || throughput == glm::vec3(0.0f))
             continue;
-        const Ray& ray = rays_[i];
+        const visibility::Ray& ray = rays_[i];
         const glm::vec3 n = glm::dot(hit.normal, ray.direction) > 0.0f ? -hit.normal : hit.normal;
         const glm::vec3 point = ray.origin + hit.t * ray.direction;
         lit_[kept].point = point + ray_offset(point) * n;
@@ -311,7 +312,7 @@ void Waves::add_punctual_lights() {
             }
             if (!(share > 0.0f))
                 continue;
-            Ray& shadow = shadows_[kept];
+            visibility::Ray& shadow = shadows_[kept];
             shadow.origin = point;
             shadow.direction = way;
             shadow.t_min = 0.0f;
@@ -320,10 +321,10 @@ void Waves::add_punctual_lights() {
             arriving_[kept].light = share / pi * paths_[i].throughput * source.color;
             ++kept;
         }
-        const std::span<const Ray> shadows(shadows_.data(), kept);
-        work_.visibility.transmittance_of_eights(shadows, Bundle::loose, visible_);
+        const std::span<const visibility::Ray> shadows(shadows_.data(), kept);
+        work_.visibility.transmittance_of_eights(shadows, visibility::Bundle::loose, visible_);
         if (recorder_)
-            recorder_->add(shadows, Bundle::loose, true);
+            recorder_->add(shadows, visibility::Bundle::loose, true);
         traced_ += kept;
         for (size_t i = 0; i < kept; ++i)
             light_[arriving_[i].slot] += visible_[i] * arriving_[i].light;
@@ -351,7 +352,7 @@ void Waves::go_on(int reflections) {
                 continue;
             throughput /= survival;
         }
-        Ray& ray = rays_[kept];
+        visibility::Ray& ray = rays_[kept];
         ray.origin = lit_[i].point;
         ray.direction =
             sample_cosine(lit_[i].normal, glm::vec2(unit_float(key), unit_float(key << 24)));
@@ -374,8 +375,9 @@ void Waves::follow() {
         if (reflections > 0)
             go_on(reflections - 1);
         const bool close = reflections == 0 && work_.directions.size() >= dense;
-        const Bundle bundle = close ? Bundle::tight : Bundle::loose;
-        const std::span<const Ray> rays(rays_.data(), count_);
+        const visibility::Bundle bundle =
+            close ? visibility::Bundle::tight : visibility::Bundle::loose;
+        const std::span<const visibility::Ray> rays(rays_.data(), count_);
         work_.visibility.closest_of_eights(rays, bundle, hits_);
         if (recorder_)
             recorder_->add(rays, bundle, false);
@@ -399,7 +401,7 @@ uint64_t Waves::trace(size_t first, size_t end, PeerField& field) {
         keys.push_back(join_bits(work_.settings.seed, point));
         turns.push_back(random_rotation(keys.back()));
     }
-    std::array<glm::vec3, sh_count(sh_max_order)> sh{};
+    std::array<glm::vec3, volume::sh_count(volume::sh_max_order)> sh{};
     std::array<glm::vec3, 26> irradiance{};
     RayIndex at;
     for (size_t start = 0; start < all; start += wave_size) {
@@ -421,7 +423,7 @@ uint64_t Waves::trace(size_t first, size_t end, PeerField& field) {
             const auto [point, ray] = at;
             if (const glm::vec3 light = light_[i]; light != glm::vec3(0.0f)) {
                 const glm::vec3 w = turns[point] * work_.directions[ray];
-                const ShValues basis = sh_basis(order, w);
+                const volume::ShValues basis = volume::sh_basis(order, w);
                 for (size_t k = 0; k < field.sh.size(); ++k)
                     sh[k] += basis[k] * light;
                 for (size_t n = 0; n < work_.normals.size(); ++n)
@@ -444,15 +446,16 @@ uint64_t Waves::trace(size_t first, size_t end, PeerField& field) {
 PeerField empty_field(const PeerWork& work) {
     const std::vector<glm::vec3> dark(work.points.size(), glm::vec3(0.0f));
     PeerField field;
-    field.sh.assign(size_t(sh_count(work.settings.sh_order)), dark);
+    field.sh.assign(size_t(volume::sh_count(work.settings.sh_order)), dark);
     field.irradiance.assign(work.normals.size(), dark);
     return field;
 }
 
 } // namespace
 
-PeerField trace_peer(const Scene& scene, const Visibility& visibility, const Frame& frame,
-                     std::span<const glm::vec3> points, const PeerSettings& settings) {
+PeerField trace_peer(const Scene& scene, const visibility::Visibility& visibility,
+                     const scene::Frame& frame, std::span<const glm::vec3> points,
+                     const PeerSettings& settings) {
     const PeerWork work(scene, visibility, frame, points, settings);
     PeerField field = empty_field(work);
     std::vector<uint64_t> traced(work.groups());
@@ -466,15 +469,16 @@ PeerField trace_peer(const Scene& scene, const Visibility& visibility, const Fra
     return field;
 }
 
-PackedRays peer_rays(const Scene& scene, const Visibility& visibility, const Frame& frame,
-                     std::span<const glm::vec3> points, const PeerSettings& settings) {
+visibility::PackedRays peer_rays(const Scene& scene, const visibility::Visibility& visibility,
+                                 const scene::Frame& frame, std::span<const glm::vec3> points,
+                                 const PeerSettings& settings) {
     const PeerWork work(scene, visibility, frame, points, settings);
     PeerField field = empty_field(work);
-    PackedRays rays;
+    visibility::PackedRays rays;
     Waves waves(work, &rays);
     for (size_t first = 0; first < points.size(); first += work.group())
         waves.trace(first, std::min(first + work.group(), points.size()), field);
     return rays;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::reference

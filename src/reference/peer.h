@@ -14,13 +14,13 @@
 #include <span>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::reference {
 
 /// For hits of one wave, their normals towards the side that was hit: the irradiance (RGB, lux)
 /// that this side gets from all but the direct light of punctual lights. Called by several threads
 /// at once.
 using IndirectLookup =
-    std::function<void(std::span<const Hit> hits, std::span<glm::vec3> irradiance)>;
+    std::function<void(std::span<const visibility::Hit> hits, std::span<glm::vec3> irradiance)>;
 
 struct PeerSettings {
     /// As of the reference. Emitters and the sky count where a ray meets them, and are not aimed
@@ -48,12 +48,14 @@ struct PeerField {
 };
 
 /// Traces probes at `points` (frame units) on all threads; the same bits for any number of them.
-PeerField trace_peer(const Scene& scene, const Visibility& visibility, const Frame& frame,
-                     std::span<const glm::vec3> points, const PeerSettings& settings);
+PeerField trace_peer(const Scene& scene, const visibility::Visibility& visibility,
+                     const scene::Frame& frame, std::span<const glm::vec3> points,
+                     const PeerSettings& settings);
 
 /// All rays that trace_peer traces for these points, packed as it traces them: what Embree alone
 /// takes for them is PackedRays::trace's time. 100 bytes a ray: give a few of the points.
-PackedRays peer_rays(const Scene& scene, const Visibility& visibility, const Frame& frame,
-                     std::span<const glm::vec3> points, const PeerSettings& settings);
+visibility::PackedRays peer_rays(const Scene& scene, const visibility::Visibility& visibility,
+                                 const scene::Frame& frame, std::span<const glm::vec3> points,
+                                 const PeerSettings& settings);
 
-} // namespace lpvbake
+} // namespace lpvbake::reference

@@ -19,7 +19,7 @@
 
 #include <unistd.h>
 
-namespace lpvbake {
+namespace lpvbake::reference {
 namespace {
 
 /// Rays of the first pass towards a wanted noise; each further one doubles what there is.
@@ -45,11 +45,11 @@ struct Row {
     std::span<const glm::dvec3> normals;
     const glm::dvec3* own = nullptr; ///< one more normal
 
-    size_t coefficients() const { return size_t(sh_count(order)); }
+    size_t coefficients() const { return size_t(volume::sh_count(order)); }
     size_t size() const { return coefficients() + normals.size() + (own != nullptr); }
 
     void add(glm::dvec3 direction, glm::dvec3 luminance, glm::dvec3* sums) const {
-        const ShValues basis = sh_basis(order, glm::vec3(direction));
+        const volume::ShValues basis = volume::sh_basis(order, glm::vec3(direction));
         for (size_t k = 0; k < coefficients(); ++k)
             *sums++ += double(basis[k]) * luminance;
         for (const glm::dvec3& n : normals)
@@ -84,12 +84,12 @@ uint64_t trace_batch(const Paths& paths, glm::vec3 point, uint64_t key, uint32_t
 /// Irradiance on a plane that faces each of the 26 normals as weights of the coefficients.
 std::vector<std::vector<double>> irradiance_weights(int order) {
     std::vector<std::vector<double>> all;
-    for (const glm::dvec3& normal : neighbour_normals()) {
-        const ShValues basis = sh_basis(order, glm::vec3(normal));
-        std::vector<double> weights(size_t(sh_count(order)));
+    for (const glm::dvec3& normal : volume::neighbour_normals()) {
+        const volume::ShValues basis = volume::sh_basis(order, glm::vec3(normal));
+        std::vector<double> weights(size_t(volume::sh_count(order)));
         for (int l = 0, k = 0; l <= order; ++l)
-            for (; k < sh_count(l); ++k)
-                weights[size_t(k)] = sh_cosine_factor(l) * double(basis[size_t(k)]);
+            for (; k < volume::sh_count(l); ++k)
+                weights[size_t(k)] = volume::sh_cosine_factor(l) * double(basis[size_t(k)]);
         all.push_back(weights);
     }
     return all;
@@ -136,7 +136,7 @@ double mean_irradiance(glm::dvec3 c0) {
 
 /// Throws Error (memory) unless what is kept of the cells fits this machine.
 void check_memory(const Grid& grid, const ReferenceSettings& settings) {
-    const uint64_t coefficients = uint64_t(sh_count(settings.sh_order));
+    const uint64_t coefficients = uint64_t(volume::sh_count(settings.sh_order));
     const uint64_t cells = grid.size();
     const uint64_t points = settings.probes ? std::min<uint64_t>(settings.probes, cells) : cells;
     const double bytes = double(cells) * double(24 * coefficients + 24)
@@ -207,7 +207,7 @@ public:
           normals_(normals),
           weights_(irradiance_weights(settings.sh_order)) {}
 
-    size_t coefficients() const { return size_t(sh_count(settings_.sh_order)); }
+    size_t coefficients() const { return size_t(volume::sh_count(settings_.sh_order)); }
     size_t row() const { return coefficients() + normals_.common.size() + !normals_.own.empty(); }
 
     /// Adds `rays` rays from each point; returns the number of all that were traced for it.
@@ -326,10 +326,10 @@ void scatter(const ProbeField& field, std::span<const size_t> cells, Reference& 
 
 } // namespace
 
-ProbeField trace_probes(const Scene& scene, const Visibility& visibility, const Frame& frame,
-                        std::span<const glm::vec3> points, std::span<const uint64_t> keys,
-                        const ReferenceSettings& settings, Progress& progress,
-                        const ProbeNormals& normals) {
+ProbeField trace_probes(const Scene& scene, const visibility::Visibility& visibility,
+                        const scene::Frame& frame, std::span<const glm::vec3> points,
+                        std::span<const uint64_t> keys, const ReferenceSettings& settings,
+                        Progress& progress, const ProbeNormals& normals) {
     const Paths paths(scene, visibility, frame, settings.paths);
     ProbeTracer tracer(paths, points, keys, settings, normals);
     ProbeSums sums(points.size(), tracer.row());
@@ -355,18 +355,19 @@ ProbeField trace_probes(const Scene& scene, const Visibility& visibility, const 
 
 Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSettings& settings,
                          Progress& progress) {
-    if (triangle_count(scene) == 0)
+    if (scene::triangle_count(scene) == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to light");
-    check_light_arrives(scene.path, {.punctual = !scene.lights.empty(),
-                                     .emitters = settings.paths.emitters && has_emitters(scene),
-                                     .sky = has_sky(scene),
-                                     .bounces = settings.paths.bounces});
+    scene::check_light_arrives(scene.path,
+                               {.punctual = !scene.lights.empty(),
+                                .emitters = settings.paths.emitters && scene::has_emitters(scene),
+                                .sky = scene::has_sky(scene),
+                                .bounces = settings.paths.bounces});
     check_memory(grid, settings);
 
     progress.begin("visibility", 0);
-    const Frame frame = frame_of(grid);
-    const Visibility visibility(scene, frame);
-    const std::vector<float> validity = trace_validity(visibility, grid.dims);
+    const scene::Frame frame = scene::frame_of(grid);
+    const visibility::Visibility visibility(scene, frame);
+    const std::vector<float> validity = visibility::trace_validity(visibility, grid.dims);
 
     const std::vector<size_t> cells = probe_cells(scene, validity, settings);
     std::vector<glm::vec3> points;
@@ -399,15 +400,17 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
         {"seed", std::to_string(settings.seed)},
         {"noise", short_number(field.noise)},
     };
-    set_content(content_of(!scene.lights.empty(), settings.paths.emitters && has_emitters(scene),
-                           has_sky(scene), settings.paths.bounces),
-                volume.metadata);
+    volume::set_content(volume::content_of(!scene.lights.empty(),
+                                           settings.paths.emitters && scene::has_emitters(scene),
+                                           scene::has_sky(scene), settings.paths.bounces),
+                        volume.metadata);
     if (settings.probes > 0)
         volume.metadata["probes"] = std::to_string(cells.size());
     reference.error = volume;
-    volume.walls = find_walls(visibility, grid.dims, volume.validity, most_walls, walls_reach);
+    volume.walls =
+        visibility::find_walls(visibility, grid.dims, volume.validity, most_walls, walls_reach);
     scatter(field, cells, reference);
     return reference;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::reference

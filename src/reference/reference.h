@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::reference {
 
 struct ReferenceSettings {
     PathRules paths;
@@ -58,10 +58,10 @@ struct ProbeField {
 /// threads, whatever `normals` asks for besides. Directions are uniform over the sphere, stratified
 /// within a batch; sums are in double. Throws Error (invalid: see Paths::luminance), and whatever
 /// `progress` throws.
-ProbeField trace_probes(const Scene& scene, const Visibility& visibility, const Frame& frame,
-                        std::span<const glm::vec3> points, std::span<const uint64_t> keys,
-                        const ReferenceSettings& settings, Progress& progress,
-                        const ProbeNormals& normals = {});
+ProbeField trace_probes(const Scene& scene, const visibility::Visibility& visibility,
+                        const scene::Frame& frame, std::span<const glm::vec3> points,
+                        std::span<const uint64_t> keys, const ReferenceSettings& settings,
+                        Progress& progress, const ProbeNormals& normals = {});
 
 struct Reference {
     /// Cells that were not evaluated are 0 and not valid. metadata: solver, content, bounces, rays,
@@ -83,4 +83,4 @@ struct Reference {
 Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSettings& settings,
                          Progress& progress);
 
-} // namespace lpvbake
+} // namespace lpvbake::reference

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-namespace lpvbake {
+namespace lpvbake::reference {
 namespace {
 
 uint32_t reverse_bits(uint32_t x) {
@@ -70,4 +70,4 @@ double PathSampler::plain() {
     return double(join_bits(join_bits(key_, drawn_++), index_) >> 11) * 0x1p-53;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::reference

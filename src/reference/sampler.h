@@ -8,7 +8,7 @@
 #include <span>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::reference {
 
 /// A bijection of 64-bit words that spreads every bit (Stafford's variant 13 of MurmurHash3's
 /// finaliser, as in splitmix64).
@@ -49,4 +49,4 @@ private:
     uint64_t drawn_ = 0;
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::reference

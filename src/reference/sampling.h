@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::reference {
 
 template <class Number>
 Number max_component(glm::vec<3, Number> v) {
@@ -46,4 +46,4 @@ Number spot_ramp(Number cosine, Number cos_inner, Number cos_outer) {
     return ramp * ramp;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::reference

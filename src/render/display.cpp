@@ -8,14 +8,14 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::render {
 namespace {
 
-glm::dvec3 pixel(const Pixels& picture, std::size_t i) {
+glm::dvec3 pixel(const image::Pixels& picture, std::size_t i) {
     return {picture.samples[3 * i], picture.samples[3 * i + 1], picture.samples[3 * i + 2]};
 }
 
-std::size_t pixels_of(const Pixels& picture) {
+std::size_t pixels_of(const image::Pixels& picture) {
     return picture.samples.size() / 3;
 }
 
@@ -35,10 +35,10 @@ double exposure_scale(double ev) {
     return 1.0 / (1.2 * std::exp2(ev));
 }
 
-double automatic_exposure(const Pixels& picture, Show show) {
+double automatic_exposure(const image::Pixels& picture, Show show) {
     std::vector<double> lit;
     for (std::size_t i = 0; i < pixels_of(picture); ++i)
-        if (const double y = glm::dot(pixel(picture, i), rec709_luminance); y > 0)
+        if (const double y = glm::dot(pixel(picture, i), colour::rec709_luminance); y > 0)
             lit.push_back(luminance_scale(show) * y);
     if (!is_light(show) || lit.empty())
         return 0;
@@ -59,8 +59,8 @@ glm::dvec3 neutral_tone_map(glm::dvec3 colour) {
     return glm::mix(glm::dvec3(mapped), colour * (mapped / peak), kept);
 }
 
-Pixels to_display(const Pixels& picture, Show show, double ev, ToneMap map) {
-    Pixels shown = picture;
+image::Pixels to_display(const image::Pixels& picture, Show show, double ev, ToneMap map) {
+    image::Pixels shown = picture;
     for (std::size_t i = 0; i < pixels_of(picture); ++i) {
         glm::dvec3 colour = pixel(picture, i);
         if (is_light(show)) {
@@ -73,20 +73,20 @@ Pixels to_display(const Pixels& picture, Show show, double ev, ToneMap map) {
         for (int channel = 0; channel < 3; ++channel) {
             const double value = std::clamp(colour[channel], 0.0, 1.0);
             shown.samples[3 * i + std::size_t(channel)] =
-                float(show == Show::normal ? value : linear_to_srgb(value));
+                float(show == Show::normal ? value : colour::linear_to_srgb(value));
         }
     }
     return shown;
 }
 
-double mean_luminance(const Pixels& picture) {
+double mean_luminance(const image::Pixels& picture) {
     double sum = 0;
     for (std::size_t i = 0; i < pixels_of(picture); ++i)
-        sum += glm::dot(pixel(picture, i), rec709_luminance);
+        sum += glm::dot(pixel(picture, i), colour::rec709_luminance);
     return sum / double(std::max<std::size_t>(pixels_of(picture), 1));
 }
 
-PictureError compare_pictures(const Pixels& a, const Pixels& b) {
+PictureError compare_pictures(const image::Pixels& a, const image::Pixels& b) {
     double squares = 0, sum_a = 0, sum_b = 0;
     for (std::size_t i = 0; i < a.samples.size(); ++i) {
         const double off = double(a.samples[i]) - double(b.samples[i]);
@@ -104,4 +104,4 @@ PictureError compare_pictures(const Pixels& a, const Pixels& b) {
     return error;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::render

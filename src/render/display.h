@@ -4,7 +4,7 @@
 #include "image/image.h"
 #include "render/shade.h"
 
-namespace lpvbake {
+namespace lpvbake::render {
 
 enum class ToneMap {
     neutral, ///< Khronos PBR Neutral, three.js' NeutralToneMapping
@@ -17,7 +17,7 @@ double exposure_scale(double ev);
 
 /// EV at which the median luminance of what is not black shows as 0.18, to a tenth; 0 for a picture
 /// that is all black.
-double automatic_exposure(const Pixels& picture, Show show);
+double automatic_exposure(const image::Pixels& picture, Show show);
 
 /// Khronos PBR Neutral (Khronos Group 2024): colours below 0.8 - 0.04 are kept but for a Fresnel
 /// offset of 0.04, brighter ones are compressed and lose saturation. RGB in [0, infinity).
@@ -26,10 +26,10 @@ glm::dvec3 neutral_tone_map(glm::dvec3 colour);
 /// Display-referred samples in [0, 1] as a PNG holds them. Light is exposed, tone-mapped and
 /// sRGB-encoded (irradiance as a white surface that reflects it); albedo, occlusion and validity
 /// are sRGB-encoded; a normal n becomes (n + 1) / 2.
-Pixels to_display(const Pixels& picture, Show show, double ev, ToneMap map);
+image::Pixels to_display(const image::Pixels& picture, Show show, double ev, ToneMap map);
 
 /// Mean Rec.709 luminance over all pixels.
-double mean_luminance(const Pixels& picture);
+double mean_luminance(const image::Pixels& picture);
 
 /// Of linear pictures, over pixels and RGB.
 struct PictureError {
@@ -37,6 +37,6 @@ struct PictureError {
     double relative = 0; ///< rmse over B's mean; 0 where both are 0
     double ratio = 0;    ///< A's mean over B's; 0 where B's is 0
 };
-PictureError compare_pictures(const Pixels& a, const Pixels& b);
+PictureError compare_pictures(const image::Pixels& a, const image::Pixels& b);
 
-} // namespace lpvbake
+} // namespace lpvbake::render

@@ -10,7 +10,7 @@
 #include <cmath>
 #include <functional>
 
-namespace lpvbake {
+namespace lpvbake::render {
 namespace {
 
 constexpr double pixels_a_degree = 67;
@@ -36,12 +36,12 @@ Plane converted(const Plane& plane, const Colour& colour) {
     return result;
 }
 
-Plane linear(const Pixels& pixels) {
+Plane linear(const image::Pixels& pixels) {
     Plane plane{pixels.width, pixels.height, {}};
     for (std::size_t i = 0; i < pixels.samples.size(); i += 3)
-        plane.values.emplace_back(srgb_to_linear(double(pixels.samples[i])),
-                                  srgb_to_linear(double(pixels.samples[i + 1])),
-                                  srgb_to_linear(double(pixels.samples[i + 2])));
+        plane.values.emplace_back(colour::srgb_to_linear(double(pixels.samples[i])),
+                                  colour::srgb_to_linear(double(pixels.samples[i + 1])),
+                                  colour::srgb_to_linear(double(pixels.samples[i + 2])));
     return plane;
 }
 
@@ -179,7 +179,7 @@ double spread(double distance, double largest) {
 
 } // namespace
 
-double flip(const Pixels& a, const Pixels& b) {
+double flip(const image::Pixels& a, const image::Pixels& b) {
     std::vector<glm::dvec3> seen[2];
     std::vector<glm::dvec2> structure[2];
     for (int i = 0; i < 2; ++i) {
@@ -200,4 +200,4 @@ double flip(const Pixels& a, const Pixels& b) {
     return seen[0].empty() ? 0 : sum / double(seen[0].size());
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::render

@@ -14,7 +14,7 @@
 #include <cmath>
 #include <numeric>
 
-namespace lpvbake {
+namespace lpvbake::render {
 namespace {
 
 /// Where in its square sample i of n lies: Hammersley's points, centred.
@@ -28,8 +28,8 @@ glm::dvec2 place_of(uint32_t i, uint32_t n) {
 /// A surface point's colour, but for what is read from the volume's other grids. `indirect` gives
 /// the irradiance of the field and is asked only where that counts.
 template <class Indirect>
-glm::dvec3 colour_of(Show show, const SurfacePoint& p, const Paths& paths, uint64_t& rays,
-                     const Indirect& indirect) {
+glm::dvec3 colour_of(Show show, const SurfacePoint& p, const reference::Paths& paths,
+                     uint64_t& rays, const Indirect& indirect) {
     if (show == Show::albedo)
         return p.albedo;
     if (show == Show::normal)
@@ -40,7 +40,7 @@ glm::dvec3 colour_of(Show show, const SurfacePoint& p, const Paths& paths, uint6
     if (show != Show::direct)
         irradiance += indirect();
     if (show != Show::indirect) {
-        irradiance += paths.illuminance(off_surface(p.point, p.normal), p.smooth, rays);
+        irradiance += paths.illuminance(reference::off_surface(p.point, p.normal), p.smooth, rays);
         colour += paths.emission(p.hit);
     }
     return colour + p.albedo / glm::pi<double>() * irradiance;
@@ -48,7 +48,7 @@ glm::dvec3 colour_of(Show show, const SurfacePoint& p, const Paths& paths, uint6
 
 glm::dvec3 background(const Scene& scene, Show show, glm::dvec3 direction) {
     return show == Show::final || show == Show::direct
-               ? glm::dvec3(sky_luminance(scene.sky, glm::vec3(glm::normalize(direction))))
+               ? glm::dvec3(scene::sky_luminance(scene.sky, glm::vec3(glm::normalize(direction))))
                : glm::dvec3(0.0);
 }
 
@@ -59,31 +59,31 @@ glm::dvec3 colour_of_volume(Show show, const Volume& volume, const readers::Read
         const glm::ivec3 cell =
             glm::clamp(glm::ivec3(glm::floor(volume.grid.to_grid(point) + 0.5 * n)), glm::ivec3(0),
                        volume.grid.dims - 1);
-        return double(sh_y0) * glm::dvec3(volume.sh[0][volume.grid.index(cell)]);
+        return double(volume::sh_y0) * glm::dvec3(volume.sh[0][volume.grid.index(cell)]);
     }
-    const CellWeights plain = weights_at(volume, point, n, Reading::trilinear);
+    const volume::CellWeights plain = volume::weights_at(volume, point, n, Reading::trilinear);
     double sum = 0;
     if (show == Show::validity) {
         for (std::size_t i = 0; i < 8; ++i)
             sum += volume.validity.empty() ? plain.weight[i]
                                            : plain.weight[i] * volume.validity[plain.cell[i]];
-        const CellWeights used = readers::taps_of(reader, volume, point, n);
+        const volume::CellWeights used = readers::taps_of(reader, volume, point, n);
         if (std::ranges::count(used.weight, 0.0) == 8)
             return {1, 0, 0};
         return glm::dvec3(sum);
     }
-    const ShValues basis = sh_basis(1, glm::vec3(n));
+    const volume::ShValues basis = volume::sh_basis(1, glm::vec3(n));
     for (std::size_t i = 0; i < 8; ++i)
         for (std::size_t k = 0; k < volume.occlusion.size(); ++k)
             sum += plain.weight[i] * double(basis[k] * volume.occlusion[k][plain.cell[i]]);
     return glm::dvec3(std::clamp(sum, 0.0, 1.0));
 }
 
-Pixels black(glm::ivec2 size) {
+image::Pixels black(glm::ivec2 size) {
     return {size.x, size.y, 3, std::vector<float>(std::size_t(size.x) * std::size_t(size.y) * 3)};
 }
 
-void set_pixel(Pixels& picture, int column, int row, glm::dvec3 colour) {
+void set_pixel(image::Pixels& picture, int column, int row, glm::dvec3 colour) {
     const std::size_t first =
         3 * (std::size_t(row) * std::size_t(picture.width) + std::size_t(column));
     for (int channel = 0; channel < 3; ++channel)
@@ -92,19 +92,19 @@ void set_pixel(Pixels& picture, int column, int row, glm::dvec3 colour) {
 
 } // namespace
 
-Rendering render(const LitScene& lit, const Volume& volume, const Raster& raster,
+Rendering render(const LitScene& lit, const Volume& volume, const raster::Raster& raster,
                  const readers::Reader& reader, const ViewSettings& settings, Progress& progress) {
     const auto& [scene, frame, visibility, paths] = lit;
     const Show show = settings.show;
     if (show == Show::occlusion && volume.occlusion.empty())
         throw Error(ErrorKind::invalid, "the volume holds no occlusion to show; lpv bakes it");
     const glm::ivec2 size = settings.size;
-    const RsmView view = view_of(settings.camera, frame, size);
+    const raster::RsmView view = view_of(settings.camera, frame, size);
     const Surface surface(scene, frame);
-    const std::vector<RsmOrigin>& origins = raster.geometry().origins;
+    const std::vector<raster::RsmOrigin>& origins = raster.geometry().origins;
     const auto samples = uint32_t(settings.samples);
 
-    const auto colour = [&](const RasterTexel& seen, glm::dvec3 along, uint64_t& rays) {
+    const auto colour = [&](const raster::RasterTexel& seen, glm::dvec3 along, uint64_t& rays) {
         if (seen.triangle == 0)
             return background(scene, show, along);
         const auto [instance, triangle] = origins[seen.triangle - 1];
@@ -123,14 +123,15 @@ Rendering render(const LitScene& lit, const Volume& volume, const Raster& raster
     result.picture = black(size);
     std::vector<glm::dvec3> sums;
     std::vector<uint64_t> rays(std::size_t(size.y), 0);
-    const auto across = uint64_t((size.x + max_tile - 1) / max_tile);
-    const auto down = uint64_t((size.y + max_tile - 1) / max_tile);
+    const auto across = uint64_t((size.x + raster::max_tile - 1) / raster::max_tile);
+    const auto down = uint64_t((size.y + raster::max_tile - 1) / raster::max_tile);
     progress.begin("render", across * down * samples);
     uint64_t done = 0;
-    for (int y = 0; y < size.y; y += max_tile)
-        for (int x = 0; x < size.x; x += max_tile) {
-            Tile tile{size, {}, glm::min(glm::ivec2(max_tile), size - glm::ivec2(x, y))};
-            tile.seed = uint32_t(y / max_tile) * 65536u + uint32_t(x / max_tile);
+    for (int y = 0; y < size.y; y += raster::max_tile)
+        for (int x = 0; x < size.x; x += raster::max_tile) {
+            raster::Tile tile{
+                size, {}, glm::min(glm::ivec2(raster::max_tile), size - glm::ivec2(x, y))};
+            tile.seed = uint32_t(y / raster::max_tile) * 65536u + uint32_t(x / raster::max_tile);
             const glm::ivec2 extent = tile.extent;
             sums.assign(std::size_t(extent.x) * std::size_t(extent.y), glm::dvec3(0.0));
             for (uint32_t sample = 0; sample < samples; ++sample) {
@@ -138,7 +139,7 @@ Rendering render(const LitScene& lit, const Volume& volume, const Raster& raster
                 // What is seen of a blended surface is spread over the samples, by the golden
                 // ratio.
                 tile.shift = sample * 0x9e3779b9u;
-                const std::span<const RasterTexel> seen = raster.draw(view, tile, true);
+                const std::span<const raster::RasterTexel> seen = raster.draw(view, tile, true);
                 tbb::parallel_for(0, extent.y, [&](int row) {
                     for (int column = 0; column < extent.x; ++column) {
                         const std::size_t i =
@@ -164,24 +165,24 @@ Rendering trace_picture(const LitScene& lit, const ViewSettings& settings, Progr
     const auto& [scene, frame, visibility, paths] = lit;
     const Show show = settings.show;
     const glm::ivec2 size = settings.size;
-    const RsmView view = view_of(settings.camera, frame, size);
+    const raster::RsmView view = view_of(settings.camera, frame, size);
     const Surface surface(scene, frame);
     const auto samples = uint32_t(settings.samples);
 
-    const auto colour = [&](glm::dvec3 along, PathSampler& sampler, uint64_t& rays) {
+    const auto colour = [&](glm::dvec3 along, reference::PathSampler& sampler, uint64_t& rays) {
         ++rays;
-        const Hit hit = visibility.closest_front(
+        const visibility::Hit hit = visibility.closest_front(
             {glm::vec3(view.origin), glm::vec3(along), float(view.nearest), HUGE_VALF});
-        if (hit.instance == no_hit)
+        if (hit.instance == visibility::no_hit)
             return background(scene, show, along);
         SurfacePoint p = surface.point(
             hit.instance, hit.triangle,
             surface.barycentric(hit.instance, hit.triangle, view.origin, along), along);
         const Mesh& mesh = scene.meshes[std::size_t(scene.instances[hit.instance].mesh)];
-        p.albedo = sample_surface(scene, mesh, hit.triangle, p.hit.barycentric).albedo;
+        p.albedo = scene::sample_surface(scene, mesh, hit.triangle, p.hit.barycentric).albedo;
         return colour_of(show, p, paths, rays, [&] {
-            return paths.irradiance(glm::vec3(off_surface(p.point, p.normal)), p.smooth, sampler,
-                                    rays);
+            return paths.irradiance(glm::vec3(reference::off_surface(p.point, p.normal)), p.smooth,
+                                    sampler, rays);
         });
     };
 
@@ -193,10 +194,10 @@ Rendering trace_picture(const LitScene& lit, const ViewSettings& settings, Progr
     for (int y = 0; y < size.y; y += rows_at_a_time) {
         tbb::parallel_for(y, std::min(y + rows_at_a_time, size.y), [&](int row) {
             for (int column = 0; column < size.x; ++column) {
-                const uint64_t key = join_bits(uint64_t(row), uint64_t(column));
+                const uint64_t key = reference::join_bits(uint64_t(row), uint64_t(column));
                 glm::dvec3 sum(0.0), squares(0.0);
                 for (uint32_t i = 0; i < samples; ++i) {
-                    PathSampler sampler(key, i);
+                    reference::PathSampler sampler(key, i);
                     const glm::dvec2 at =
                         2.0 * (glm::dvec2(column, row) + sampler.pair()) / glm::dvec2(size) - 1.0;
                     const glm::dvec3 value =
@@ -219,4 +220,4 @@ Rendering trace_picture(const LitScene& lit, const ViewSettings& settings, Progr
     return result;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::render

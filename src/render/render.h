@@ -7,14 +7,14 @@
 #include "readers/readers.h"
 #include "render/shade.h"
 
-namespace lpvbake {
+namespace lpvbake::render {
 
 /// What all pictures of a scene refer to. `frame` is that of the volume's grid.
 struct LitScene {
     const Scene& scene;
-    const Frame& frame;
-    const Visibility& visibility;
-    const Paths& paths; ///< its rules say which light the field holds
+    const scene::Frame& frame;
+    const visibility::Visibility& visibility;
+    const reference::Paths& paths; ///< its rules say which light the field holds
 };
 
 struct ViewSettings {
@@ -25,7 +25,7 @@ struct ViewSettings {
 };
 
 struct Rendering {
-    Pixels picture; ///< linear RGB: see Show. Black where nothing is seen, unless the sky is
+    image::Pixels picture; ///< linear RGB: see Show. Black where nothing is seen, unless the sky is
     uint64_t rays = 0;
     /// Standard error of the mean, root mean square over pixels and RGB; of path-traced ones.
     double noise = 0;
@@ -35,7 +35,7 @@ struct Rendering {
 /// shadow rays, the field as `reader` shows it, and dark where that is negative. Backs of
 /// single-sided materials are not drawn. The same bits for any number of threads. Throws Error:
 /// invalid (Show::occlusion of a volume without); device, memory; and whatever `progress` throws.
-Rendering render(const LitScene& lit, const Volume& volume, const Raster& raster,
+Rendering render(const LitScene& lit, const Volume& volume, const raster::Raster& raster,
                  const readers::Reader& reader, const ViewSettings& settings, Progress& progress);
 
 /// The same picture by ViewSettings::samples paths a pixel, from the eye on: instead of the field
@@ -43,4 +43,4 @@ Rendering render(const LitScene& lit, const Volume& volume, const Raster& raster
 /// irradiance. Throws what Paths::luminance and `progress` throw.
 Rendering trace_picture(const LitScene& lit, const ViewSettings& settings, Progress& progress);
 
-} // namespace lpvbake
+} // namespace lpvbake::render

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::render {
 namespace {
 
 /// The least weight that a corner has.
@@ -11,7 +11,7 @@ constexpr double rim = 1e-4;
 
 } // namespace
 
-Surface::Surface(const Scene& scene, const Frame& frame) : scene_(scene), frame_(frame) {
+Surface::Surface(const Scene& scene, const scene::Frame& frame) : scene_(scene), frame_(frame) {
     for (const Instance& instance : scene.instances) {
         // The adjugate transposed: the inverse would not exist for a flat instance.
         const glm::dmat3 m(instance.to_world);
@@ -75,4 +75,4 @@ SurfacePoint Surface::point(uint32_t instance, uint32_t triangle, glm::vec2 bary
     return p;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::render

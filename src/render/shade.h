@@ -6,7 +6,7 @@
 
 #include <array>
 
-namespace lpvbake {
+namespace lpvbake::render {
 
 /// What a picture shows of each surface point. Nits where nothing else is said; RGB.
 enum class Show {
@@ -23,17 +23,17 @@ enum class Show {
 
 /// A point of a surface, on the side from which it is seen.
 struct SurfacePoint {
-    Hit hit;           ///< instance, triangle, barycentric
-    glm::dvec3 point;  ///< frame units
-    glm::dvec3 normal; ///< unit, of the triangle
-    glm::dvec3 smooth; ///< unit, interpolated between the file's normals where it has some
+    visibility::Hit hit; ///< instance, triangle, barycentric
+    glm::dvec3 point;    ///< frame units
+    glm::dvec3 normal;   ///< unit, of the triangle
+    glm::dvec3 smooth;   ///< unit, interpolated between the file's normals where it has some
     glm::dvec3 albedo;
 };
 
 /// Finds points of a scene's surfaces. Refers to its arguments.
 class Surface {
 public:
-    Surface(const Scene& scene, const Frame& frame);
+    Surface(const Scene& scene, const scene::Frame& frame);
 
     /// Where a ray (frame units) meets the plane of a triangle; a hair inside the triangle, where
     /// that lies on its rim or beyond, so that it is not behind another that meets it there.
@@ -47,8 +47,8 @@ private:
     std::array<glm::dvec3, 3> corners(uint32_t instance, uint32_t triangle) const;
 
     const Scene& scene_;
-    Frame frame_;
+    scene::Frame frame_;
     std::vector<glm::dmat3> normal_to_world_; ///< an instance
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::render

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::render {
 namespace {
 
 glm::dvec3 towards(double azimuth, double elevation) {
@@ -17,7 +17,7 @@ glm::dvec3 middle_of(const Bounds& box) {
     return 0.5 * (box.lo + box.hi);
 }
 
-Ray ray_from(const Frame& frame, glm::dvec3 point, glm::dvec3 direction) {
+visibility::Ray ray_from(const scene::Frame& frame, glm::dvec3 point, glm::dvec3 direction) {
     return {glm::vec3(frame.from_world(point)), glm::vec3(direction), 0.0f, HUGE_VALF};
 }
 
@@ -57,28 +57,29 @@ Camera orbit_camera(const Bounds& box, const Orbit& orbit, double yfov, double a
     return camera;
 }
 
-bool is_room(const Bounds& box, const Visibility& visibility, const Frame& frame) {
+bool is_room(const Bounds& box, const visibility::Visibility& visibility,
+             const scene::Frame& frame) {
     constexpr int count = 256;
     int shut_in = 0;
     for (int i = 0; i < count; ++i) { // a spiral around the sphere
         const double y = 1 - (2 * i + 1.0) / count;
         const glm::dvec3 way = towards(i * glm::pi<double>() * (3 - std::sqrt(5.0)), std::asin(y));
-        const Hit hit = visibility.closest(ray_from(frame, middle_of(box), way));
-        shut_in += hit.instance != no_hit && hit.facing != Facing::back;
+        const visibility::Hit hit = visibility.closest(ray_from(frame, middle_of(box), way));
+        shut_in += hit.instance != visibility::no_hit && hit.facing != visibility::Facing::back;
     }
     return shut_in > count * 9 / 10;
 }
 
-Camera inside_camera(const Bounds& box, const Visibility& visibility, const Frame& frame,
-                     double yfov) {
+Camera inside_camera(const Bounds& box, const visibility::Visibility& visibility,
+                     const scene::Frame& frame, double yfov) {
     constexpr int count = 32;
     const glm::dvec3 middle = middle_of(box);
     glm::dvec3 eye = middle;
     double farthest = 0;
     for (int i = 0; i < count; ++i) {
         const glm::dvec3 way = towards(glm::two_pi<double>() * i / count, 0.15);
-        const Hit hit = visibility.closest(ray_from(frame, middle, way));
-        if (hit.instance != no_hit && hit.t > farthest) {
+        const visibility::Hit hit = visibility.closest(ray_from(frame, middle, way));
+        if (hit.instance != visibility::no_hit && hit.t > farthest) {
             farthest = hit.t;
             eye = middle + 0.93 * farthest * frame.unit * way;
         }
@@ -86,8 +87,8 @@ Camera inside_camera(const Bounds& box, const Visibility& visibility, const Fram
     return look_at(farthest > 0 ? eye : middle + glm::dvec3(0, 0, frame.unit), middle, yfov);
 }
 
-RsmView view_of(const Camera& camera, const Frame& frame, glm::ivec2 size) {
-    RsmView view;
+raster::RsmView view_of(const Camera& camera, const scene::Frame& frame, glm::ivec2 size) {
+    raster::RsmView view;
     view.perspective = true;
     view.origin = frame.from_world(glm::dvec3(camera.to_world[3]));
     view.axis = -glm::normalize(glm::dvec3(camera.to_world[2]));
@@ -98,4 +99,4 @@ RsmView view_of(const Camera& camera, const Frame& frame, glm::ivec2 size) {
     return view;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::render

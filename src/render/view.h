@@ -4,7 +4,7 @@
 #include "raster/view.h"
 #include "visibility/visibility.h"
 
-namespace lpvbake {
+namespace lpvbake::render {
 
 /// A camera at `eye` that looks at `target` (world, metres), +Y up in the picture; +Z where it
 /// looks along Y. yfov in radians.
@@ -23,14 +23,15 @@ struct Orbit {
 Camera orbit_camera(const Bounds& box, const Orbit& orbit, double yfov, double aspect);
 
 /// True if the middle of the box is shut in by surfaces of which its side can be seen: a room.
-bool is_room(const Bounds& box, const Visibility& visibility, const Frame& frame);
+bool is_room(const Bounds& box, const visibility::Visibility& visibility,
+             const scene::Frame& frame);
 
 /// Looks across the middle of a room from before the wall that is farthest from it, a little from
 /// above.
-Camera inside_camera(const Bounds& box, const Visibility& visibility, const Frame& frame,
-                     double yfov);
+Camera inside_camera(const Bounds& box, const visibility::Visibility& visibility,
+                     const scene::Frame& frame, double yfov);
 
 /// The rays of a picture of `size` pixels, row 0 at its top.
-RsmView view_of(const Camera& camera, const Frame& frame, glm::ivec2 size);
+raster::RsmView view_of(const Camera& camera, const scene::Frame& frame, glm::ivec2 size);
 
-} // namespace lpvbake
+} // namespace lpvbake::render

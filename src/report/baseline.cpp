@@ -9,7 +9,7 @@
 #include <cmath>
 #include <filesystem>
 
-namespace lpvbake {
+namespace lpvbake::report {
 namespace {
 
 constexpr uint64_t most_bytes = 64 << 20;
@@ -67,7 +67,7 @@ Baseline load_baseline(const std::string& path) {
     const auto invalid = [&](const std::string& why) {
         return Error(ErrorKind::invalid, path + ": " + why + "; write it anew with the program");
     };
-    const std::string text = read_file(path, most_bytes);
+    const std::string text = io::read_file(path, most_bytes);
     const auto document = nlohmann::json::parse(text, nullptr, false);
     if (!document.is_object() || !document.contains("rows") || !document["rows"].is_object())
         throw invalid("is no baseline, {\"rows\": {NAME: {NUMBER: VALUE}}}");
@@ -94,7 +94,7 @@ void save_baseline(const std::string& path, const Baseline& baseline) {
         text += nlohmann::json(name).dump() + ": " + row.dump()
                 + (name == baseline.rbegin()->first ? "\n" : ",\n");
     }
-    AtomicFile file(path);
+    io::AtomicFile file(path);
     file.write(text + "}}\n");
     file.seal();
     file.publish();
@@ -128,4 +128,4 @@ BaselineComparison compare_baselines(const Baseline& kept, const Baseline& now,
     return result;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

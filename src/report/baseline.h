@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 /// Numbers of a row by their names: "error", "surface", the readers', "leak", ... are the better
 /// the smaller, as is "seconds"; "energy" is a ratio that is best at 1. All are finite.
@@ -42,4 +42,4 @@ struct BaselineComparison {
 BaselineComparison compare_baselines(const Baseline& kept, const Baseline& now,
                                      const BaselineSlack& slack);
 
-} // namespace lpvbake
+} // namespace lpvbake::report

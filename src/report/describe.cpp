@@ -6,7 +6,7 @@
 
 #include <algorithm>
 
-namespace lpvbake {
+namespace lpvbake::report {
 namespace {
 
 const char* alpha_name(AlphaMode mode) {
@@ -101,13 +101,13 @@ std::string lights_text(const Scene& scene) {
 
 struct NamedRange {
     std::string name;
-    GridRange range;
+    volume::GridRange range;
 };
 
 std::vector<NamedRange> ranges_of(const Volume& volume) {
     std::vector<NamedRange> ranges;
-    for (const ConstGridView& grid : grids_of(volume))
-        ranges.push_back({grid.name(), range_of(grid)});
+    for (const volume::ConstGridView& grid : volume::grids_of(volume))
+        ranges.push_back({grid.name(), volume::range_of(grid)});
     return ranges;
 }
 
@@ -135,14 +135,14 @@ Json scene_json(const std::string& path, const Scene& scene) {
         {"scenes", scene.file.scenes},
         {"animations", Json::array()},
         {"variants", scene.file.variants},
-        {"triangles", triangle_count(scene)},
+        {"triangles", scene::triangle_count(scene)},
         {"meshes", scene.meshes.size()},
         {"instances", scene.instances.size()},
         {"bounds", nullptr},
         {"materials", materials_json(scene)},
         {"textures", scene.textures.size()},
         {"images", Json::array()},
-        {"emitters", has_emitters(scene)},
+        {"emitters", scene::has_emitters(scene)},
         {"lights", lights_json(scene)},
         {"cameras", Json::array()},
         {"warnings", scene.warnings}};
@@ -186,7 +186,7 @@ std::string scene_text(const std::string& path, const Scene& scene) {
         text += format("animation  %zu \"%s\", %.4g s\n", i, scene.file.animations[i].name.c_str(),
                        scene.file.animations[i].duration);
     text += format("triangles  %llu in %s (%zu different)\n",
-                   static_cast<unsigned long long>(triangle_count(scene)),
+                   static_cast<unsigned long long>(scene::triangle_count(scene)),
                    counted(scene.instances.size(), "placed mesh", "placed meshes").c_str(),
                    scene.meshes.size());
     if (bounds.empty()) {
@@ -201,7 +201,7 @@ std::string scene_text(const std::string& path, const Scene& scene) {
     text +=
         format("materials  %zu: %td emissive, %td mask, %td blend, %td double-sided\n",
                scene.materials.size(), count.emissive, count.mask, count.blend, count.double_sided);
-    text += format("emitters   %s\n", has_emitters(scene) ? "yes" : "none");
+    text += format("emitters   %s\n", scene::has_emitters(scene) ? "yes" : "none");
     text += format("textures   %zu of %s\n", scene.textures.size(),
                    counted(scene.images.size(), "image").c_str());
     for (const Image& image : scene.images)
@@ -222,7 +222,7 @@ Json volume_json(const std::string& path, const Volume& volume) {
                   {"grid", grid_json(volume.grid)},
                   {"sh_order", volume.sh_order},
                   {"grids", Json::array()},
-                  {"energy", total_energy(volume)},
+                  {"energy", volume::total_energy(volume)},
                   {"metadata", volume.metadata}};
     for (const auto& [name, range] : ranges_of(volume))
         document["grids"].push_back({{"name", name},
@@ -243,7 +243,8 @@ std::string volume_text(const std::string& path, const Volume& volume) {
     text += format("transform  index (i, j, k) at (%.6g, %.6g, %.6g) + %.6g (i, j, k) m\n",
                    grid.center({0, 0, 0}).x, grid.center({0, 0, 0}).y, grid.center({0, 0, 0}).z,
                    grid.cell);
-    text += format("energy     %.6g nit sr over all cells (luminance)\n", total_energy(volume));
+    text +=
+        format("energy     %.6g nit sr over all cells (luminance)\n", volume::total_energy(volume));
     for (const auto& [name, range] : ranges_of(volume)) {
         text += format("%-14s  %5.1f %% of cells not zero\n", name.c_str(),
                        100.0 * double(range.nonzero) / double(grid.size()));
@@ -256,4 +257,4 @@ std::string volume_text(const std::string& path, const Volume& volume) {
     return text;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

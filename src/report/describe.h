@@ -8,7 +8,7 @@
 
 #include <string>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 nlohmann::ordered_json scene_json(const std::string& path, const Scene& scene);
 std::string scene_text(const std::string& path, const Scene& scene);
@@ -16,4 +16,4 @@ std::string scene_text(const std::string& path, const Scene& scene);
 nlohmann::ordered_json volume_json(const std::string& path, const Volume& volume);
 std::string volume_text(const std::string& path, const Volume& volume);
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -7,7 +7,7 @@
 #include <cmath>
 #include <sstream>
 
-namespace lpvbake {
+namespace lpvbake::report {
 namespace {
 
 Json to_json(const Threshold& threshold, uint64_t exceeding) {
@@ -19,7 +19,7 @@ Json to_json(const Threshold& threshold, uint64_t exceeding) {
             {"exceeding", exceeding}};
 }
 
-std::string channel_name(int channel, const GridKind& kind = light_kind()) {
+std::string channel_name(int channel, const GridKind& kind = volume::light_kind()) {
     return kind.width() == 1 ? "" : std::string(1, kind.channels[channel]);
 }
 
@@ -42,7 +42,7 @@ std::string parts_text(const char* label, const std::string& whole, const std::s
 }
 
 std::string threshold_text(const char* name, const Threshold& threshold, uint64_t exceeding,
-                           const Comparison& c) {
+                           const volume::Comparison& c) {
     if (!threshold.given)
         return {};
     std::string text =
@@ -56,12 +56,12 @@ std::string threshold_text(const char* name, const Threshold& threshold, uint64_
 }
 
 std::string worst_text(const Difference& result) {
-    const Comparison& c = result.comparison;
+    const volume::Comparison& c = result.comparison;
     const Grid& grid = result.b.grid;
     std::string text;
     if (!c.worst.empty())
         text += format("worst cells\n");
-    for (const IrradianceSample& sample : c.worst) {
+    for (const volume::IrradianceSample& sample : c.worst) {
         const glm::dvec3 p = grid.center(sample.cell), n = sample.normal;
         text += format("  (%d, %d, %d) at (%.6g, %.6g, %.6g) m, normal (%.2g, %.2g, %.2g), %s: "
                        "A %.6g lx, B %.6g lx, %.4g %%\n",
@@ -72,7 +72,7 @@ std::string worst_text(const Difference& result) {
     return text;
 }
 
-std::string grid_text(const GridDifference& of_grid, const Grid& grid) {
+std::string grid_text(const volume::GridDifference& of_grid, const Grid& grid) {
     const std::string channel = channel_name(of_grid.channel, *of_grid.kind);
     if (of_grid.cells == 0)
         return format("%-14s  same\n", of_grid.name.c_str());
@@ -89,7 +89,7 @@ std::string grid_text(const GridDifference& of_grid, const Grid& grid) {
 
 /// Why the threshold is not kept; none: it is.
 std::optional<std::string> offence(const Threshold& threshold, uint64_t exceeding,
-                                   const Comparison& comparison) {
+                                   const volume::Comparison& comparison) {
     std::ostringstream text;
     text.precision(4);
     if (comparison.max > threshold.hard)
@@ -133,7 +133,7 @@ std::optional<std::string> failure(const Difference& result) {
     const auto list = [&](const std::string& name, const char* where) {
         grids += (grids.empty() ? "" : ", ") + name + where;
     };
-    for (const GridDifference& grid : result.comparison.grids)
+    for (const volume::GridDifference& grid : result.comparison.grids)
         if (grid.cells > 0)
             list(grid.name, "");
     for (const std::string& name : result.comparison.only_a)
@@ -157,7 +157,7 @@ std::string verdict(const Difference& result) {
 }
 
 Json difference_json(const Difference& result) {
-    const Comparison& c = result.comparison;
+    const volume::Comparison& c = result.comparison;
     const Grid& grid = result.b.grid;
     Json document{{"command", "diff"},
                   {"a", result.path_a},
@@ -192,7 +192,7 @@ Json difference_json(const Difference& result) {
                    {{"only_a", result.metadata.only_a},
                     {"only_b", result.metadata.only_b},
                     {"different", result.metadata.different}}}};
-    for (const IrradianceSample& sample : c.worst)
+    for (const volume::IrradianceSample& sample : c.worst)
         document["worst"].push_back({{"cell", vector_json(sample.cell)},
                                      {"position", vector_json(grid.center(sample.cell))},
                                      {"normal", vector_json(sample.normal)},
@@ -200,7 +200,7 @@ Json difference_json(const Difference& result) {
                                      {"a", sample.a},
                                      {"b", sample.b},
                                      {"difference", sample.difference}});
-    for (const GridDifference& of_grid : c.grids) {
+    for (const volume::GridDifference& of_grid : c.grids) {
         const std::string channel = channel_name(of_grid.channel, *of_grid.kind);
         Json entry{{"name", of_grid.name},
                    {"cells", of_grid.cells},
@@ -221,7 +221,7 @@ Json difference_json(const Difference& result) {
 }
 
 std::string difference_text(const Difference& result) {
-    const Comparison& c = result.comparison;
+    const volume::Comparison& c = result.comparison;
     std::string text;
     const Grid& grid = result.b.grid;
     const auto number = [](uint64_t n) { return static_cast<unsigned long long>(n); };
@@ -252,7 +252,7 @@ std::string difference_text(const Difference& result) {
     text += threshold_text("warn", result.warn, c.exceeding[1], c);
 
     text += worst_text(result);
-    for (const GridDifference& of_grid : c.grids)
+    for (const volume::GridDifference& of_grid : c.grids)
         text += grid_text(of_grid, grid);
     for (const std::string& name : c.only_a)
         text += format("%-14s  only in A\n", name.c_str());
@@ -272,4 +272,4 @@ std::string difference_text(const Difference& result) {
     return text;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -11,7 +11,7 @@
 #include <string>
 #include <utility>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 /// What idiff calls fail, failpercent and hardfail.
 struct Threshold {
@@ -36,7 +36,7 @@ struct Difference {
     std::string path_a, path_b;
     const Volume& a;
     const Volume& b;
-    Comparison comparison; ///< with the limits of `fail` and `warn`, in this order
+    volume::Comparison comparison; ///< with the limits of `fail` and `warn`, in this order
     Threshold fail, warn;
     bool metadata_fails = false;
     MetadataDifference metadata;
@@ -55,4 +55,4 @@ std::string verdict(const Difference& difference);
 nlohmann::ordered_json difference_json(const Difference& difference);
 std::string difference_text(const Difference& difference);
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -5,7 +5,7 @@
 
 #include <nlohmann/json.hpp>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 using Json = nlohmann::ordered_json;
 
@@ -22,4 +22,4 @@ inline Json grid_json(const Grid& grid) {
             {"cells", grid.size()}};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

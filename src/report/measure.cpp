@@ -9,7 +9,7 @@
 #include <cmath>
 #include <limits>
 
-namespace lpvbake {
+namespace lpvbake::report {
 namespace {
 
 double relative(double x, double whole) {
@@ -18,32 +18,33 @@ double relative(double x, double whole) {
 
 } // namespace
 
-PathRules field_rules(const BakeSettings& settings) {
+reference::PathRules field_rules(const bake::BakeSettings& settings) {
     return {settings.bounces, settings.emitters};
 }
 
-Truth trace_truth(const Scene& scene, const Visibility& visibility, const Frame& frame,
-                  std::span<const glm::vec3> points, std::span<const glm::dvec3> own,
-                  const PathRules& rules, const TruthSettings& settings, Progress& progress) {
+Truth trace_truth(const Scene& scene, const visibility::Visibility& visibility,
+                  const scene::Frame& frame, std::span<const glm::vec3> points,
+                  std::span<const glm::dvec3> own, const reference::PathRules& rules,
+                  const TruthSettings& settings, Progress& progress) {
     const auto begin = std::chrono::steady_clock::now();
-    const std::size_t normals = own.empty() ? neighbour_normals().size() : 1;
+    const std::size_t normals = own.empty() ? volume::neighbour_normals().size() : 1;
     std::vector<uint64_t> keys(points.size());
     for (std::size_t i = 0; i < keys.size(); ++i)
         keys[i] = i;
 
-    ReferenceSettings reference;
+    reference::ReferenceSettings reference;
     reference.sh_order = truth_order;
     reference.noise = settings.noise;
     reference.rays = settings.most_rays;
     reference.paths = rules;
     reference.seed = settings.seed;
-    ProbeNormals wanted;
+    reference::ProbeNormals wanted;
     if (own.empty())
-        wanted.common = neighbour_normals();
+        wanted.common = volume::neighbour_normals();
     else
         wanted.own = own;
-    ProbeField field =
-        trace_probes(scene, visibility, frame, points, keys, reference, progress, wanted);
+    reference::ProbeField field = reference::trace_probes(scene, visibility, frame, points, keys,
+                                                          reference, progress, wanted);
     Truth truth;
     truth.irradiance.resize(points.size() * normals);
     for (std::size_t i = 0; i < points.size(); ++i)
@@ -61,15 +62,16 @@ Truth trace_truth(const Scene& scene, const Visibility& visibility, const Frame&
 
 std::vector<glm::dvec3> irradiance_of(const std::vector<std::vector<glm::vec3>>& sh, int order,
                                       uint64_t* negative) {
-    const auto& normals = neighbour_normals();
-    const std::size_t coefficients = std::size_t(sh_count(order));
+    const auto& normals = volume::neighbour_normals();
+    const std::size_t coefficients = std::size_t(volume::sh_count(order));
     const std::size_t points = sh[0].size();
     std::vector<double> weights(coefficients * normals.size());
     std::vector<float> one(coefficients);
     for (std::size_t k = 0; k < coefficients; ++k) {
         one[k] = 1;
         for (std::size_t n = 0; n < normals.size(); ++n)
-            weights[k * normals.size() + n] = double(sh_irradiance(one, glm::vec3(normals[n])));
+            weights[k * normals.size() + n] =
+                double(volume::sh_irradiance(one, glm::vec3(normals[n])));
         one[k] = 0;
     }
     std::vector<glm::dvec3> irradiance(points * normals.size(), glm::dvec3(0.0));
@@ -100,10 +102,10 @@ FieldError error_of(std::span<const glm::dvec3> estimate, std::span<const glm::d
         true_ += truth[i];
     }
     const double count = std::max(1.0, 3.0 * double(truth.size()));
-    const double energy = glm::dot(estimated, rec709_luminance);
-    const double true_energy = glm::dot(true_, rec709_luminance);
+    const double energy = glm::dot(estimated, colour::rec709_luminance);
+    const double true_energy = glm::dot(true_, colour::rec709_luminance);
     return {relative(distance, whole), relative(std::sqrt(squares / count), whole / count),
             energy == true_energy ? 1.0 : relative(energy, true_energy), 0};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -8,13 +8,13 @@
 #include <span>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 /// Highest band of the reference: what lower orders cost is told from the same rays.
 inline constexpr int truth_order = 4;
 
 /// The light that bake puts into its field.
-PathRules field_rules(const BakeSettings& settings);
+reference::PathRules field_rules(const bake::BakeSettings& settings);
 
 /// How exact a reference is to be.
 struct TruthSettings {
@@ -39,9 +39,10 @@ struct Truth {
 
 /// Traces at points in frame units: towards `own` normals, one a point, or, where there are none,
 /// the 26 of neighbour_normals(). Throws what trace_probes throws.
-Truth trace_truth(const Scene& scene, const Visibility& visibility, const Frame& frame,
-                  std::span<const glm::vec3> points, std::span<const glm::dvec3> own,
-                  const PathRules& rules, const TruthSettings& settings, Progress& progress);
+Truth trace_truth(const Scene& scene, const visibility::Visibility& visibility,
+                  const scene::Frame& frame, std::span<const glm::vec3> points,
+                  std::span<const glm::dvec3> own, const reference::PathRules& rules,
+                  const TruthSettings& settings, Progress& progress);
 
 /// Irradiance (lux) from the coefficients up to `order` at every point, towards each of the 26
 /// normals: [point * 26 + n]; 0 where it is negative, which `negative` counts (values, RGB).
@@ -59,4 +60,4 @@ struct FieldError {
 /// Both of one length. Where the truth is dark, 0 stays 0 and the rest is infinite.
 FieldError error_of(std::span<const glm::dvec3> estimate, std::span<const glm::dvec3> truth);
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -5,7 +5,7 @@
 
 #include <filesystem>
 
-namespace lpvbake {
+namespace lpvbake::report {
 namespace {
 
 const char style[] = R"(
@@ -223,4 +223,4 @@ std::string report_page(const Report& report, std::string_view svg) {
     return html + "</body>\n</html>\n";
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

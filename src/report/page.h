@@ -6,7 +6,7 @@
 #include <string>
 #include <string_view>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 /// HTML without scripts: `svg` and the slices are in it as data: URIs, and nothing is loaded. Every
 /// string of the report is escaped.
@@ -18,4 +18,4 @@ std::string html_text(const std::string& text);
 /// RFC 4648, padded.
 std::string base64(std::string_view bytes);
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 std::vector<bool> pareto_front(std::span<const SpeedError> points) {
     std::vector<bool> front(points.size(), true);
@@ -39,4 +39,4 @@ std::optional<EqualError> at_equal_error(SpeedError method, std::span<const Spee
     return EqualError{EqualError::Kind::beyond, curve.back().seconds / method.seconds};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 /// What a method costs and how wrong it is.
 struct SpeedError {
@@ -33,4 +33,4 @@ struct EqualError {
 /// that are not above 0.
 std::optional<EqualError> at_equal_error(SpeedError method, std::span<const SpeedError> curve);
 
-} // namespace lpvbake
+} // namespace lpvbake::report

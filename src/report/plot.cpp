@@ -19,7 +19,7 @@
 
 extern char** environ;
 
-namespace lpvbake {
+namespace lpvbake::report {
 namespace {
 
 /// Told apart with any kind of colour vision (Okabe and Ito 2008); one a grid.
@@ -299,4 +299,4 @@ std::string plot_svg(const std::string& script, std::size_t scenes) {
     return svg;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

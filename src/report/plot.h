@@ -5,7 +5,7 @@
 
 #include <string>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 /// The script that draws all scenes, two panels each: on the left the error against the true
 /// irradiance, with floors; on the right against the reference's same SH bands. Holds numbers, and
@@ -23,4 +23,4 @@ void require_gnuplot();
 /// standard input. Throws Error (failure): gnuplot is missing or says something.
 std::string plot_svg(const std::string& script, std::size_t scenes);
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::report {
 namespace {
 
 using Polygon = std::vector<glm::dvec3>;
@@ -88,8 +88,8 @@ glm::vec2 barycentric(glm::dvec3 p, const std::array<glm::dvec3, 3>& triangle) {
 }
 
 /// True if most of what a front sees are the backs of single-sided surfaces.
-bool is_buried(const Visibility& visibility, const Frame& frame, const FrontPoint& point,
-               PathSampler& sampler) {
+bool is_buried(const visibility::Visibility& visibility, const scene::Frame& frame,
+               const FrontPoint& point, reference::PathSampler& sampler) {
     constexpr int looks = 9;
     // Clear of the surface itself, by 64 steps of single precision.
     const glm::dvec3 at = frame.from_world(point.position);
@@ -102,9 +102,9 @@ bool is_buried(const Visibility& visibility, const Frame& frame, const FrontPoin
         glm::dvec3 way(radius * std::cos(turn), radius * std::sin(turn), z);
         if (glm::dot(way, point.normal) < 0)
             way = -way;
-        const Hit hit = visibility.closest(
+        const visibility::Hit hit = visibility.closest(
             {glm::vec3(at + lift * point.normal), glm::vec3(way), 0.0f, HUGE_VALF});
-        backs += hit.instance != no_hit && hit.facing == Facing::back;
+        backs += hit.instance != visibility::no_hit && hit.facing == visibility::Facing::back;
     }
     return 2 * backs > looks;
 }
@@ -113,18 +113,20 @@ bool is_buried(const Visibility& visibility, const Frame& frame, const FrontPoin
 
 std::vector<std::size_t> draw_cells(std::span<const float> validity, uint64_t count,
                                     uint64_t seed) {
-    return sample_cells(valid_cells(validity), count, mix_bits(seed));
+    return reference::sample_cells(reference::valid_cells(validity), count,
+                                   reference::mix_bits(seed));
 }
 
-std::vector<FrontPoint> draw_surface_points(const Scene& scene, const Visibility& visibility,
-                                            const Frame& frame, const Bounds& box, uint64_t count,
-                                            uint64_t seed) {
+std::vector<FrontPoint> draw_surface_points(const Scene& scene,
+                                            const visibility::Visibility& visibility,
+                                            const scene::Frame& frame, const Bounds& box,
+                                            uint64_t count, uint64_t seed) {
     const std::vector<Piece> pieces = pieces_in(scene, box);
     std::vector<FrontPoint> points;
     if (pieces.empty())
         return points;
     for (uint64_t draw = 0; points.size() < count && draw < 100 * count; ++draw) {
-        PathSampler sampler(join_bits(seed, draw), 0);
+        reference::PathSampler sampler(reference::join_bits(seed, draw), 0);
         const double wanted = sampler.plain() * pieces.back().area_up_to;
         const auto piece =
             std::min(std::upper_bound(pieces.begin(), pieces.end(), wanted,
@@ -139,16 +141,16 @@ std::vector<FrontPoint> draw_surface_points(const Scene& scene, const Visibility
         point.normal =
             glm::normalize(glm::cross(triangle[1] - triangle[0], triangle[2] - triangle[0]));
         const Instance& instance = scene.instances[piece->instance];
-        if (is_mirrored(instance))
+        if (scene::is_mirrored(instance))
             point.normal = -point.normal;
         const Mesh& mesh = scene.meshes[std::size_t(instance.mesh)];
-        const float alpha =
-            sample_surface(scene, mesh, piece->triangle, barycentric(point.position, triangle))
-                .alpha;
+        const float alpha = scene::sample_surface(scene, mesh, piece->triangle,
+                                                  barycentric(point.position, triangle))
+                                .alpha;
         if (sampler.plain() < double(alpha) && !is_buried(visibility, frame, point, sampler))
             points.push_back(point);
     }
     return points;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

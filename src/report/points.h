@@ -9,7 +9,7 @@
 #include <span>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 /// `count` of the valid cells, by rising index; all where there are no more. The same seed and
 /// validity draw the same cells.
@@ -25,8 +25,9 @@ struct FrontPoint {
 /// Passed over are points whose front lies inside geometry (most of what it sees are backs) and
 /// points that are not there (masked; blended by alpha). Fewer, or none, where a hundred draws a
 /// point were not enough. `frame` is that of `visibility`.
-std::vector<FrontPoint> draw_surface_points(const Scene& scene, const Visibility& visibility,
-                                            const Frame& frame, const Bounds& box, uint64_t count,
-                                            uint64_t seed);
+std::vector<FrontPoint> draw_surface_points(const Scene& scene,
+                                            const visibility::Visibility& visibility,
+                                            const scene::Frame& frame, const Bounds& box,
+                                            uint64_t count, uint64_t seed);
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -23,7 +23,7 @@
 #include <numbers>
 #include <set>
 
-namespace lpvbake {
+namespace lpvbake::report {
 namespace {
 
 using Clock = std::chrono::steady_clock;
@@ -48,9 +48,11 @@ private:
 
 /// What is needed to trace in a grid's frame.
 struct Place {
-    Place(const Scene& scene, const Grid& grid) : frame(frame_of(grid)), visibility(scene, frame) {}
-    Frame frame;
-    Visibility visibility;
+    Place(const Scene& scene, const Grid& grid)
+        : frame(scene::frame_of(grid)),
+          visibility(scene, frame) {}
+    scene::Frame frame;
+    visibility::Visibility visibility;
 };
 
 /// Rays of the peer, from each probe.
@@ -63,7 +65,7 @@ struct SurfaceTruth {
 };
 
 SurfaceTruth trace_surfaces(const Scene& scene, const Grid& grid, const Bounds& box,
-                            const PathRules& rules, const ReportSettings& settings,
+                            const reference::PathRules& rules, const ReportSettings& settings,
                             Progress& progress) {
     const Place place(scene, grid);
     SurfaceTruth surfaces;
@@ -115,9 +117,9 @@ FieldError error_at_cells(const std::vector<std::vector<glm::vec3>>& sh, int ord
         light += glm::dvec3(c);
     for (const glm::vec3& c : true_sh[0])
         true_light += glm::dvec3(c);
-    const double whole = glm::dot(true_light, rec709_luminance);
+    const double whole = glm::dot(true_light, colour::rec709_luminance);
     if (whole > 0)
-        error.energy_ratio = glm::dot(light, rec709_luminance) / whole;
+        error.energy_ratio = glm::dot(light, colour::rec709_luminance) / whole;
     return error;
 }
 
@@ -141,14 +143,14 @@ std::vector<ReaderError> shown_errors(const Volume& volume, const SurfaceTruth& 
     std::vector<ReaderError> shown;
     std::map<int, Volume> filled; // by rings
     for (const readers::Reader& reader : readers::all_readers()) {
-        const Target* target = target_named(reader.name);
+        const io::Target* target = io::target_named(reader.name);
         if (!target)
             continue;
         const int rings = volume.metadata.contains("fit") ? 0 : target->dilate;
         const auto [found, added] = filled.try_emplace(rings);
         if (added) {
             found->second = volume;
-            dilate(found->second, rings);
+            volume::dilate(found->second, rings);
         }
         shown.push_back({reader.name, surface_error(reader, found->second, surfaces)});
     }
@@ -158,12 +160,13 @@ std::vector<ReaderError> shown_errors(const Volume& volume, const SurfaceTruth& 
 /// Rays a second that Embree alone makes of those that the peer traces, a million of them at most:
 /// the median of `repeats`.
 double embree_rate(const Scene& scene, const Place& place, std::span<const glm::vec3> points,
-                   const PeerSettings& settings, uint64_t traced, int repeats) {
+                   const reference::PeerSettings& settings, uint64_t traced, int repeats) {
     const std::size_t stride = std::size_t(traced / (uint64_t(1) << 20)) + 1;
     std::vector<glm::vec3> some;
     for (std::size_t i = 0; i < points.size(); i += stride)
         some.push_back(points[i]);
-    const PackedRays packed = peer_rays(scene, place.visibility, place.frame, some, settings);
+    const visibility::PackedRays packed =
+        reference::peer_rays(scene, place.visibility, place.frame, some, settings);
     std::vector<double> seconds;
     for (int repeat = 0; repeat < repeats; ++repeat) {
         const Clock::time_point begin = Clock::now();
@@ -176,21 +179,21 @@ double embree_rate(const Scene& scene, const Place& place, std::span<const glm::
 
 /// Light between surfaces as the bakes of a grid solve it, for probes to look up.
 struct SharedBounces {
-    LitSurfaces lit;
+    surface::LitSurfaces lit;
     std::vector<glm::vec3> irradiance; ///< a side: all but the direct light of punctual lights, lux
     double seconds = 0;
 
-    SharedBounces(const Scene& scene, const Place& place, const PathRules& rules) {
+    SharedBounces(const Scene& scene, const Place& place, const reference::PathRules& rules) {
         const Clock::time_point begin = Clock::now();
-        LightingSettings settings;
+        surface::LightingSettings settings;
         settings.bounces = rules.bounces;
         settings.emitters = rules.emitters;
         settings.maps = true;
         Progress silent;
-        lit = light_surfaces(scene, place.visibility, place.frame, settings, silent);
+        lit = surface::light_surfaces(scene, place.visibility, place.frame, settings, silent);
         irradiance.assign(lit.luminance.size(), glm::vec3(0.0f));
         for (std::size_t side = 0; side < irradiance.size(); ++side) {
-            const Patch& patch = lit.patches[side / 2];
+            const surface::Patch& patch = lit.patches[side / 2];
             const glm::vec3 own = rules.emitters ? patch.emission / patch.alpha : glm::vec3(0.0f);
             for (int c = 0; c < 3; ++c)
                 if (patch.albedo[c] > 0.0f)
@@ -201,17 +204,18 @@ struct SharedBounces {
     }
 
     /// As IndirectLookup.
-    void operator()(std::span<const Hit> hits, std::span<glm::vec3> result) const {
+    void operator()(std::span<const visibility::Hit> hits, std::span<glm::vec3> result) const {
         for (std::size_t i = 0; i < hits.size(); ++i) {
-            Hit hit = hits[i];
+            visibility::Hit hit = hits[i];
             glm::vec2 weights;
             const uint32_t patch = lit.tree.find(hit, weights);
-            if (patch == PatchTree::none)
+            if (patch == surface::PatchTree::none)
                 continue;
             const glm::vec3 towards = hit.normal;
             hit.normal = lit.patches[patch].normal;
             const bool back = glm::dot(hit.normal, towards) < 0.0f;
-            if (!lit.patches[patch].crossed || lit.side(hit, -towards) != LitSurfaces::no_side)
+            if (!lit.patches[patch].crossed
+                || lit.side(hit, -towards) != surface::LitSurfaces::no_side)
                 result[i] = irradiance[2 * patch + (back ? 1 : 0)];
         }
     }
@@ -221,17 +225,17 @@ struct SharedBounces {
 /// With `indirect` paths end at their first hit.
 std::vector<PeerPoint> trace_peers(const Scene& scene, const Place& place, const GridResult& grid,
                                    std::span<const glm::vec3> points, double setup,
-                                   const Truth& truth, const IndirectLookup& indirect,
+                                   const Truth& truth, const reference::IndirectLookup& indirect,
                                    const ReportSettings& settings, Progress& progress) {
     std::vector<PeerPoint> curve;
     progress.begin("", std::size(peer_rays_each) * std::size_t(settings.repeats));
     uint64_t done = 0;
     for (const uint32_t rays : peer_rays_each) {
-        PeerSettings peer;
+        reference::PeerSettings peer;
         peer.paths = grid.rules;
         peer.sh_order = truth_order;
         peer.rays = rays;
-        peer.seed = join_bits(settings.seed, 1);
+        peer.seed = reference::join_bits(settings.seed, 1);
         peer.indirect = indirect;
         PeerPoint point;
         point.rays = rays;
@@ -241,7 +245,8 @@ std::vector<PeerPoint> trace_peers(const Scene& scene, const Place& place, const
         for (int repeat = 0; repeat < settings.repeats; ++repeat) {
             progress.advance(done++);
             const Clock::time_point begin = Clock::now();
-            PeerField field = trace_peer(scene, place.visibility, place.frame, points, peer);
+            reference::PeerField field =
+                reference::trace_peer(scene, place.visibility, place.frame, points, peer);
             sh = std::move(field.sh);
             traced = field.traced;
             measured.push_back(since(begin));
@@ -263,7 +268,8 @@ GridTruth trace_grid(const Scene& scene, GridResult& grid, const std::set<int>& 
                      const ReportSettings& settings, Progress& progress) {
     const Clock::time_point begin = Clock::now();
     const Place place(scene, grid.grid);
-    const std::vector<float> validity = trace_validity(place.visibility, grid.grid.dims);
+    const std::vector<float> validity =
+        visibility::trace_validity(place.visibility, grid.grid.dims);
     const double setup = since(begin);
     GridTruth kept;
     kept.cells = draw_cells(validity, settings.probes, settings.seed);
@@ -313,8 +319,9 @@ Volume bake_row(const Scene& scene, int repeats, const gpu::Device& device, RowR
     Baked baked;
     for (int repeat = 0; repeat < repeats; ++repeat) {
         const Clock::time_point begin = Clock::now();
-        const BakePlan plan = plan_bake(survey(scene), row.row.settings, device.info());
-        baked = bake(scene, plan, device, progress);
+        const bake::BakePlan plan =
+            bake::plan_bake(bake::survey(scene), row.row.settings, device.info());
+        baked = bake::bake(scene, plan, device, progress);
         seconds.push_back(since(begin));
         stages.resize(baked.stages.size());
         for (std::size_t i = 0; i < stages.size(); ++i)
@@ -382,14 +389,14 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
                           Progress& progress) {
     SceneReport report;
     report.path = scene.path;
-    report.triangles = triangle_count(scene);
+    report.triangles = scene::triangle_count(scene);
     report.warnings = scene.warnings;
-    const SceneFacts facts = survey(scene);
+    const bake::SceneFacts facts = bake::survey(scene);
     for (const SweepRow& row : rows) {
-        const BakePlan plan = plan_bake(facts, row.settings, device.info());
+        const bake::BakePlan plan = bake::plan_bake(facts, row.settings, device.info());
         RowResult result;
         result.row = row;
-        const PathRules rules = field_rules(row.settings);
+        const reference::PathRules rules = field_rules(row.settings);
         const auto same = [&](const GridResult& g) {
             return g.grid == plan.grid && g.rules == rules;
         };
@@ -409,7 +416,7 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
     const auto finest =
         std::ranges::min_element(report.grids, {}, [](const GridResult& g) { return g.grid.cell; });
     Titled on_surfaces(progress, "surfaces: ");
-    std::vector<std::pair<PathRules, SurfaceTruth>> surfaces;
+    std::vector<std::pair<reference::PathRules, SurfaceTruth>> surfaces;
     for (const GridResult& grid : report.grids)
         if (std::ranges::none_of(surfaces, [&](const auto& s) { return s.first == grid.rules; }))
             surfaces.emplace_back(grid.rules,
@@ -529,4 +536,4 @@ std::vector<std::string> verdicts(const SceneReport& scene) {
     return all;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 struct ReportSettings {
     int repeats = 3;        ///< of each bake; at least 1
@@ -93,7 +93,7 @@ struct Slices {
 /// What the rows on one grid share.
 struct GridResult {
     Grid grid;
-    PathRules rules;
+    reference::PathRules rules;
     uint64_t valid = 0;  ///< cells
     uint64_t probes = 0; ///< of them measured
     double noise = 0;    ///< of the reference, as ProbeField::noise
@@ -143,4 +143,4 @@ std::vector<std::string> verdicts(const SceneReport& scene);
 /// The options that set a row apart, for a table: "lpv 32 face".
 std::string row_name(const RowResult& row);
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -8,7 +8,7 @@
 
 #include <algorithm>
 
-namespace lpvbake {
+namespace lpvbake::report {
 namespace {
 
 constexpr std::size_t most_cells = 1 << 18;
@@ -20,7 +20,7 @@ Volume empty_layer(const Grid& grid, LayerChoice layer, int order) {
     volume.grid.origin[layer.axis] += grid.cell * layer.index;
     volume.grid.dims[layer.axis] = 1;
     volume.sh_order = order;
-    volume.sh.assign(std::size_t(sh_count(order)),
+    volume.sh.assign(std::size_t(volume::sh_count(order)),
                      std::vector<glm::vec3>(volume.grid.size(), glm::vec3(0.0f)));
     volume.validity.assign(volume.grid.size(), 0.0f);
     return volume;
@@ -57,9 +57,9 @@ Volume layer_of(const Volume& volume, LayerChoice layer) {
     return result;
 }
 
-std::optional<Volume> trace_layer(const Scene& scene, const Visibility& visibility,
+std::optional<Volume> trace_layer(const Scene& scene, const visibility::Visibility& visibility,
                                   const Grid& grid, const std::vector<float>& validity,
-                                  LayerChoice layer, int order, const PathRules& rules,
+                                  LayerChoice layer, int order, const reference::PathRules& rules,
                                   uint64_t seed, uint64_t& rays, Progress& progress) {
     Volume volume = empty_layer(grid, layer, order);
     if (volume.grid.size() > most_cells)
@@ -75,14 +75,14 @@ std::optional<Volume> trace_layer(const Scene& scene, const Visibility& visibili
         points.push_back(glm::vec3(whole) + 0.5f);
         keys.push_back(own);
     });
-    const Frame frame = frame_of(grid);
-    ReferenceSettings settings;
+    const scene::Frame frame = scene::frame_of(grid);
+    reference::ReferenceSettings settings;
     settings.sh_order = order;
     settings.rays = usual_rays;
     settings.paths = rules;
     settings.seed = seed;
-    const ProbeField field =
-        trace_probes(scene, visibility, frame, points, keys, settings, progress);
+    const reference::ProbeField field =
+        reference::trace_probes(scene, visibility, frame, points, keys, settings, progress);
     for (std::size_t k = 0; k < volume.sh.size(); ++k)
         for (std::size_t i = 0; i < cells.size(); ++i)
             volume.sh[k][cells[i]] = field.sh[k][i];
@@ -94,22 +94,24 @@ Slices draw_slices(const Volume& result, const Volume& reference, LayerChoice la
     Slices slices;
     slices.axis = layer.axis;
     slices.index = layer.index;
-    const float white = slice_white(reference, layer.axis, 0);
+    const float white = io::slice_white(reference, layer.axis, 0);
     slices.white = double(white);
-    slices.result = encode_png(slice_picture(result, layer.axis, 0, white), "slice");
-    slices.reference = encode_png(slice_picture(reference, layer.axis, 0, white), "slice");
+    slices.result = image::encode_png(io::slice_picture(result, layer.axis, 0, white), "slice");
+    slices.reference =
+        image::encode_png(io::slice_picture(reference, layer.axis, 0, white), "slice");
 
-    const Comparison comparison = compare(result, reference, {});
-    slices.error_white = error_white(comparison.cell_error);
+    const volume::Comparison comparison = volume::compare(result, reference, {});
+    slices.error_white = io::error_white(comparison.cell_error);
     Volume error = reference;
     error.sh_order = 0;
     error.sh.resize(1);
     for (std::size_t i = 0; i < error.sh[0].size(); ++i) {
-        error.sh[0][i] = false_colour(comparison.cell_error[i] / slices.error_white) / sh_y0;
-        error.validity[i] = valid_in_both(result, reference, i);
+        error.sh[0][i] =
+            io::false_colour(comparison.cell_error[i] / slices.error_white) / volume::sh_y0;
+        error.validity[i] = volume::valid_in_both(result, reference, i);
     }
-    slices.error = encode_png(slice_picture(error, layer.axis, 0, 1.0f), "slice");
+    slices.error = image::encode_png(io::slice_picture(error, layer.axis, 0, 1.0f), "slice");
     return slices;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -14,7 +14,7 @@
 #include <cmath>
 #include <memory>
 
-namespace lpvbake {
+namespace lpvbake::report {
 namespace {
 
 /// A field may call so large a share of the probes invalid: centres that lie on a surface.
@@ -22,12 +22,13 @@ constexpr double most_missing = 0.02;
 
 /// True unless a surface passes the cell's centre within a thousandth of a cell: what light arrives
 /// there would not be defined.
-bool is_clear(const Visibility& visibility, glm::ivec3 cell) {
+bool is_clear(const visibility::Visibility& visibility, glm::ivec3 cell) {
     const glm::vec3 centre = glm::vec3(cell) + 0.5f;
     for (int axis = 0; axis < 3; ++axis) {
         glm::vec3 way(0.0f);
         way[axis] = 2e-3f;
-        if (visibility.closest({centre - 0.5f * way, way, 0.0f, 1.0f}).instance != no_hit)
+        if (visibility.closest({centre - 0.5f * way, way, 0.0f, 1.0f}).instance
+            != visibility::no_hit)
             return false;
     }
     return true;
@@ -36,13 +37,13 @@ bool is_clear(const Visibility& visibility, glm::ivec3 cell) {
 double mean_luminance(const Volume& volume, std::span<const size_t> cells) {
     double sum = 0.0;
     for (const size_t cell : cells)
-        sum += glm::dot(glm::dvec3(volume.sh[0][cell]), rec709_luminance);
+        sum += glm::dot(glm::dvec3(volume.sh[0][cell]), colour::rec709_luminance);
     return cells.empty() ? 0.0 : sum / double(cells.size());
 }
 
 uint64_t count_not_finite(const Volume& volume) {
     uint64_t count = 0;
-    for (const ConstGridView& grid : grids_of(volume))
+    for (const volume::ConstGridView& grid : volume::grids_of(volume))
         for (const float value : grid.values())
             count += !std::isfinite(value);
     return count;
@@ -61,14 +62,15 @@ double distance_between(const Volume& baked, const Volume& other, double scale) 
     for (auto& grid : moved.sh)
         for (glm::vec3& c : grid)
             c = glm::vec3(glm::dvec3(c) * scale);
-    const Comparison c = compare(baked, moved, {});
+    const volume::Comparison c = volume::compare(baked, moved, {});
     return std::max(c.relative_l1,
                     double(c.valid_only_a + c.valid_only_b) / double(baked.grid.size()));
 }
 
 /// All cells of a dark region count, else as many as there are probes.
-SuiteCells choose_cells(const SuiteCase& c, const Visibility& visibility, const Grid& grid) {
-    const std::vector<float> validity = trace_validity(visibility, grid.dims);
+SuiteCells choose_cells(const SuiteCase& c, const visibility::Visibility& visibility,
+                        const Grid& grid) {
+    const std::vector<float> validity = visibility::trace_validity(visibility, grid.dims);
     std::vector<size_t> valid, inside;
     for (size_t i = 0; i < validity.size(); ++i)
         if (validity[i] > 0.0f && is_clear(visibility, grid.cell_at(i))) {
@@ -82,9 +84,10 @@ SuiteCells choose_cells(const SuiteCase& c, const Visibility& visibility, const 
         throw Error(ErrorKind::invalid, "no cell of the grid has its centre outside geometry");
     if (c.region && inside.empty())
         throw Error(ErrorKind::invalid, "no cell outside geometry lies in the region");
-    return {sample_cells(std::move(valid), c.options.probes, 1),
-            c.region && c.region->dark ? inside
-                                       : sample_cells(std::move(inside), c.options.probes, 1)};
+    return {reference::sample_cells(std::move(valid), c.options.probes, 1),
+            c.region && c.region->dark
+                ? inside
+                : reference::sample_cells(std::move(inside), c.options.probes, 1)};
 }
 
 /// A case's scene, and what its fields are judged by: made once for all solvers.
@@ -96,7 +99,7 @@ struct Ground {
         if (visibility && grid == other)
             return;
         visibility.reset(); // what is left of a failure is no truth
-        auto seen = std::make_unique<Visibility>(scene, frame_of(other));
+        auto seen = std::make_unique<visibility::Visibility>(scene, scene::frame_of(other));
         cells = choose_cells(*of, *seen, other);
         truth = find_truth(of->truth, scene, *seen, other, wanted(),
                            SuiteTracing{of->options.bounces, of->options.rays, of->options.noise},
@@ -108,7 +111,7 @@ struct Ground {
     const SuiteCase* of;
     Scene scene;
     Grid grid;
-    std::unique_ptr<Visibility> visibility;
+    std::unique_ptr<visibility::Visibility> visibility;
     SuiteCells cells;
     TruthField truth;
 
@@ -211,25 +214,25 @@ void hold_within(SuiteRow& row, const char* what, double value, SuiteRange range
 
 } // namespace
 
-std::vector<SuiteSolver> suite_solvers(const gpu::Device& device, SolverKinds kinds) {
-    const auto settings_of = [](const SolverKind& kind, const SuiteOptions& o) {
-        BakeSettings settings(kind);
+std::vector<SuiteSolver> suite_solvers(const gpu::Device& device, solver::SolverKinds kinds) {
+    const auto settings_of = [](const solver::SolverKind& kind, const SuiteOptions& o) {
+        bake::BakeSettings settings(kind);
         settings.bounces = o.bounces;
         settings.grid.resolution = o.resolution;
         settings.grid.margin = o.margin;
         settings.bounds = o.bounds;
-        if (find_parameter(kind, "iterations"))
+        if (solver::find_parameter(kind, "iterations"))
             settings.solver.set("iterations", o.iterations);
         return settings;
     };
     std::vector<SuiteSolver> solvers;
-    for (const SolverKind* kind : kinds)
+    for (const solver::SolverKind* kind : kinds)
         solvers.push_back(
             {kind->name, [&device, settings_of, kind](const Scene& scene, const SuiteOptions& o,
                                                       Progress& progress) {
-                 const BakePlan plan =
-                     plan_bake(survey(scene), settings_of(*kind, o), device.info());
-                 return bake(scene, plan, device, progress).volume;
+                 const bake::BakePlan plan =
+                     bake::plan_bake(bake::survey(scene), settings_of(*kind, o), device.info());
+                 return bake::bake(scene, plan, device, progress).volume;
              }});
     return solvers;
 }
@@ -254,7 +257,7 @@ SuiteRow judge(const SuiteCase& c, const SuiteLimits& limits, const Volume& bake
     expected.validity.assign(expected.grid.size(), 0.0f);
     for (const size_t cell : cells.probes)
         expected.validity[cell] = 1.0f;
-    const Comparison comparison = compare(baked, expected, {});
+    const volume::Comparison comparison = volume::compare(baked, expected, {});
     row.negative =
         comparison.samples > 0 ? double(comparison.negative_a) / double(comparison.samples) : 0.0;
     if (!std::holds_alternative<NoTruth>(c.truth)) {
@@ -306,4 +309,4 @@ std::vector<SuiteRow> run_suite(const Suite& suite, const SuiteSelection& select
     return rows;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

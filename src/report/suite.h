@@ -34,7 +34,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 struct SuiteRange {
     double lo = 0, hi = 0;
@@ -93,7 +93,7 @@ struct Suite {
 
 /// Reads a suite. Throws Error: file; invalid (names file, place and what is allowed there; a scene
 /// outside the suite's folder; a solver or a case that there is not).
-Suite load_suite(const std::string& path, SolverKinds kinds = solver_kinds());
+Suite load_suite(const std::string& path, solver::SolverKinds kinds = bake::solver_kinds());
 
 /// A way to bake a case.
 struct SuiteSolver {
@@ -103,7 +103,7 @@ struct SuiteSolver {
 
 /// The solvers on a device, which has to outlive them.
 std::vector<SuiteSolver> suite_solvers(const gpu::Device& device,
-                                       SolverKinds kinds = solver_kinds());
+                                       solver::SolverKinds kinds = bake::solver_kinds());
 
 /// One case by one solver. Numbers are those of the probes, cells drawn from those outside
 /// geometry.
@@ -153,4 +153,4 @@ std::vector<SuiteRow> run_suite(const Suite& suite, const SuiteSelection& select
                                 const std::vector<SuiteSolver>& solvers, Progress& progress,
                                 const std::function<void(const SuiteRow&)>& done);
 
-} // namespace lpvbake
+} // namespace lpvbake::report

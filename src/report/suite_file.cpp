@@ -12,7 +12,7 @@
 #include <initializer_list>
 #include <string_view>
 
-namespace lpvbake {
+namespace lpvbake::report {
 namespace {
 
 using nlohmann::json;
@@ -185,7 +185,8 @@ SuiteLimits limits_of(const Place& place) {
     return limits;
 }
 
-SuiteCase case_of(const Place& place, const std::filesystem::path& folder, SolverKinds kinds) {
+SuiteCase case_of(const Place& place, const std::filesystem::path& folder,
+                  solver::SolverKinds kinds) {
     place.check_object(
         {"name", "reason", "scene", "options", "truth", "region", "same_as", "limits", "cheap"},
         {"name", "reason", "scene", "limits"});
@@ -193,7 +194,7 @@ SuiteCase case_of(const Place& place, const std::filesystem::path& folder, Solve
     c.name = place.child("name").line();
     c.reason = place.child("reason").line();
     const Place scene = place.child("scene");
-    c.scene = resolve_uri(folder, scene.line(), scene.path).string();
+    c.scene = scene::gltf::resolve_uri(folder, scene.line(), scene.path).string();
     if (const auto p = place.maybe("options"))
         c.options = options_of(*p);
     if (const auto p = place.maybe("truth"))
@@ -214,9 +215,9 @@ SuiteCase case_of(const Place& place, const std::filesystem::path& folder, Solve
         limits.fail("must be an object with an entry for one solver at least");
     for (const auto& [solver, unused] : limits.value.items()) {
         const Place own = limits.child(solver);
-        if (!find_solver(solver, kinds)) {
+        if (!bake::find_solver(solver, kinds)) {
             std::string known;
-            for (const SolverKind* kind : kinds)
+            for (const solver::SolverKind* kind : kinds)
                 known += (known.empty() ? "" : ", ") + std::string(kind->name);
             own.fail("there is no such solver; known: " + known);
         }
@@ -235,8 +236,8 @@ SuiteCase case_of(const Place& place, const std::filesystem::path& folder, Solve
 
 } // namespace
 
-Suite load_suite(const std::string& path, SolverKinds kinds) {
-    const std::vector<unsigned char> text = read_file(path, path);
+Suite load_suite(const std::string& path, solver::SolverKinds kinds) {
+    const std::vector<unsigned char> text = scene::gltf::read_file(path, path);
     json root;
     try {
         root = json::parse(text.begin(), text.end());
@@ -267,4 +268,4 @@ Suite load_suite(const std::string& path, SolverKinds kinds) {
     return suite;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -4,7 +4,7 @@
 
 #include <nlohmann/json.hpp>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 using Json = nlohmann::ordered_json;
 
@@ -50,4 +50,4 @@ std::string failures_text(const SuiteRow& row) {
     return all;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -7,7 +7,7 @@
 
 #include <string>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 /// `width`: letters of the longest name of a case.
 std::string suite_head(std::size_t width);
@@ -18,4 +18,4 @@ nlohmann::ordered_json suite_row_json(const SuiteRow& row);
 /// SuiteRow::failures in a line.
 std::string failures_text(const SuiteRow& row);
 
-} // namespace lpvbake
+} // namespace lpvbake::report

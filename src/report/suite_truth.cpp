@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-namespace lpvbake {
+namespace lpvbake::report {
 namespace {
 
 /// Of the triangle as seen from the origin, above 0 where it faces it.
@@ -16,8 +16,9 @@ double solid_angle(const glm::dvec3& a, const glm::dvec3& b, const glm::dvec3& c
                                                            + glm::dot(b, c) * la);
 }
 
-void trace(const Scene& scene, const Visibility& visibility, std::span<const size_t> cells,
-           const SuiteTracing& settings, Progress& progress, TruthField& field) {
+void trace(const Scene& scene, const visibility::Visibility& visibility,
+           std::span<const size_t> cells, const SuiteTracing& settings, Progress& progress,
+           TruthField& field) {
     const Grid& grid = field.volume.grid;
     std::vector<glm::vec3> points;
     std::vector<uint64_t> keys;
@@ -25,13 +26,13 @@ void trace(const Scene& scene, const Visibility& visibility, std::span<const siz
         points.push_back(glm::vec3(grid.cell_at(cell)) + 0.5f);
         keys.push_back(cell);
     }
-    ReferenceSettings reference;
+    reference::ReferenceSettings reference;
     reference.paths = {settings.bounces, true};
     reference.sh_order = suite_truth_order;
     reference.rays = settings.rays;
     reference.noise = settings.noise;
-    const ProbeField traced =
-        trace_probes(scene, visibility, frame_of(grid), points, keys, reference, progress);
+    const reference::ProbeField traced = reference::trace_probes(
+        scene, visibility, scene::frame_of(grid), points, keys, reference, progress);
     for (size_t k = 0; k < traced.sh.size(); ++k)
         for (size_t i = 0; i < cells.size(); ++i)
             field.volume.sh[k][cells[i]] = traced.sh[k][i];
@@ -40,10 +41,10 @@ void trace(const Scene& scene, const Visibility& visibility, std::span<const siz
 
 } // namespace
 
-std::array<double, sh_count(suite_truth_order)> polygon_light(std::span<const glm::dvec3> corners,
-                                                              glm::dvec3 point) {
+std::array<double, volume::sh_count(suite_truth_order)>
+polygon_light(std::span<const glm::dvec3> corners, glm::dvec3 point) {
     constexpr int pieces = 32; // along an edge
-    std::array<double, sh_count(suite_truth_order)> light{};
+    std::array<double, volume::sh_count(suite_truth_order)> light{};
     for (size_t i = 1; i + 1 < corners.size(); ++i) {
         const glm::dvec3 a = corners[0] - point, u = (corners[i] - corners[0]) / double(pieces),
                          v = (corners[i + 1] - corners[0]) / double(pieces);
@@ -51,7 +52,8 @@ std::array<double, sh_count(suite_truth_order)> polygon_light(std::span<const gl
             const double angle = solid_angle(p, q, r);
             if (!(angle > 0.0))
                 return;
-            const auto basis = sh_basis(suite_truth_order, glm::vec3(glm::normalize(p + q + r)));
+            const auto basis =
+                volume::sh_basis(suite_truth_order, glm::vec3(glm::normalize(p + q + r)));
             for (size_t k = 0; k < light.size(); ++k)
                 light[k] += angle * double(basis[k]);
         };
@@ -75,14 +77,15 @@ double furnace_luminance(const FurnaceTruth& furnace, std::optional<int> bounces
     return furnace.emission * sum;
 }
 
-TruthField find_truth(const SuiteTruth& truth, const Scene& scene, const Visibility& visibility,
-                      const Grid& grid, std::span<const size_t> cells, const SuiteTracing& settings,
+TruthField find_truth(const SuiteTruth& truth, const Scene& scene,
+                      const visibility::Visibility& visibility, const Grid& grid,
+                      std::span<const size_t> cells, const SuiteTracing& settings,
                       Progress& progress) {
     TruthField field;
     Volume& volume = field.volume;
     volume.grid = grid;
     volume.sh_order = suite_truth_order;
-    volume.sh.assign(size_t(sh_count(suite_truth_order)),
+    volume.sh.assign(size_t(volume::sh_count(suite_truth_order)),
                      std::vector<glm::vec3>(grid.size(), glm::vec3(0.0f)));
     volume.validity.assign(grid.size(), 0.0f);
     for (const size_t cell : cells)
@@ -94,9 +97,9 @@ TruthField find_truth(const SuiteTruth& truth, const Scene& scene, const Visibil
         const float across = 2.0f * glm::distance(visibility.lo(), visibility.hi())
                              + 2.0f * float(std::max({grid.dims.x, grid.dims.y, grid.dims.z}));
         for (const size_t cell : cells) {
-            const Hit hit = visibility.closest(
+            const visibility::Hit hit = visibility.closest(
                 {glm::vec3(grid.cell_at(cell)) + 0.5f, {across, 0.0f, 0.0f}, 0.0f, 1.0f});
-            if (hit.instance != no_hit && hit.facing != Facing::back)
+            if (hit.instance != visibility::no_hit && hit.facing != visibility::Facing::back)
                 volume.sh[0][cell] = glm::vec3(float(c0));
         }
     } else if (const auto* polygon = std::get_if<PolygonTruth>(&truth)) {
@@ -111,4 +114,4 @@ TruthField find_truth(const SuiteTruth& truth, const Scene& scene, const Visibil
     return field;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

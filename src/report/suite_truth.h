@@ -12,7 +12,7 @@
 #include <variant>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 /// Path-traced.
 struct TracedTruth {};
@@ -36,14 +36,14 @@ struct NoTruth {};
 using SuiteTruth = std::variant<TracedTruth, FurnaceTruth, PolygonTruth, NoTruth>;
 
 /// Highest band of the truth.
-inline constexpr int suite_truth_order = sh_max_order;
+inline constexpr int suite_truth_order = volume::sh_max_order;
 
 /// Light of a polygon of luminance 1 at `point`, without anything between: its integrals with the
 /// basis functions of bands 0 to 4 over the solid angle that it takes up; 0 behind it. The solid
 /// angle is exact (Van Oosterom and Strackee 1983); the bands above 0 are summed over pieces of a
 /// 32nd of its edges, to 0.6 % at a distance of one and a half pieces.
-std::array<double, sh_count(suite_truth_order)> polygon_light(std::span<const glm::dvec3> corners,
-                                                              glm::dvec3 point);
+std::array<double, volume::sh_count(suite_truth_order)>
+polygon_light(std::span<const glm::dvec3> corners, glm::dvec3 point);
 
 /// emission (1 + albedo + albedo^2 + ...) with `bounces` reflections; none: all.
 double furnace_luminance(const FurnaceTruth& furnace, std::optional<int> bounces);
@@ -60,8 +60,9 @@ struct TruthField {
 };
 
 /// The truth at `cells` (Grid::index), darkness for NoTruth. Throws Error: see trace_probes.
-TruthField find_truth(const SuiteTruth& truth, const Scene& scene, const Visibility& visibility,
-                      const Grid& grid, std::span<const size_t> cells, const SuiteTracing& settings,
+TruthField find_truth(const SuiteTruth& truth, const Scene& scene,
+                      const visibility::Visibility& visibility, const Grid& grid,
+                      std::span<const size_t> cells, const SuiteTracing& settings,
                       Progress& progress);
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -5,75 +5,78 @@
 #include <algorithm>
 #include <optional>
 
-namespace lpvbake {
+namespace lpvbake::report {
 namespace {
 
-constexpr Parameter bounces{.name = "bounces", .kind = ValueKind::whole, .hi = 10'000};
-constexpr Parameter sh_order{.name = "sh-order", .kind = ValueKind::whole, .lo = 1, .hi = 4};
-constexpr Parameter resolution{
-    .name = "resolution", .kind = ValueKind::whole, .lo = 3, .hi = 65536};
-constexpr Parameter quality{.name = "quality", .kind = ValueKind::choice, .choices = quality_names};
+constexpr solver::Parameter bounces{
+    .name = "bounces", .kind = solver::ValueKind::whole, .hi = 10'000};
+constexpr solver::Parameter sh_order{
+    .name = "sh-order", .kind = solver::ValueKind::whole, .lo = 1, .hi = 4};
+constexpr solver::Parameter resolution{
+    .name = "resolution", .kind = solver::ValueKind::whole, .lo = 3, .hi = 65536};
+constexpr solver::Parameter quality{
+    .name = "quality", .kind = solver::ValueKind::choice, .choices = solver::quality_names};
 
 [[noreturn]] void refuse(const std::string& option, const std::string& value,
                          const std::string& values) {
     throw Error(ErrorKind::argument, option + ": '" + value + "' is none of its values, " + values);
 }
 
-double value_in(const Parameter& parameter, const std::string& value) {
-    const std::optional<double> number = parse_value(parameter, value);
+double value_in(const solver::Parameter& parameter, const std::string& value) {
+    const std::optional<double> number = solver::parse_value(parameter, value);
     if (!number)
-        refuse(parameter.name, value, values_of(parameter));
+        refuse(parameter.name, value, solver::values_of(parameter));
     return *number;
 }
 
-void set_solver(const std::string& value, SolverKinds kinds, BakeSettings& settings) {
-    const SolverKind* kind = find_solver(value, kinds);
+void set_solver(const std::string& value, solver::SolverKinds kinds, bake::BakeSettings& settings) {
+    const solver::SolverKind* kind = bake::find_solver(value, kinds);
     if (!kind) {
         std::string names;
-        for (const SolverKind* each : kinds)
+        for (const solver::SolverKind* each : kinds)
             names += (names.empty() ? "" : ", ") + std::string(each->name);
         refuse("solver", value, names);
     }
     if (&settings.solver.kind() != kind)
-        settings.solver = SolverSettings(*kind);
+        settings.solver = solver::SolverSettings(*kind);
     settings.bounces = kind->default_bounces;
 }
 
 /// Sets a parameter of the settings' solver. What some solver has and this one has not is left
 /// alone, so that a sweep may run over solvers.
-void set_parameter(const std::string& name, const std::string& value, SolverKinds kinds,
-                   BakeSettings& settings) {
-    if (const Parameter* own = find_parameter(settings.solver.kind(), name)) {
+void set_parameter(const std::string& name, const std::string& value, solver::SolverKinds kinds,
+                   bake::BakeSettings& settings) {
+    if (const solver::Parameter* own = solver::find_parameter(settings.solver.kind(), name)) {
         settings.solver.set(name, value_in(*own, value));
         return;
     }
-    const Parameter* others = nullptr;
-    for (const SolverKind* kind : kinds)
-        if (const Parameter* parameter = find_parameter(*kind, name)) {
-            if (parse_value(*parameter, value))
+    const solver::Parameter* others = nullptr;
+    for (const solver::SolverKind* kind : kinds)
+        if (const solver::Parameter* parameter = solver::find_parameter(*kind, name)) {
+            if (solver::parse_value(*parameter, value))
                 return;
             others = parameter;
         }
     if (others)
-        refuse(name, value, values_of(*others));
+        refuse(name, value, solver::values_of(*others));
     std::string known;
     for (const std::string& option : sweep_options(kinds))
         known += (known.empty() ? "" : ", ") + option;
     throw Error(ErrorKind::argument, "a sweep cannot set '" + name + "'; it can set " + known);
 }
 
-void apply(const std::string& name, const std::string& value, SolverKinds kinds,
-           BakeSettings& settings) {
+void apply(const std::string& name, const std::string& value, solver::SolverKinds kinds,
+           bake::BakeSettings& settings) {
     if (name == "solver")
         set_solver(value, kinds, settings);
     else if (name == bounces.name && value == "inf")
         settings.bounces.reset();
-    else if (name == bounces.name && !parse_value(bounces, value))
-        refuse(name, value, values_of(bounces) + ", inf");
+    else if (name == bounces.name && !solver::parse_value(bounces, value))
+        refuse(name, value, solver::values_of(bounces) + ", inf");
     else if (name == bounces.name)
         settings.bounces = int(value_in(bounces, value));
     else if (name == quality.name)
-        settings.solver.set(Quality(int(value_in(quality, value))));
+        settings.solver.set(solver::Quality(int(value_in(quality, value))));
     else if (name == sh_order.name)
         settings.solver.set_order(int(value_in(sh_order, value)));
     else if (name == resolution.name)
@@ -83,31 +86,35 @@ void apply(const std::string& name, const std::string& value, SolverKinds kinds,
 }
 
 /// False for a parameter that another kind of solver has, or that needs what is not set.
-bool means_something(const std::string& name, const SolverSettings& solver, SolverKinds kinds) {
+bool means_something(const std::string& name, const solver::SolverSettings& solver,
+                     solver::SolverKinds kinds) {
     if (name == quality.name)
-        return std::ranges::count_if(solver.kind().ladder,
-                                     [](const Rung& rung) { return rung.preset.has_value(); })
+        return std::ranges::count_if(
+                   solver.kind().ladder,
+                   [](const solver::Rung& rung) { return rung.preset.has_value(); })
                > 1;
-    if (const Parameter* own = find_parameter(solver.kind(), name))
+    if (const solver::Parameter* own = solver::find_parameter(solver.kind(), name))
         return !own->needs || solver[own->needs] > 0;
-    return std::ranges::none_of(
-        kinds, [&](const SolverKind* kind) { return find_parameter(*kind, name) != nullptr; });
+    return std::ranges::none_of(kinds, [&](const solver::SolverKind* kind) {
+        return solver::find_parameter(*kind, name) != nullptr;
+    });
 }
 
 /// What bake's --solver auto makes of options without a solver: the first that has them; null where
 /// that leaves it open.
-const SolverKind* implied_solver(const std::vector<std::pair<std::string, std::string>>& options,
-                                 SolverKinds kinds) {
-    std::vector<const SolverKind*> left(kinds.begin(), kinds.end());
+const solver::SolverKind*
+implied_solver(const std::vector<std::pair<std::string, std::string>>& options,
+               solver::SolverKinds kinds) {
+    std::vector<const solver::SolverKind*> left(kinds.begin(), kinds.end());
     const auto is_above_0 = [&](const char* name) {
         return std::ranges::any_of(options, [&](const auto& option) {
             return option.first == name && option.second != "0";
         });
     };
     for (const auto& [option, value] : options) {
-        std::vector<const SolverKind*> with;
-        for (const SolverKind* kind : left)
-            if (const Parameter* parameter = find_parameter(*kind, option))
+        std::vector<const solver::SolverKind*> with;
+        for (const solver::SolverKind* kind : left)
+            if (const solver::Parameter* parameter = solver::find_parameter(*kind, option))
                 if (!parameter->needs || is_above_0(parameter->needs))
                     with.push_back(kind);
         if (!with.empty())
@@ -118,23 +125,24 @@ const SolverKind* implied_solver(const std::vector<std::pair<std::string, std::s
 
 } // namespace
 
-std::vector<std::string> sweep_options(SolverKinds kinds) {
+std::vector<std::string> sweep_options(solver::SolverKinds kinds) {
     std::vector<std::string> names{"solver", bounces.name, quality.name, sh_order.name,
                                    resolution.name};
-    for (const SolverKind* kind : kinds)
-        for (const Parameter& parameter : kind->parameters)
+    for (const solver::SolverKind* kind : kinds)
+        for (const solver::Parameter& parameter : kind->parameters)
             if (std::ranges::find(names, parameter.name) == names.end())
                 names.push_back(parameter.name);
     return names;
 }
 
-void check_sweep_value(const std::string& option, const std::string& value, SolverKinds kinds) {
+void check_sweep_value(const std::string& option, const std::string& value,
+                       solver::SolverKinds kinds) {
     // Of any solver.
-    BakeSettings scratch;
-    for (const SolverKind* kind : kinds)
-        if (find_parameter(*kind, option)) {
-            scratch.solver = SolverSettings(*kind);
-            if (parse_value(*find_parameter(*kind, option), value))
+    bake::BakeSettings scratch;
+    for (const solver::SolverKind* kind : kinds)
+        if (solver::find_parameter(*kind, option)) {
+            scratch.solver = solver::SolverSettings(*kind);
+            if (solver::parse_value(*solver::find_parameter(*kind, option), value))
                 return;
         }
     apply(option, value, kinds, scratch);
@@ -160,8 +168,8 @@ std::vector<Sweep> default_sweeps() {
     };
 }
 
-std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const BakeSettings& base,
-                                 SolverKinds kinds) {
+std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const bake::BakeSettings& base,
+                                 solver::SolverKinds kinds) {
     std::vector<SweepRow> rows;
     for (const Sweep& sweep : sweeps) {
         std::size_t count = 1;
@@ -187,7 +195,7 @@ std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const BakeSet
                                                   [](const auto& option) { return option.first; });
             if (solver != row.options.end())
                 set_solver(solver->second, kinds, row.settings);
-            else if (const SolverKind* kind = implied_solver(row.options, kinds))
+            else if (const solver::SolverKind* kind = implied_solver(row.options, kinds))
                 set_solver(kind->name, kinds, row.settings);
             for (const auto& [option, value] : row.options)
                 if (option != "solver")
@@ -203,4 +211,4 @@ std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const BakeSet
     return rows;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 /// An option of bake with the values that it takes in turn.
 struct SweepAxis {
@@ -20,7 +20,7 @@ using Sweep = std::vector<SweepAxis>;
 
 /// One bake of a report.
 struct SweepRow {
-    BakeSettings settings;
+    bake::BakeSettings settings;
     /// What sets it apart, as bake's command line has it: option without dashes, value.
     std::vector<std::pair<std::string, std::string>> options;
 };
@@ -29,12 +29,12 @@ struct SweepRow {
 inline constexpr std::size_t most_rows = 1000;
 
 /// The options that a sweep can set: those of all bakes, then the parameters of the solvers.
-std::vector<std::string> sweep_options(SolverKinds kinds = solver_kinds());
+std::vector<std::string> sweep_options(solver::SolverKinds kinds = bake::solver_kinds());
 
 /// Throws Error (argument) that names option and value unless this is an option with a value that
 /// it takes.
 void check_sweep_value(const std::string& option, const std::string& value,
-                       SolverKinds kinds = solver_kinds());
+                       solver::SolverKinds kinds = bake::solver_kinds());
 
 /// Each occlusion mode of lpv and each quality of the others at 16, 32 and 64 cells, one bounce;
 /// and at 32 cells a propagation that is cut off after 16 steps, and reflective shadow maps of a
@@ -46,7 +46,7 @@ std::vector<Sweep> default_sweeps();
 /// that of a row's "solver", else the first that has its other options, else that of `base`. Throws
 /// Error (argument): see check_sweep_value; more than most_rows rows; an axis without values or
 /// given twice.
-std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const BakeSettings& base,
-                                 SolverKinds kinds = solver_kinds());
+std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const bake::BakeSettings& base,
+                                 solver::SolverKinds kinds = bake::solver_kinds());
 
-} // namespace lpvbake
+} // namespace lpvbake::report

@@ -10,7 +10,7 @@
 #include <cmath>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::report {
 namespace {
 
 using Json = nlohmann::ordered_json;
@@ -94,7 +94,7 @@ std::vector<std::string> csv_columns(const Report& report) {
         for (const char* measure : {"_l1", "_rms", "_energy_ratio"})
             columns.push_back(error + std::string(measure));
     for (const readers::Reader& reader : readers::all_readers())
-        if (target_named(reader.name))
+        if (io::target_named(reader.name))
             for (const char* measure : {"_l1", "_rms", "_energy_ratio"})
                 columns.push_back(std::string(reader.name) + measure);
     for (const char* name :
@@ -406,4 +406,4 @@ nlohmann::ordered_json report_json(const Report& report) {
     return document;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::report

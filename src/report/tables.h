@@ -8,7 +8,7 @@
 #include <string>
 #include <string_view>
 
-namespace lpvbake {
+namespace lpvbake::report {
 
 /// The readers whose error a table for people has: Unreal and Godot read as Unity does.
 inline constexpr const char* told_readers[] = {"unity", "threejs", "vrc", "bevy"};
@@ -34,4 +34,4 @@ std::string seconds_text(double seconds);
 /// "32 x 32 x 32".
 std::string dims_text(const Grid& grid);
 
-} // namespace lpvbake
+} // namespace lpvbake::report

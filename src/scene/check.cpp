@@ -5,7 +5,7 @@
 #include <cmath>
 #include <string>
 
-namespace lpvbake {
+namespace lpvbake::scene {
 namespace {
 
 /// "meshes[3].material".
@@ -92,4 +92,4 @@ void check_scene(const Scene& scene) {
             "is not from 0 to 1");
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene

@@ -3,7 +3,7 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
-namespace lpvbake {
+namespace lpvbake::scene {
 
 std::vector<glm::vec3> positions_in_frame(const Scene& scene, const Instance& instance,
                                           const Frame& frame) {
@@ -23,4 +23,4 @@ bool is_mirrored(const Instance& instance) {
     return glm::determinant(glm::dmat3(instance.to_world)) < 0.0;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene

@@ -4,7 +4,7 @@
 
 #include "scene/scene.h"
 
-namespace lpvbake {
+namespace lpvbake::scene {
 
 /// p_frame = (p_world - origin) / unit, evaluated in double. The box [0, extent] is the grid.
 struct Frame {
@@ -30,4 +30,4 @@ std::vector<glm::vec3> positions_in_frame(const Scene& scene, const Instance& in
 /// True if the instance's transform mirrors, so that its triangles' winding has to be turned.
 bool is_mirrored(const Instance& instance);
 
-} // namespace lpvbake
+} // namespace lpvbake::scene

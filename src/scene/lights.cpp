@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numbers>
 
-namespace lpvbake {
+namespace lpvbake::scene {
 
 void check_light(const Light& light, const std::string& place) {
     const auto require = [&](bool ok, const char* what) {
@@ -41,4 +41,4 @@ void check_light_arrives(const std::string& place, const LightSources& sources) 
                           "`bounces` 1 or more");
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene

@@ -6,7 +6,7 @@
 #include <optional>
 #include <string>
 
-namespace lpvbake {
+namespace lpvbake::scene {
 
 /// Throws Error (invalid), beginning with `place`, unless the light is one that KHR_lights_punctual
 /// allows: finite, color and intensity not negative, range not negative, cones with
@@ -24,4 +24,4 @@ struct LightSources {
 /// Throws Error (invalid), beginning with `place`, where none of it can arrive.
 void check_light_arrives(const std::string& place, const LightSources& sources);
 
-} // namespace lpvbake
+} // namespace lpvbake::scene

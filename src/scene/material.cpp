@@ -5,7 +5,7 @@
 #include <array>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::scene {
 namespace {
 
 /// Brings a coordinate near [0, 1] without changing what it samples, so that texel indices fit
@@ -40,7 +40,7 @@ int wrapped(int i, int size, Wrap wrap) {
 
 glm::vec4 texel(const Image& image, int x, int y) {
     const uint8_t* p = &image.rgba[4 * (static_cast<size_t>(y) * image.width + x)];
-    const std::array<float, 256>& linear = linear_values();
+    const std::array<float, 256>& linear = colour::linear_values();
     return {linear[p[0]], linear[p[1]], linear[p[2]], p[3] / 255.0f};
 }
 
@@ -116,4 +116,4 @@ bool is_see_through(const Scene& scene, const Material& material) {
            || (scene.rules.cull_backfaces && !material.double_sided);
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene

@@ -3,7 +3,7 @@
 
 #include "scene/scene.h"
 
-namespace lpvbake {
+namespace lpvbake::scene {
 
 /// What a surface point does to light. `alpha` is the covered share: 0 or 1 for opaque and mask,
 /// anything between for blend. A front or a double-sided back reflects alpha * albedo as a
@@ -30,4 +30,4 @@ glm::vec3 sample_emission(const Scene& scene, const Mesh& mesh, uint32_t triangl
 /// True if a ray may pass the material somewhere: mask or blend, or a culled back.
 bool is_see_through(const Scene& scene, const Material& material);
 
-} // namespace lpvbake
+} // namespace lpvbake::scene

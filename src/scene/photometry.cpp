@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::scene {
 
 Cone::Cone(const Light& light)
     : axis(glm::normalize(light.direction)),
@@ -27,4 +27,4 @@ double range_window(const Light& light, double metres) {
                              : 1.0;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene

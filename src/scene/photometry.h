@@ -3,7 +3,7 @@
 
 #include "scene/scene.h"
 
-namespace lpvbake {
+namespace lpvbake::scene {
 
 /// A spot's share of its intensity by direction: KHR_lights_punctual's squared linear ramp in the
 /// cosine, without the extension's widening of ramps narrower than 0.001.
@@ -21,4 +21,4 @@ struct Cone {
 /// `range`, without its 1 / d^2; 1 where the light has no range.
 double range_window(const Light& light, double metres);
 
-} // namespace lpvbake
+} // namespace lpvbake::scene

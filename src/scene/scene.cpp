@@ -6,7 +6,7 @@
 
 #include <algorithm>
 
-namespace lpvbake {
+namespace lpvbake::scene {
 namespace {
 
 /// Vertices that some triangle uses, each once.
@@ -34,25 +34,6 @@ bool emits(const Scene& scene, const Material& material) {
 }
 
 } // namespace
-
-Bounds bounds_of(const Scene& scene) {
-    std::vector<std::vector<uint32_t>> used(scene.meshes.size());
-    Bounds bounds;
-    for (const Instance& instance : scene.instances) {
-        const Mesh& mesh = scene.meshes[instance.mesh];
-        if (mesh.triangles.empty())
-            continue;
-        std::vector<uint32_t>& vertices = used[instance.mesh];
-        if (vertices.empty())
-            vertices = used_vertices(mesh);
-        for (const uint32_t vertex : vertices) {
-            const glm::dvec3 p(instance.to_world * glm::dvec4(mesh.positions[vertex], 1.0));
-            bounds.lo = glm::min(bounds.lo, p);
-            bounds.hi = glm::max(bounds.hi, p);
-        }
-    }
-    return bounds;
-}
 
 Bounds trimmed_bounds(const Scene& scene, double share) {
     constexpr int bins = 1024;
@@ -114,6 +95,29 @@ bool has_emitters(const Scene& scene) {
         if (placed[i] && emits(scene, scene.materials[i]))
             return true;
     return false;
+}
+
+} // namespace lpvbake::scene
+
+namespace lpvbake {
+
+Bounds bounds_of(const Scene& scene) {
+    std::vector<std::vector<uint32_t>> used(scene.meshes.size());
+    Bounds bounds;
+    for (const Instance& instance : scene.instances) {
+        const Mesh& mesh = scene.meshes[instance.mesh];
+        if (mesh.triangles.empty())
+            continue;
+        std::vector<uint32_t>& vertices = used[instance.mesh];
+        if (vertices.empty())
+            vertices = scene::used_vertices(mesh);
+        for (const uint32_t vertex : vertices) {
+            const glm::dvec3 p(instance.to_world * glm::dvec4(mesh.positions[vertex], 1.0));
+            bounds.lo = glm::min(bounds.lo, p);
+            bounds.hi = glm::max(bounds.hi, p);
+        }
+    }
+    return bounds;
 }
 
 } // namespace lpvbake

@@ -3,7 +3,7 @@
 
 #include "lpvbake/scene.h"
 
-namespace lpvbake {
+namespace lpvbake::scene {
 
 /// Throws Error: argument where an index leads nowhere, sizes do not fit or a number is none;
 /// invalid for a light (see check_light). What load_gltf gives holds.
@@ -22,4 +22,4 @@ bool has_emitters(const Scene& scene);
 /// True if the sky is not black.
 bool has_sky(const Scene& scene);
 
-} // namespace lpvbake
+} // namespace lpvbake::scene

@@ -6,7 +6,7 @@
 #include <cstring>
 #include <type_traits>
 
-namespace lpvbake {
+namespace lpvbake::scene {
 namespace {
 
 /// FNV-1a by 8-byte words, the tail padded with zeros; every range is led by its length.
@@ -82,4 +82,4 @@ std::string scene_hash(const Scene& scene) {
     return digits;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene

@@ -5,10 +5,10 @@
 
 #include <string>
 
-namespace lpvbake {
+namespace lpvbake::scene {
 
 /// 64-bit FNV-1a over meshes, materials, images, instances, lights and rules (names, paths and
 /// cameras left out), as 16 hex digits. Tells stale bakes apart; no protection against forgery.
 std::string scene_hash(const Scene& scene);
 
-} // namespace lpvbake
+} // namespace lpvbake::scene

@@ -8,7 +8,7 @@
 #include <cmath>
 #include <numeric>
 
-namespace lpvbake {
+namespace lpvbake::scene {
 namespace {
 
 constexpr int largest_width = 1024, largest_height = 512;
@@ -20,7 +20,7 @@ constexpr double contrast = 8.0;
 constexpr double two_pi = glm::two_pi<double>();
 
 double brightness(glm::dvec3 c) {
-    return glm::dot(c, rec709_luminance);
+    return glm::dot(c, colour::rec709_luminance);
 }
 
 /// Height (y) of the upper edge of a row.
@@ -285,4 +285,4 @@ double sky_density(const SkyMap& map, glm::vec3 towards) {
     return brightness(map.texels[texel_at(map, towards)]) / brightness(map.integral.back());
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene

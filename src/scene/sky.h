@@ -26,6 +26,10 @@ struct SkyMap {
     std::vector<double> cumulative;
 };
 
+} // namespace lpvbake
+
+namespace lpvbake::scene {
+
 /// A sky of a picture of width x height texels (nits, finite, not negative), turned by `turn`
 /// radians around +Y, counter-clockwise from above. A picture above 1024 x 512 is brought down to
 /// that by means over the solid angle, so that no power is lost.
@@ -54,4 +58,4 @@ glm::dvec3 sample_sky(const SkyMap& map, glm::dvec2 u);
 /// The density of that, per solid angle.
 double sky_density(const SkyMap& map, glm::vec3 towards);
 
-} // namespace lpvbake
+} // namespace lpvbake::scene

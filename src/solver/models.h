@@ -11,7 +11,7 @@
 // of this.
 #pragma once
 
-namespace lpvbake::models {
+namespace lpvbake::solver::models {
 
 namespace seconds {
 
@@ -82,7 +82,8 @@ struct Bands {
     int order; ///< and above
     double once, more;
 };
-inline constexpr Bands bands[] = {{4, 0.015, 0.008}, {2, 0.053, 0.02}, {1, 0.25, 0.133}};
+inline constexpr models::error::Bands bands[] = {
+    {4, 0.015, 0.008}, {2, 0.053, 0.02}, {1, 0.25, 0.133}};
 
 // What solvers add; the squares of all terms sum.
 inline constexpr double lpv_once = 0.95, lpv = 0.8;
@@ -98,4 +99,4 @@ inline constexpr double gather_power = 1.5;
 
 } // namespace error
 
-} // namespace lpvbake::models
+} // namespace lpvbake::solver::models

@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::solver {
 namespace {
 
 /// A surface this close to a cell's centre (cells) blocks the links on both sides of it.
@@ -17,10 +17,10 @@ constexpr float reach = 1e-3f;
 constexpr glm::vec2 sides[4] = {{-0.25f, -0.25f}, {0.25f, -0.25f}, {-0.25f, 0.25f}, {0.25f, 0.25f}};
 
 /// What passes from centre i to centre i + 1, for all i; `widen` reaches beyond both ends.
-void link_transmittance(const std::vector<Crossing>& crossings, float widen,
+void link_transmittance(const std::vector<visibility::Crossing>& crossings, float widen,
                         std::vector<float>& open) {
     std::fill(open.begin(), open.end(), 1.0f);
-    for (const Crossing& crossing : crossings) {
+    for (const visibility::Crossing& crossing : crossings) {
         // Link i spans t in [i + 1/2, i + 3/2].
         const int first = int(std::floor(crossing.t - 1.5f - widen)) + 1;
         const int last = int(std::floor(crossing.t - 0.5f + widen));
@@ -31,20 +31,20 @@ void link_transmittance(const std::vector<Crossing>& crossings, float widen,
 
 } // namespace
 
-Links trace_links(const Visibility& visibility, const Grid& grid) {
+Links trace_links(const visibility::Visibility& visibility, const Grid& grid) {
     Links links;
     links.open.assign(3 * grid.size(), 1.0f);
     std::vector<int8_t> backs(grid.size(), 0); // backs less fronts among the six first hits
     for (int axis = 0; axis < 3; ++axis) {
-        const AxisLines lines(visibility, grid.dims, axis);
+        const visibility::AxisLines lines(visibility, grid.dims, axis);
         const int n = grid.dims[axis];
         tbb::parallel_for(0, grid.dims[lines.v], [&](int k) {
-            std::vector<Crossing> crossings;
+            std::vector<visibility::Crossing> crossings;
             std::vector<int8_t> own(static_cast<size_t>(n));
             std::vector<float> center(size_t(n - 1)), side(size_t(n - 1)), mean(size_t(n - 1));
             for (int j = 0; j < grid.dims[lines.u]; ++j) {
                 lines.trace(j, k, crossings);
-                count_backs(crossings, own);
+                visibility::count_backs(crossings, own);
                 for (int i = 0; i < n; ++i)
                     backs[lines.cell(i, j, k)] += own[size_t(i)];
                 link_transmittance(crossings, reach, center);
@@ -61,11 +61,11 @@ Links trace_links(const Visibility& visibility, const Grid& grid) {
             }
         });
     }
-    links.validity = validity_of(backs);
+    links.validity = visibility::validity_of(backs);
     return links;
 }
 
-GeometryVolume make_geometry_volume(const std::vector<Patch>& patches, const Grid& grid) {
+GeometryVolume make_geometry_volume(const std::vector<surface::Patch>& patches, const Grid& grid) {
     GeometryVolume geometry;
     geometry.nodes = grid.dims + 1;
     const Grid nodes{{}, 1.0, geometry.nodes};
@@ -81,7 +81,7 @@ GeometryVolume make_geometry_volume(const std::vector<Patch>& patches, const Gri
     }
     geometry.blocking.assign(nodes.size(), glm::vec4(0.0f));
     for (uint32_t i = 0; i < patches.size(); ++i) {
-        const Patch& patch = patches[i];
+        const surface::Patch& patch = patches[i];
         const glm::vec3 side = patches[largest[node_of[i]]].normal;
         const glm::vec3 n = glm::dot(patch.normal, side) < 0.0f ? -patch.normal : patch.normal;
         // Clamped cosine in SH: sqrt(pi)/2 and sqrt(pi/3) (Ramamoorthi and Hanrahan 2001).
@@ -108,8 +108,8 @@ glm::vec4 GeometryVolume::at(glm::vec3 point) const {
 
 float GeometryVolume::blocked(glm::vec3 point, glm::vec3 w) const {
     const glm::vec4 b = at(point);
-    const float even = sh_y0 * b.x;
-    const float odd = sh_y1 * (b.y * w.y + b.z * w.z + b.w * w.x);
+    const float even = volume::sh_y0 * b.x;
+    const float odd = volume::sh_y1 * (b.y * w.y + b.z * w.z + b.w * w.x);
     return std::clamp(even + std::abs(odd), 0.0f, 1.0f);
 }
 
@@ -160,4 +160,4 @@ std::vector<float> face_transmittance(const GeometryVolume& geometry, const Grid
     return transmittance;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver

@@ -9,7 +9,7 @@
 #include <array>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::solver {
 
 /// Links between the centres of neighbouring cells.
 struct Links {
@@ -23,7 +23,7 @@ struct Links {
 
 /// Traces five bundles of axis-parallel lines through the grid, each line once: 15 n^2 rays for n^3
 /// cells, whatever stands on them.
-Links trace_links(const Visibility& visibility, const Grid& grid);
+Links trace_links(const visibility::Visibility& visibility, const Grid& grid);
 
 /// Spherical harmonics (1, y, z, x) of the blocking potential B(w) = sum A / h^2 max(0, n.w) of
 /// all surfaces, on the grid's corners: node (i, j, k) lies at (i, j, k) in grid units, so there
@@ -40,7 +40,7 @@ struct GeometryVolume {
     glm::vec4 at(glm::vec3 point) const;
 };
 
-GeometryVolume make_geometry_volume(const std::vector<Patch>& patches, const Grid& grid);
+GeometryVolume make_geometry_volume(const std::vector<surface::Patch>& patches, const Grid& grid);
 
 /// The geometry volume at the centres of the cells, as Volume::occlusion holds it.
 std::vector<std::vector<float>> at_cell_centers(const GeometryVolume& geometry, const Grid& grid);
@@ -60,4 +60,4 @@ const std::array<LpvFace, 30>& lpv_faces();
 /// [30 * cell + face], in the order of lpv_faces. 1 - blocked(centre + w / 2, w).
 std::vector<float> face_transmittance(const GeometryVolume& geometry, const Grid& grid);
 
-} // namespace lpvbake
+} // namespace lpvbake::solver

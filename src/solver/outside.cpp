@@ -7,11 +7,11 @@
 
 #include <algorithm>
 
-namespace lpvbake {
+namespace lpvbake::solver {
 
 void find_validity(const Inputs& inputs, Stages& stages, Volume& volume) {
     stages.begin("validity");
-    volume.validity = trace_validity(inputs.visibility, inputs.grid.dims);
+    volume.validity = visibility::trace_validity(inputs.visibility, inputs.grid.dims);
     stages.end(outside_geometry(volume.validity));
 }
 
@@ -26,4 +26,4 @@ std::string outside_geometry(std::span<const float> validity) {
                   100.0 * double(valid) / double(validity.size()));
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver

@@ -6,7 +6,7 @@
 #include <span>
 #include <string>
 
-namespace lpvbake {
+namespace lpvbake::solver {
 
 /// Traces Volume::validity.
 void find_validity(const Inputs& inputs, Stages& stages, Volume& volume);
@@ -17,4 +17,4 @@ double validity_seconds(const Grid& grid);
 /// "93.8 % of the cells outside geometry".
 std::string outside_geometry(std::span<const float> validity);
 
-} // namespace lpvbake
+} // namespace lpvbake::solver

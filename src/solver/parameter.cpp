@@ -6,7 +6,7 @@
 #include <cmath>
 #include <cstdint>
 
-namespace lpvbake {
+namespace lpvbake::solver {
 
 std::string values_of(const Parameter& parameter) {
     if (parameter.kind != ValueKind::choice)
@@ -57,4 +57,4 @@ std::string value_text(const Parameter& parameter, double value) {
     return {text, end};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver

@@ -7,7 +7,7 @@
 #include <string>
 #include <string_view>
 
-namespace lpvbake {
+namespace lpvbake::solver {
 
 enum class ValueKind {
     whole,  ///< whole numbers
@@ -20,11 +20,11 @@ enum class ValueKind {
 struct Parameter {
     const char* name; ///< lower case with dashes, unique in its kind: "rsm-size"
     ValueKind kind;
-    double lo = 0, hi = 0;                ///< least and most number
+    double lo = 0, hi = 0;                  ///< least and most number
     std::span<const char* const> choices{}; ///< names that a choice has
-    double usual = 0;                     ///< the default
-    const char* unit = "";                ///< what a number counts: "directions"; may be empty
-    const char* help = "";                ///< a phrase or two, without name, range and default
+    double usual = 0;                       ///< the default
+    const char* unit = "";                  ///< what a number counts: "directions"; may be empty
+    const char* help = "";                  ///< a phrase or two, without name, range and default
     /// Another parameter of the same kind: this one means nothing, and may not be set, unless that
     /// is above 0. Null: there is none.
     const char* needs = nullptr;
@@ -49,4 +49,4 @@ struct ParameterValue {
     double value = 0;
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::solver

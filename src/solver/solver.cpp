@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-namespace lpvbake {
+namespace lpvbake::solver {
 
 const Parameter* find_parameter(const SolverKind& kind, std::string_view name) {
     const auto found = std::ranges::find(kind.parameters, name, &Parameter::name);
@@ -71,4 +71,4 @@ bool is_on_ladder(const SolverKind& kind, std::string_view parameter) {
     });
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver

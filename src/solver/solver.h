@@ -20,15 +20,26 @@
 
 namespace lpvbake {
 
+struct Scene;
+struct Volume;
 namespace gpu {
 class Device;
 }
+namespace scene {
 struct Frame;
+}
+namespace surface {
 struct LitSurfaces;
-struct Scene;
-struct SolverKind;
-struct Volume;
+}
+namespace visibility {
 class Visibility;
+}
+
+} // namespace lpvbake
+
+namespace lpvbake::solver {
+
+struct SolverKind;
 
 /// Reflective shadow maps that bring the first reflection of punctual lights.
 struct ReflectiveMaps {
@@ -41,11 +52,11 @@ struct Inputs {
     const Scene& scene; ///< with its lights and its sky
     const gpu::Device& device;
     const Grid& grid;
-    const Frame& frame; ///< the grid's
-    const Visibility& visibility;
+    const scene::Frame& frame; ///< the grid's
+    const visibility::Visibility& visibility;
     /// All surfaces, lit as the bake wants it, but for what `maps` bring; null where the maps alone
     /// hold all light.
-    const LitSurfaces* lit;
+    const surface::LitSurfaces* lit;
     ReflectiveMaps maps;
 };
 
@@ -155,4 +166,4 @@ const Parameter* find_parameter(const SolverKind& kind, std::string_view name);
 /// Whether a rung of its ladder sets the parameter: then it is part of what is chosen and told.
 bool is_on_ladder(const SolverKind& kind, std::string_view parameter);
 
-} // namespace lpvbake
+} // namespace lpvbake::solver

@@ -1,6 +1,6 @@
 #include "solver/stages.h"
 
-namespace lpvbake {
+namespace lpvbake::solver {
 
 void Stages::begin(const char* name, uint64_t steps) {
     name_ = name;
@@ -13,4 +13,4 @@ void Stages::end(std::string detail) {
     reports_.push_back({name_, seconds.count(), std::move(detail)});
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::solver {
 
 /// What a bake has no need of.
 struct SkippedStage {
@@ -39,4 +39,4 @@ private:
     std::chrono::steady_clock::time_point start_;
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::solver

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-namespace lpvbake {
+namespace lpvbake::surface {
 namespace {
 
 double brightness(const Patch& patch) {
@@ -34,4 +34,4 @@ float EmitterSampling::density(const Patch& patch) const {
     return float(brightness(patch) / total_);
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::surface

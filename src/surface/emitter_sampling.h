@@ -5,7 +5,7 @@
 
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::surface {
 
 class EmitterSampling {
 public:
@@ -30,4 +30,4 @@ private:
     double total_ = 0.0;
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::surface

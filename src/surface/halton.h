@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-namespace lpvbake {
+namespace lpvbake::surface {
 
 /// Element i of Van der Corput's sequence of a base, in [0, 1): a coordinate of Halton's. `Index`
 /// is unsigned; narrow ones divide faster.
@@ -17,4 +17,4 @@ double radical_inverse(Index i, uint32_t base) {
     return inverse;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::surface

@@ -14,7 +14,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::surface {
 namespace {
 
 constexpr uint32_t black = ~0u; ///< what a ray meets that reflects nothing
@@ -49,7 +49,7 @@ glm::vec2 on_triangle(glm::vec2 u) {
 /// With density cos / pi around n (Malley's method).
 glm::vec3 sample_cosine(glm::vec3 n, glm::vec2 u) {
     const float radius = std::sqrt(u.x), angle = 2.0f * glm::pi<float>() * u.y;
-    const auto [x, y] = tangents_of(n);
+    const auto [x, y] = visibility::tangents_of(n);
     return radius * std::cos(angle) * x + radius * std::sin(angle) * y
            + std::sqrt(std::max(0.0f, 1.0f - u.x)) * n;
 }
@@ -72,12 +72,12 @@ struct PunctualSource {
     const Light& light;
     glm::vec3 color; ///< times intensity
     glm::dvec3 position;
-    Cone cone;
+    scene::Cone cone;
     double unit;
     float across; ///< longer than the way out of the scene
 
     /// Illuminance (lux) without shadows at `point`, and the ray that looks for them.
-    glm::vec3 illuminance(glm::vec3 point, glm::vec3 normal, Ray& shadow) const {
+    glm::vec3 illuminance(glm::vec3 point, glm::vec3 normal, visibility::Ray& shadow) const {
         if (light.type == LightType::directional) {
             const glm::vec3 towards(-light.direction);
             shadow = {point, towards * across};
@@ -95,23 +95,25 @@ struct PunctualSource {
         double factor = cosine / (metres * metres);
         if (light.type == LightType::spot)
             factor *= cone(-to / distance);
-        return color * float(factor * range_window(light, metres));
+        return color * float(factor * scene::range_window(light, metres));
     }
 };
 
-std::vector<PunctualSource> sources_of(std::span<const Light> lights, const Visibility& visibility,
-                                       const Frame& frame) {
+std::vector<PunctualSource> sources_of(std::span<const Light> lights,
+                                       const visibility::Visibility& visibility,
+                                       const scene::Frame& frame) {
     const float across = 2.0f * glm::length(visibility.hi() - visibility.lo()) + 1.0f;
     std::vector<PunctualSource> sources;
     for (const Light& light : lights)
         sources.push_back({light, light.color * float(light.intensity),
-                           frame.from_world(light.position), Cone(light), frame.unit, across});
+                           frame.from_world(light.position), scene::Cone(light), frame.unit,
+                           across});
     return sources;
 }
 
 /// Mean illuminance of a side by the punctual lights.
 glm::vec3 punctual(const Side& side, const std::vector<PunctualSource>& sources,
-                   const Visibility& visibility) {
+                   const visibility::Visibility& visibility) {
     // One point in each of the four halves of the halves.
     static constexpr glm::vec2 corner[shadow_samples] = {
         {0.0f, 0.0f}, {0.5f, 0.0f}, {0.0f, 0.5f}, {0.5f, 0.5f}};
@@ -120,7 +122,7 @@ glm::vec3 punctual(const Side& side, const std::vector<PunctualSource>& sources,
     for (const PunctualSource& source : sources)
         for (uint32_t i = 0; i < shadow_samples; ++i) {
             const float half = i < 3 ? 0.5f : -0.5f;
-            Ray shadow;
+            visibility::Ray shadow;
             const glm::vec3 lux =
                 source.illuminance(side.point(corner[i] + half / 3.0f), side.normal, shadow);
             if (lux == glm::vec3(0.0f))
@@ -135,7 +137,7 @@ glm::vec3 punctual(const Side& side, const std::vector<PunctualSource>& sources,
 
 /// Illuminance by emitters, by rays aimed at them.
 glm::vec3 aimed(const Side& side, const EmitterSampling& emitters, int aimed_rays, int rays,
-                const Visibility& visibility) {
+                const visibility::Visibility& visibility) {
     glm::vec3 sum{0.0f};
     const HaltonPoints points(side.index, 1);
     for (uint32_t i = 0; i < uint32_t(aimed_rays); ++i) {
@@ -191,7 +193,7 @@ struct Reflectors {
 /// What lights a side without another reflection: punctual lights, emitters and sky.
 struct DirectLight {
     const LitSurfaces& lit;
-    const Visibility& visibility;
+    const visibility::Visibility& visibility;
     const Sky& sky;
     const std::vector<glm::vec3>& emission; ///< a side, nits; empty without emitters
     std::vector<PunctualSource> sources;
@@ -208,9 +210,9 @@ struct DirectLight {
         for (uint32_t i = 0; i < uint32_t(rays); ++i) {
             const glm::vec3 from = side.point(on_triangle(points(i, 1)));
             const glm::vec3 direction = sample_cosine(side.normal, points(i, 0));
-            const Hit hit = visibility.closest({from, direction, 0.0f, HUGE_VALF});
-            if (hit.instance == no_hit) {
-                seen += sky_rest(sky, direction);
+            const visibility::Hit hit = visibility.closest({from, direction, 0.0f, HUGE_VALF});
+            if (hit.instance == visibility::no_hit) {
+                seen += scene::sky_rest(sky, direction);
                 continue;
             }
             const uint32_t there = lit.side(hit, direction);
@@ -284,8 +286,9 @@ void reflect_between(const Scene& scene, const Reflectors& reflectors,
 
 } // namespace
 
-LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, const Frame& frame,
-                           const LightingSettings& settings, Progress& progress) {
+LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& visibility,
+                           const scene::Frame& frame, const LightingSettings& settings,
+                           Progress& progress) {
     LitSurfaces lit;
     lit.visibility = &visibility;
     {
@@ -295,14 +298,14 @@ LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, con
     }
     const std::vector<Patch>& patches = lit.patches;
     lit.luminance.assign(2 * patches.size(), glm::vec3(0.0f));
-    const bool emitters = settings.emitters && has_emitters(scene);
+    const bool emitters = settings.emitters && scene::has_emitters(scene);
     const std::vector<glm::vec3> emission =
         emitters ? emission_of(patches) : std::vector<glm::vec3>{};
     if (settings.bounces != 0) {
         const Reflectors reflectors(patches);
         const size_t count = reflectors.sides.size();
         const bool between = settings.bounces != 1;
-        const int rays = emitters || has_sky(scene) || between
+        const int rays = emitters || scene::has_sky(scene) || between
                              ? std::clamp(int(settings.rays / std::max<size_t>(count, 1)), 16, 256)
                              : 0;
         const DirectLight light{lit,
@@ -310,7 +313,7 @@ LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, con
                                 scene.sky,
                                 emission,
                                 sources_of(scene.lights, visibility, frame),
-                                sources_of(sky_suns(scene.sky), visibility, frame),
+                                sources_of(scene::sky_suns(scene.sky), visibility, frame),
                                 EmitterSampling(emitters ? patches : std::vector<Patch>{}),
                                 rays,
                                 rays / 8};
@@ -352,11 +355,11 @@ LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, con
     return lit;
 }
 
-std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit, const Frame& frame,
-                                     std::span<const SidePoint> points, bool emitters, int rays,
-                                     uint32_t seed, Progress& progress) {
-    const Visibility& visibility = *lit.visibility;
-    const bool aims = emitters && has_emitters(scene);
+std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
+                                     const scene::Frame& frame, std::span<const SidePoint> points,
+                                     bool emitters, int rays, uint32_t seed, Progress& progress) {
+    const visibility::Visibility& visibility = *lit.visibility;
+    const bool aims = emitters && scene::has_emitters(scene);
     const std::vector<glm::vec3> emission =
         aims ? emission_of(lit.patches) : std::vector<glm::vec3>{};
     const DirectLight light{lit,
@@ -364,7 +367,7 @@ std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
                             scene.sky,
                             emission,
                             {},
-                            sources_of(sky_suns(scene.sky), visibility, frame),
+                            sources_of(scene::sky_suns(scene.sky), visibility, frame),
                             EmitterSampling(aims ? lit.patches : std::vector<Patch>{}),
                             rays,
                             rays / 8};
@@ -392,8 +395,8 @@ std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
     return result;
 }
 
-uint32_t LitSurfaces::side(const Hit& hit, glm::vec3 direction) const {
-    if (hit.facing == Facing::back)
+uint32_t LitSurfaces::side(const visibility::Hit& hit, glm::vec3 direction) const {
+    if (hit.facing == visibility::Facing::back)
         return no_side;
     glm::vec2 weights;
     const uint32_t found = tree.find(hit, weights);
@@ -410,9 +413,9 @@ uint32_t LitSurfaces::side(const Hit& hit, glm::vec3 direction) const {
     return 2 * found + (back ? 1 : 0);
 }
 
-glm::vec3 LitSurfaces::leaving(const Hit& hit, glm::vec3 direction) const {
+glm::vec3 LitSurfaces::leaving(const visibility::Hit& hit, glm::vec3 direction) const {
     const uint32_t seen = side(hit, direction);
     return seen == no_side ? glm::vec3(0.0f) : luminance[seen];
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::surface

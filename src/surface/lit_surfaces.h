@@ -9,7 +9,7 @@
 #include <optional>
 #include <span>
 
-namespace lpvbake {
+namespace lpvbake::surface {
 
 struct LightingSettings {
     std::optional<int> bounces = 1; ///< reflections at most; none: all
@@ -25,7 +25,8 @@ struct LightingSettings {
 struct LitSurfaces {
     std::vector<Patch> patches; ///< of area 0 where another surface lies on it
     PatchTree tree;
-    const Visibility* visibility = nullptr; ///< of the same scene and frame; outlives this
+    const visibility::Visibility* visibility =
+        nullptr; ///< of the same scene and frame; outlives this
     /// luminance[2 * patch + side]: what leaves the covered part of the front (side 0) or the back
     /// (1), nits: emission and reflected light. Black for the back of a single-sided surface.
     std::vector<glm::vec3> luminance;
@@ -36,9 +37,9 @@ struct LitSurfaces {
     /// Which side a ray of this direction sees at its hit; no_side for no_hit and for backs, and
     /// for the part of a patch that something on it hides from its centroid, so that a patch does
     /// not carry light through a wall.
-    uint32_t side(const Hit& hit, glm::vec3 direction) const;
+    uint32_t side(const visibility::Hit& hit, glm::vec3 direction) const;
     /// Luminance (nits) that a ray of this direction sees at its hit; 0 for no_hit.
-    glm::vec3 leaving(const Hit& hit, glm::vec3 direction) const;
+    glm::vec3 leaving(const visibility::Hit& hit, glm::vec3 direction) const;
 };
 
 /// What a luminance has above a limit, both by the mean of the channels; of the same colour.
@@ -52,8 +53,9 @@ inline glm::vec3 luminance_above(glm::vec3 luminance, float limit) {
 /// (multiple importance sampling, balance heuristic: Veach and Guibas 1995), the sky by the latter.
 /// The same rays, their hits stored, carry light from patch to patch: R = D + rho K R, iterated.
 /// Throws Error (invalid) for all bounces in a closed scene of albedo 1.
-LitSurfaces light_surfaces(const Scene& scene, const Visibility& visibility, const Frame& frame,
-                           const LightingSettings& settings, Progress& progress);
+LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& visibility,
+                           const scene::Frame& frame, const LightingSettings& settings,
+                           Progress& progress);
 
 /// A point of a surface, seen from one of its sides.
 struct SidePoint {
@@ -66,8 +68,8 @@ struct SidePoint {
 /// many towards emitters, weighed as light_surfaces does; a surface counts as light as its patch.
 /// `lit` comes from the same scene and frame, without LightingSettings::maps; `emitters` as there.
 /// A point's rays depend on its place in `points` and on `seed` alone.
-std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit, const Frame& frame,
-                                     std::span<const SidePoint> points, bool emitters, int rays,
-                                     uint32_t seed, Progress& progress);
+std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
+                                     const scene::Frame& frame, std::span<const SidePoint> points,
+                                     bool emitters, int rays, uint32_t seed, Progress& progress);
 
-} // namespace lpvbake
+} // namespace lpvbake::surface

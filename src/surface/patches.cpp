@@ -9,7 +9,7 @@
 #include <array>
 #include <atomic>
 
-namespace lpvbake {
+namespace lpvbake::surface {
 float ray_offset(glm::vec3 point) {
     const glm::vec3 size = glm::abs(point);
     return 1e-4f + 4e-6f * std::max({size.x, size.y, size.z});
@@ -69,7 +69,7 @@ public:
     const Mesh& mesh;
     const glm::vec3 extent;
     const float max_edge;
-    const Visibility* walls; ///< none: only what lies in the grid, and no tree
+    const visibility::Visibility* walls; ///< none: only what lies in the grid, and no tree
     const bool textured, emissive;
     std::atomic<uint64_t>& made; ///< patches so far, of the whole scene
     Patch source;                ///< what all pieces of a triangle share
@@ -183,8 +183,8 @@ private:
         if (patch.alpha < 1.0f)
             return false;
         const glm::vec3 lift = 2.0f * ray_offset(patch.position) * patch.normal;
-        const Hit hit = walls->closest({patch.position + lift, -2.0f * lift});
-        return hit.instance != no_hit
+        const visibility::Hit hit = walls->closest({patch.position + lift, -2.0f * lift});
+        return hit.instance != visibility::no_hit
                && (hit.instance != patch.instance || hit.triangle != patch.triangle);
     }
 
@@ -195,11 +195,12 @@ private:
         for (const glm::vec2& p : points) {
             const glm::vec2 b = (1.0f - p.x - p.y) * piece[0].barycentric
                                 + p.x * piece[1].barycentric + p.y * piece[2].barycentric;
-            const SurfaceSample surface = sample_surface(scene, mesh, patch.triangle, b);
+            const scene::SurfaceSample surface =
+                scene::sample_surface(scene, mesh, patch.triangle, b);
             alpha += surface.alpha;
             albedo += surface.alpha * surface.albedo;
             if (emissive)
-                emission += sample_emission(scene, mesh, patch.triangle, b);
+                emission += scene::sample_emission(scene, mesh, patch.triangle, b);
         }
         patch.albedo = alpha > 0.0f ? albedo / alpha : glm::vec3(0.0f);
         patch.alpha = alpha / float(points.size());
@@ -208,14 +209,14 @@ private:
 };
 
 /// The pieces of an instance, by runs.
-std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const Frame& frame,
-                                 float max_edge, const Visibility* walls,
+std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const scene::Frame& frame,
+                                 float max_edge, const visibility::Visibility* walls,
                                  std::atomic<uint64_t>& made) {
     const Instance& instance = scene.instances[index];
     const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
     const Material& material = scene.materials[size_t(mesh.material)];
-    const std::vector<glm::vec3> placed = positions_in_frame(scene, instance, frame);
-    const float side = is_mirrored(instance) ? -1.0f : 1.0f;
+    const std::vector<glm::vec3> placed = scene::positions_in_frame(scene, instance, frame);
+    const float side = scene::is_mirrored(instance) ? -1.0f : 1.0f;
     Cutter blank{scene,
                  mesh,
                  glm::vec3(frame.extent),
@@ -232,7 +233,7 @@ std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const Frame
     blank.source.instance = index;
     blank.source.double_sided = material.double_sided;
     if (!blank.textured && !mesh.triangles.empty()) {
-        blank.source.albedo = sample_surface(scene, mesh, 0, glm::vec2(1.0f / 3.0f)).albedo;
+        blank.source.albedo = scene::sample_surface(scene, mesh, 0, glm::vec2(1.0f / 3.0f)).albedo;
         blank.source.emission = material.emission;
     }
     std::vector<Cutter> runs((mesh.triangles.size() + run_length - 1) / run_length, blank);
@@ -257,8 +258,8 @@ std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const Frame
     return runs;
 }
 
-std::vector<std::vector<Cutter>> cut_scene(const Scene& scene, const Frame& frame, float max_edge,
-                                           const Visibility* walls) {
+std::vector<std::vector<Cutter>> cut_scene(const Scene& scene, const scene::Frame& frame,
+                                           float max_edge, const visibility::Visibility* walls) {
     std::vector<std::vector<Cutter>> parts(scene.instances.size());
     std::atomic<uint64_t> made = 0;
     tbb::parallel_for(size_t(0), parts.size(), [&](size_t i) {
@@ -269,7 +270,7 @@ std::vector<std::vector<Cutter>> cut_scene(const Scene& scene, const Frame& fram
 
 } // namespace
 
-std::vector<Patch> make_patches(const Scene& scene, const Frame& frame, float max_edge) {
+std::vector<Patch> make_patches(const Scene& scene, const scene::Frame& frame, float max_edge) {
     std::vector<Patch> patches;
     for (const std::vector<Cutter>& runs : cut_scene(scene, frame, max_edge, nullptr))
         for (const Cutter& run : runs)
@@ -277,8 +278,8 @@ std::vector<Patch> make_patches(const Scene& scene, const Frame& frame, float ma
     return patches;
 }
 
-PatchCover cover_surfaces(const Scene& scene, const Frame& frame, const Visibility& visibility,
-                          float max_edge) {
+PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,
+                          const visibility::Visibility& visibility, float max_edge) {
     PatchCover cover;
     PatchTree& tree = cover.tree;
     for (const std::vector<Cutter>& runs : cut_scene(scene, frame, max_edge, &visibility)) {
@@ -299,8 +300,8 @@ PatchCover cover_surfaces(const Scene& scene, const Frame& frame, const Visibili
     return cover;
 }
 
-uint32_t PatchTree::find(const Hit& hit, glm::vec2& weights) const {
-    if (hit.instance == no_hit)
+uint32_t PatchTree::find(const visibility::Hit& hit, glm::vec2& weights) const {
+    if (hit.instance == visibility::no_hit)
         return none;
     uint32_t node = roots[hit.instance][hit.triangle];
     if (node == none)
@@ -322,4 +323,4 @@ uint32_t PatchTree::find(const Hit& hit, glm::vec2& weights) const {
     return nodes[node].patch;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::surface

@@ -6,7 +6,7 @@
 
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::surface {
 
 /// A flat piece of a triangle, itself a triangle.
 struct Patch {
@@ -35,7 +35,7 @@ float ray_offset(glm::vec3 point);
 /// Cuts every placed triangle into patches whose edges are at most `max_edge` units long and drops
 /// those outside the grid. Zero-area triangles give none. Throws Error (memory) beyond 2^25
 /// patches.
-std::vector<Patch> make_patches(const Scene& scene, const Frame& frame, float max_edge);
+std::vector<Patch> make_patches(const Scene& scene, const scene::Frame& frame, float max_edge);
 
 /// Which patch a point of a triangle belongs to: the halvings that made the patches, kept.
 struct PatchTree {
@@ -51,7 +51,7 @@ struct PatchTree {
 
     /// The patch at a hit, and the weights of its second and third corner there; none for no_hit
     /// and for what has neither area nor cover.
-    uint32_t find(const Hit& hit, glm::vec2& weights) const;
+    uint32_t find(const visibility::Hit& hit, glm::vec2& weights) const;
 };
 
 /// All surfaces, also those outside the grid.
@@ -64,7 +64,7 @@ struct PatchCover {
 /// Cuts every placed triangle into patches of at most `max_edge` units; outside the grid they may
 /// grow with their distance from it. One that a wall crosses, so that its centroid does not see its
 /// corners just above it, is cut further, down to an eighth. Throws Error as make_patches.
-PatchCover cover_surfaces(const Scene& scene, const Frame& frame, const Visibility& visibility,
-                          float max_edge);
+PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,
+                          const visibility::Visibility& visibility, float max_edge);
 
-} // namespace lpvbake
+} // namespace lpvbake::surface

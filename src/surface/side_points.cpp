@@ -10,7 +10,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::surface {
 namespace {
 
 constexpr uint32_t looks = 32; ///< rays that tell how open a point is
@@ -27,8 +27,8 @@ struct View {
     uint32_t backs = 0;
 };
 
-View look_around(const Visibility& visibility, const SidePoint& point, uint32_t key) {
-    const auto [u, v] = tangents_of(point.normal);
+View look_around(const visibility::Visibility& visibility, const SidePoint& point, uint32_t key) {
+    const auto [u, v] = visibility::tangents_of(point.normal);
     const glm::vec3 from = point.position + ray_offset(point.position) * point.normal;
     View view;
     for (uint32_t i = 0; i < looks; ++i) {
@@ -36,9 +36,9 @@ View look_around(const Visibility& visibility, const SidePoint& point, uint32_t 
         const float radius = float(std::sqrt(square)), angle = glm::two_pi<float>() * float(turn);
         const glm::vec3 way = radius * (std::cos(angle) * u + std::sin(angle) * v)
                               + float(std::sqrt(1.0 - square)) * point.normal;
-        const Hit hit = visibility.closest({from, way, 0.0f, HUGE_VALF});
-        view.open += hit.instance == no_hit || hit.t >= 1.0f;
-        view.backs += hit.instance != no_hit && hit.facing == Facing::back;
+        const visibility::Hit hit = visibility.closest({from, way, 0.0f, HUGE_VALF});
+        view.open += hit.instance == visibility::no_hit || hit.t >= 1.0f;
+        view.backs += hit.instance != visibility::no_hit && hit.facing == visibility::Facing::back;
     }
     return view;
 }
@@ -99,4 +99,4 @@ SidePoints draw_side_points(const LitSurfaces& lit, glm::vec3 extent,
     return result;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::surface

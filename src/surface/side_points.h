@@ -3,7 +3,7 @@
 
 #include "surface/lit_surfaces.h"
 
-namespace lpvbake {
+namespace lpvbake::surface {
 
 struct SidePointSettings {
     double density = 4;             ///< points a square unit of a side
@@ -27,4 +27,4 @@ struct SidePoints {
 SidePoints draw_side_points(const LitSurfaces& lit, glm::vec3 extent,
                             const SidePointSettings& settings);
 
-} // namespace lpvbake
+} // namespace lpvbake::surface

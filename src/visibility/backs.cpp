@@ -4,14 +4,14 @@
 
 #include <glm/gtc/constants.hpp>
 
-namespace lpvbake {
+namespace lpvbake::visibility {
 namespace {
 
 constexpr int ray_count = 1024;
 
 } // namespace
 
-double share_of_backs(const Visibility& visibility, const Light& light, const Frame& frame) {
+double share_of_backs(const Visibility& visibility, const Light& light, const scene::Frame& frame) {
     const glm::dvec3 lo{visibility.lo()}, hi{visibility.hi()};
     const double across = glm::length(hi - lo) + glm::length(frame.extent);
     const auto [u, v] = tangents_of(light.direction);
@@ -43,4 +43,4 @@ double share_of_backs(const Visibility& visibility, const Light& light, const Fr
     return hits ? double(backs) / hits : 0.0;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::visibility

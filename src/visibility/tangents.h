@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::visibility {
 
 template <class Number>
 struct Tangents {
@@ -20,4 +20,4 @@ Tangents<Number> tangents_of(glm::vec<3, Number> n) {
     return {{one + sign * n.x * n.x * a, sign * b, -sign * n.x}, {b, sign + n.y * n.y * a, -n.y}};
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::visibility

@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-namespace lpvbake {
+namespace lpvbake::visibility {
 
 AxisLines::AxisLines(const Visibility& visibility, glm::ivec3 dims, int axis_)
     : axis(axis_),
@@ -84,4 +84,4 @@ std::vector<float> validity_of(std::span<const int8_t> backs) {
     return validity;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::visibility

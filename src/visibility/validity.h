@@ -5,7 +5,7 @@
 
 #include <span>
 
-namespace lpvbake {
+namespace lpvbake::visibility {
 
 /// The lines along one axis of a lattice of unit cells, cell (i, j, k) spanning [i, i+1] x ... in
 /// frame units.
@@ -40,4 +40,4 @@ std::vector<float> trace_validity(const Visibility& visibility, glm::ivec3 dims)
 /// Validity from the sums of count_backs over the three axes.
 std::vector<float> validity_of(std::span<const int8_t> backs);
 
-} // namespace lpvbake
+} // namespace lpvbake::visibility

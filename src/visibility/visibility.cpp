@@ -15,7 +15,7 @@
 #include <cmath>
 #include <functional>
 
-namespace lpvbake {
+namespace lpvbake::visibility {
 namespace {
 
 /// Where a triangle of the acceleration structure comes from.
@@ -67,7 +67,8 @@ struct Visibility::Impl {
             return 0.0f;
         if (material.alpha_mode == AlphaMode::opaque)
             return 1.0f;
-        return sample_surface(scene, mesh, origins[primitive].triangle, barycentric(primitive, uv))
+        return scene::sample_surface(scene, mesh, origins[primitive].triangle,
+                                     barycentric(primitive, uv))
             .alpha;
     }
 };
@@ -211,11 +212,11 @@ Hit nearest(const Visibility::Impl& impl, const Ray& ray, Wanted wanted) {
 
 } // namespace
 
-Visibility::Visibility(const Scene& scene, const Frame& frame)
+Visibility::Visibility(const Scene& scene, const scene::Frame& frame)
     : impl_(std::make_unique<Impl>(scene)) {
     Impl& impl = *impl_;
     for (const Material& material : scene.materials) {
-        impl.see_through.push_back(is_see_through(scene, material));
+        impl.see_through.push_back(scene::is_see_through(scene, material));
         impl.any_see_through |= impl.see_through.back() != 0;
     }
 
@@ -248,13 +249,13 @@ Visibility::Visibility(const Scene& scene, const Frame& frame)
     for (uint32_t i = 0; i < scene.instances.size(); ++i) {
         const Instance& instance = scene.instances[i];
         const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
-        const std::vector<glm::vec3> placed = positions_in_frame(scene, instance, frame);
+        const std::vector<glm::vec3> placed = scene::positions_in_frame(scene, instance, frame);
         std::copy(placed.begin(), placed.end(), positions + base);
         for (const glm::vec3& p : placed) {
             impl.lo = glm::min(impl.lo, p);
             impl.hi = glm::max(impl.hi, p);
         }
-        impl.mirrored.push_back(is_mirrored(instance));
+        impl.mirrored.push_back(scene::is_mirrored(instance));
         impl.two_fronts.push_back(scene.materials[size_t(mesh.material)].double_sided);
         for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
             glm::uvec3 v = mesh.triangles[t];
@@ -553,4 +554,4 @@ uint64_t PackedRays::trace(const Visibility& visibility) const {
         std::plus<uint64_t>());
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::visibility

@@ -13,7 +13,7 @@
 #include <span>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::visibility {
 
 /// A segment origin + t * direction, t in [t_min, t_max]; direction of any length.
 struct Ray {
@@ -56,7 +56,7 @@ enum class Bundle {
 class Visibility {
 public:
     /// Builds the acceleration structure over all placed triangles (zero-area ones are left out).
-    Visibility(const Scene& scene, const Frame& frame);
+    Visibility(const Scene& scene, const scene::Frame& frame);
     ~Visibility();
     Visibility(Visibility&&) noexcept;
 
@@ -122,4 +122,4 @@ private:
     std::unique_ptr<Batches> batches_;
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::visibility

@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::visibility {
 namespace {
 
 /// A surface counts beside an earlier plane if it comes this much nearer to the centre; so the next
@@ -45,4 +45,4 @@ std::vector<std::vector<glm::vec3>> find_walls(const Visibility& visibility, glm
     return walls;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::visibility

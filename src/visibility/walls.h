@@ -5,7 +5,7 @@
 
 #include <span>
 
-namespace lpvbake {
+namespace lpvbake::visibility {
 
 /// Planes that bound a region around each cell's centre in which no surface lies, as Volume::walls
 /// has them. The first goes through the surface point nearest to the centre, the next through the
@@ -19,4 +19,4 @@ std::vector<std::vector<glm::vec3>> find_walls(const Visibility& visibility, glm
                                                std::span<const float> validity, int count,
                                                float reach);
 
-} // namespace lpvbake
+} // namespace lpvbake::visibility

@@ -18,7 +18,7 @@
 #include <limits>
 #include <numbers>
 
-namespace lpvbake {
+namespace lpvbake::volume {
 namespace {
 
 constexpr size_t normal_count = 26;
@@ -248,8 +248,8 @@ void sum_samples(const Samples& samples, Histograms& upper, std::vector<float>& 
             }
             sum.abs += cell_sum;
             result.cell_error[cell] = float(cell_sum / cell_samples);
-            sum.energy_a += glm::dot(glm::dvec3(a.sh[0][cell]), rec709_luminance);
-            sum.energy_b += glm::dot(glm::dvec3(b.sh[0][cell]), rec709_luminance);
+            sum.energy_a += glm::dot(glm::dvec3(a.sh[0][cell]), colour::rec709_luminance);
+            sum.energy_b += glm::dot(glm::dvec3(b.sh[0][cell]), colour::rec709_luminance);
         }
         return sum;
     };
@@ -418,4 +418,4 @@ Volume difference(const Volume& a, const Volume& b) {
     return result;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::volume

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::volume {
 
 /// The 26 directions from a cell to its neighbours, unit length; x runs fastest, z slowest.
 const std::array<glm::dvec3, 26>& neighbour_normals();
@@ -103,4 +103,4 @@ Volume difference(const Volume& a, const Volume& b);
 /// True where both volumes hold light outside geometry.
 bool valid_in_both(const Volume& a, const Volume& b, std::size_t cell);
 
-} // namespace lpvbake
+} // namespace lpvbake::volume

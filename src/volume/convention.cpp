@@ -11,7 +11,7 @@
 #include <cmath>
 #include <numbers>
 
-namespace lpvbake {
+namespace lpvbake::volume {
 namespace {
 
 constexpr double pi = std::numbers::pi;
@@ -257,4 +257,4 @@ void turn_axes(const glm::dmat3& turn, Volume& volume) {
     }
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::volume

@@ -7,7 +7,7 @@
 #include <optional>
 #include <string_view>
 
-namespace lpvbake {
+namespace lpvbake::volume {
 
 /// What is stored of canonical coefficients c (nits).
 enum class ShConvention {
@@ -78,4 +78,4 @@ Grid turned_grid(const Grid& grid, const glm::dmat3& turn);
 /// cells' order. Metadata stay. Exact up to band 1, beyond up to rounding.
 void turn_axes(const glm::dmat3& turn, Volume& volume);
 
-} // namespace lpvbake
+} // namespace lpvbake::volume

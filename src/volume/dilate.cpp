@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::volume {
 
 std::size_t dilate(Volume& volume, int rings) {
     const Grid& grid = volume.grid;
@@ -51,4 +51,4 @@ std::size_t dilate(Volume& volume, int rings) {
     return filled;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::volume

@@ -3,7 +3,7 @@
 
 #include "volume/volume.h"
 
-namespace lpvbake {
+namespace lpvbake::volume {
 
 /// Fills the spherical harmonics of cells that are not valid from the cells around them, `rings`
 /// times one cell further in: each cell of a ring gets the mean of those of its 26 neighbours that
@@ -13,4 +13,4 @@ namespace lpvbake {
 /// without validity.
 std::size_t dilate(Volume& volume, int rings);
 
-} // namespace lpvbake
+} // namespace lpvbake::volume

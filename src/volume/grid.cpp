@@ -8,7 +8,7 @@
 #include <limits>
 #include <sstream>
 
-namespace lpvbake {
+namespace lpvbake::volume {
 namespace {
 
 std::ostream& operator<<(std::ostream& out, glm::dvec3 v) {
@@ -72,4 +72,4 @@ Grid fit_grid(glm::dvec3 lo, glm::dvec3 hi, const GridSettings& settings) {
     return grid;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::volume

@@ -3,7 +3,7 @@
 
 #include "lpvbake/volume.h"
 
-namespace lpvbake {
+namespace lpvbake::volume {
 
 /// How a grid is fitted to a box. Exactly one of `resolution` and `cell` counts.
 struct GridSettings {
@@ -18,4 +18,4 @@ struct GridSettings {
 /// 2^31 - 1 cells.
 Grid fit_grid(glm::dvec3 lo, glm::dvec3 hi, const GridSettings& settings);
 
-} // namespace lpvbake
+} // namespace lpvbake::volume

@@ -7,7 +7,7 @@
 #include <limits>
 #include <type_traits>
 
-namespace lpvbake {
+namespace lpvbake::volume {
 namespace {
 
 constexpr GridKind light{.name = "sh",
@@ -169,4 +169,4 @@ GridRange range_of(const ConstGridView& grid) {
     return range;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::volume

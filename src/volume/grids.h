@@ -13,7 +13,7 @@
 #include <variant>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::volume {
 
 /// What becomes of values when axes turn.
 enum class Turning {
@@ -28,15 +28,19 @@ struct Quantity {
     const char* units;
 };
 
+} // namespace lpvbake::volume
+
+namespace lpvbake {
+
 /// A kind of grid. One that has no member is kept in Volume::others.
 struct GridKind {
     const char* name; ///< unique; see grid_name
     /// The letter of each float of a cell, such as "rgb" and "xyz"; empty: one float a cell.
     const char* channels = "";
-    Turning turning = Turning::none;
-    int fewest = 1, most = 1;     ///< grids of a volume that has the kind at all; most <= 32
-    Quantity quantity = {"", ""}; ///< of light: see quantity_of(ShConvention)
-    bool subtracted = false;      ///< difference() holds it, where both volumes do
+    volume::Turning turning = volume::Turning::none;
+    int fewest = 1, most = 1; ///< grids of a volume that has the kind at all; most <= 32
+    volume::Quantity quantity = {"", ""}; ///< of light: see quantity_of(ShConvention)
+    bool subtracted = false;              ///< difference() holds it, where both volumes do
     std::variant<std::monostate, std::vector<float> Volume::*,
                  std::vector<std::vector<float>> Volume::*,
                  std::vector<std::vector<glm::vec3>> Volume::*>
@@ -44,6 +48,10 @@ struct GridKind {
 
     int width() const { return channels[0] == '\0' ? 1 : 3; } ///< floats a cell
 };
+
+} // namespace lpvbake
+
+namespace lpvbake::volume {
 
 using GridKinds = std::span<const GridKind* const>;
 
@@ -100,4 +108,4 @@ struct GridRange {
 };
 GridRange range_of(const ConstGridView& grid);
 
-} // namespace lpvbake
+} // namespace lpvbake::volume

@@ -3,7 +3,7 @@
 #include <charconv>
 #include <string_view>
 
-namespace lpvbake {
+namespace lpvbake::volume {
 namespace {
 
 struct Fact {
@@ -107,4 +107,4 @@ std::optional<LightContent> content_in(const std::map<std::string, std::string>&
     return content;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::volume

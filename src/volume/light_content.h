@@ -5,7 +5,7 @@
 #include <optional>
 #include <string>
 
-namespace lpvbake {
+namespace lpvbake::volume {
 
 /// After how many reflections light is held: from `first` to `last`, none: any number.
 struct Reflections {
@@ -39,4 +39,4 @@ void set_content(const LightContent& content, std::map<std::string, std::string>
 /// volume holds. The sentence is not read.
 std::optional<LightContent> content_in(const std::map<std::string, std::string>& metadata);
 
-} // namespace lpvbake
+} // namespace lpvbake::volume

@@ -7,7 +7,7 @@
 #include <limits>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::volume {
 namespace {
 
 /// Cells: how far off its surface a point is held against walls, so that it lies before its own,
@@ -120,8 +120,12 @@ CellWeights weights_at(const Volume& volume, glm::dvec3 point, glm::dvec3 n, Rea
                    [](std::size_t, glm::dvec3) { return true; });
 }
 
+} // namespace lpvbake::volume
+
+namespace lpvbake {
+
 glm::dvec3 read_irradiance(const Volume& volume, glm::dvec3 point, glm::dvec3 n, Reading reading) {
-    const CellWeights weights = weights_at(volume, point, n, reading);
+    const volume::CellWeights weights = volume::weights_at(volume, point, n, reading);
     glm::dvec3 irradiance;
     std::vector<float> coefficients(volume.sh.size());
     for (int colour = 0; colour < 3; ++colour) {
@@ -132,7 +136,8 @@ glm::dvec3 read_irradiance(const Volume& volume, glm::dvec3 point, glm::dvec3 n,
                     sum += weights.weight[i] * double(volume.sh[k][weights.cell[i]][colour]);
             coefficients[k] = float(sum);
         }
-        irradiance[colour] = std::max(0.0, double(sh_irradiance(coefficients, glm::vec3(n))));
+        irradiance[colour] =
+            std::max(0.0, double(volume::sh_irradiance(coefficients, glm::vec3(n))));
     }
     return irradiance;
 }

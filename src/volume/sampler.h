@@ -6,7 +6,7 @@
 #include <array>
 #include <cstddef>
 
-namespace lpvbake {
+namespace lpvbake::volume {
 
 /// Cells (Grid::index) and their weights, which sum to 1; all are 0 where nothing can be read.
 struct CellWeights {
@@ -18,4 +18,4 @@ struct CellWeights {
 /// the lattice is clamped. A volume without a grid of validity is valid everywhere.
 CellWeights weights_at(const Volume& volume, glm::dvec3 point, glm::dvec3 n, Reading reading);
 
-} // namespace lpvbake
+} // namespace lpvbake::volume

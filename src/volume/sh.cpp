@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-namespace lpvbake {
+namespace lpvbake::volume {
 namespace {
 
 using std::numbers::pi;
@@ -175,4 +175,4 @@ void sh_flip(std::span<float> coefficients) {
             c = -c;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::volume

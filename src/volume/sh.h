@@ -9,7 +9,7 @@
 #include <cstddef>
 #include <span>
 
-namespace lpvbake {
+namespace lpvbake::volume {
 
 inline constexpr float sh_y0 = 0.282094792f;  ///< 1 / (2 sqrt(pi))
 inline constexpr float sh_y1 = 0.488602512f;  ///< sqrt(3 / pi) / 2
@@ -54,4 +54,4 @@ void sh_rotate(const glm::mat3& m, std::span<float> coefficients);
 /// incident direction and back.
 void sh_flip(std::span<float> coefficients);
 
-} // namespace lpvbake
+} // namespace lpvbake::volume

@@ -5,15 +5,15 @@
 #include <cmath>
 #include <numbers>
 
-namespace lpvbake {
+namespace lpvbake::volume {
 
 double total_energy(const Volume& volume) {
     if (volume.sh.empty())
         return 0;
     double sum = 0;
     for (const glm::vec3& c : volume.sh[0])
-        sum += glm::dot(glm::dvec3(c), rec709_luminance);
+        sum += glm::dot(glm::dvec3(c), colour::rec709_luminance);
     return std::sqrt(4 * std::numbers::pi) * sum;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::volume

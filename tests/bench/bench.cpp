@@ -48,8 +48,10 @@ const gpu::Device& device() {
     return shared;
 }
 
-const char* name_of(Occlusion mode) {
-    return mode == Occlusion::none ? "none" : mode == Occlusion::face ? "face" : "sh";
+const char* name_of(solver::lpv::Occlusion mode) {
+    return mode == solver::lpv::Occlusion::none   ? "none"
+           : mode == solver::lpv::Occlusion::face ? "face"
+                                                  : "sh";
 }
 
 Grid cube(int n) {
@@ -60,11 +62,11 @@ Grid cube(int n) {
 struct Setting {
     Scene scene;
     Grid grid;
-    Frame frame;
+    scene::Frame frame;
 
     Setting(Scene scene_in, int resolution) : scene(std::move(scene_in)) {
         const Bounds box = bounds_of(scene);
-        grid = fit_grid(box.lo, box.hi, {resolution});
+        grid = volume::fit_grid(box.lo, box.hi, {resolution});
         frame = {grid.origin, grid.cell, glm::dvec3(grid.dims)};
     }
 };
@@ -85,8 +87,8 @@ Scene many_boxes(int side) {
 }
 
 /// Light in every cell: no share of a loop is spent on zeros or denormal numbers.
-Injection light_everywhere(const Grid& grid) {
-    Injection injection;
+solver::lpv::Injection light_everywhere(const Grid& grid) {
+    solver::lpv::Injection injection;
     injection.coefficients.resize(12 * grid.size());
     std::mt19937 random(1);
     std::uniform_real_distribution<float> unit(0.0f, 1.0f), both(-1.0f, 1.0f);
@@ -101,8 +103,10 @@ Injection light_everywhere(const Grid& grid) {
 }
 
 /// A third of the links each closed, half open and open.
-std::vector<float> some_links(const Grid& grid, Occlusion mode) {
-    const size_t planes = mode == Occlusion::none ? 0 : mode == Occlusion::face ? 3 : 30;
+std::vector<float> some_links(const Grid& grid, solver::lpv::Occlusion mode) {
+    const size_t planes = mode == solver::lpv::Occlusion::none   ? 0
+                          : mode == solver::lpv::Occlusion::face ? 3
+                                                                 : 30;
     std::vector<float> links(planes * grid.size());
     std::mt19937 random(2);
     for (float& link : links)
@@ -110,8 +114,8 @@ std::vector<float> some_links(const Grid& grid, Occlusion mode) {
     return links;
 }
 
-LpvSettings steps(int iterations) {
-    LpvSettings settings;
+solver::lpv::LpvSettings steps(int iterations) {
+    solver::lpv::LpvSettings settings;
     settings.iterations = iterations;
     return settings;
 }
@@ -173,8 +177,8 @@ BENCHMARK(load)->Unit(benchmark::kMillisecond)->UseRealTime();
 void visibility(benchmark::State& state) {
     const Setting setting(many_boxes(int(state.range(0))), 32);
     for (auto _ : state)
-        benchmark::DoNotOptimize(Visibility(setting.scene, setting.frame));
-    state.counters["triangles"] = double(triangle_count(setting.scene));
+        benchmark::DoNotOptimize(visibility::Visibility(setting.scene, setting.frame));
+    state.counters["triangles"] = double(scene::triangle_count(setting.scene));
 }
 BENCHMARK(visibility)
     ->ArgName("side")
@@ -187,14 +191,14 @@ BENCHMARK(visibility)
 void rsm(benchmark::State& state, const Scene& scene) {
     const Setting setting(scene, 32);
     const int size = int(state.range(0));
-    RsmPass pass(device(), setting.scene, setting.frame);
-    std::vector<Vpl> vpls;
+    solver::vpl::RsmPass pass(device(), setting.scene, setting.frame);
+    std::vector<solver::vpl::Vpl> vpls;
     double texels = 0.0, clustering = 0.0;
     const auto render = [&] {
         vpls.clear();
         texels = 0.0;
-        pass.render(setting.scene.lights.front(), size, [&](const Rsm& map) {
-            clustering += seconds_of([&] { cluster_vpls(map, 4, vpls); });
+        pass.render(setting.scene.lights.front(), size, [&](const solver::vpl::Rsm& map) {
+            clustering += seconds_of([&] { solver::vpl::cluster_vpls(map, 4, vpls); });
             texels += double(map.power.size());
         });
     };
@@ -224,8 +228,9 @@ void surfaces(benchmark::State& state) {
     const Setting setting(scenes::cornell_box(), int(state.range(0)));
     size_t patches = 0;
     for (auto _ : state) {
-        const std::vector<Patch> cut = make_patches(setting.scene, setting.frame, 1.0f);
-        benchmark::DoNotOptimize(make_geometry_volume(cut, setting.grid));
+        const std::vector<surface::Patch> cut =
+            surface::make_patches(setting.scene, setting.frame, 1.0f);
+        benchmark::DoNotOptimize(solver::make_geometry_volume(cut, setting.grid));
         patches = cut.size();
     }
     state.counters["patches"] = double(patches);
@@ -240,9 +245,9 @@ BENCHMARK(surfaces)
 
 void links(benchmark::State& state) {
     const Setting setting(scenes::cornell_box(), int(state.range(0)));
-    const Visibility rays(setting.scene, setting.frame);
+    const visibility::Visibility rays(setting.scene, setting.frame);
     for (auto _ : state)
-        benchmark::DoNotOptimize(trace_links(rays, setting.grid));
+        benchmark::DoNotOptimize(solver::trace_links(rays, setting.grid));
     state.counters["per_cell"] = time_per(double(setting.grid.size()));
 }
 BENCHMARK(links)
@@ -254,12 +259,12 @@ BENCHMARK(links)
 
 void injection(benchmark::State& state) {
     const Setting setting(scenes::cornell_box_with_point(), int(state.range(0)));
-    const Visibility rays(setting.scene, setting.frame);
+    const visibility::Visibility rays(setting.scene, setting.frame);
     Progress silent;
-    const std::vector<Vpl> vpls = render_vpls(device(), setting.scene, setting.frame,
-                                              {std::max(256, 8 * int(state.range(0)))}, silent);
+    const std::vector<solver::vpl::Vpl> vpls = solver::vpl::render_vpls(
+        device(), setting.scene, setting.frame, {std::max(256, 8 * int(state.range(0)))}, silent);
     for (auto _ : state)
-        benchmark::DoNotOptimize(inject(vpls, rays, setting.grid));
+        benchmark::DoNotOptimize(solver::lpv::inject(vpls, rays, setting.grid));
     state.counters["vpls"] = double(vpls.size());
 }
 BENCHMARK(injection)
@@ -271,14 +276,14 @@ BENCHMARK(injection)
 
 /// From the program's construction to the end of a first step on few cells, less the time of a
 /// second one: some drivers compile where a program is made, others where it first runs.
-void compile(benchmark::State& state, Occlusion mode) {
+void compile(benchmark::State& state, solver::lpv::Occlusion mode) {
     const Grid grid{glm::dvec3(0.0), 1.0, {64, 2, 2}};
-    const Injection light = light_everywhere(grid);
+    const solver::lpv::Injection light = light_everywhere(grid);
     const std::vector<float> taus = some_links(grid, mode);
     device();
     Progress silent;
     for (auto _ : state) {
-        std::optional<LpvProgram> program;
+        std::optional<solver::lpv::LpvProgram> program;
         const auto step = [&] { program->propagate(light, taus, steps(1), silent); };
         const double cold = seconds_of([&] {
             program.emplace(device(), grid, mode);
@@ -287,9 +292,15 @@ void compile(benchmark::State& state, Occlusion mode) {
         state.SetIterationTime(std::max(0.0, cold - seconds_of(step)));
     }
 }
-BENCHMARK_CAPTURE(compile, none, Occlusion::none)->Unit(benchmark::kMillisecond)->UseManualTime();
-BENCHMARK_CAPTURE(compile, face, Occlusion::face)->Unit(benchmark::kMillisecond)->UseManualTime();
-BENCHMARK_CAPTURE(compile, sh, Occlusion::sh)->Unit(benchmark::kMillisecond)->UseManualTime();
+BENCHMARK_CAPTURE(compile, none, solver::lpv::Occlusion::none)
+    ->Unit(benchmark::kMillisecond)
+    ->UseManualTime();
+BENCHMARK_CAPTURE(compile, face, solver::lpv::Occlusion::face)
+    ->Unit(benchmark::kMillisecond)
+    ->UseManualTime();
+BENCHMARK_CAPTURE(compile, sh, solver::lpv::Occlusion::sh)
+    ->Unit(benchmark::kMillisecond)
+    ->UseManualTime();
 
 double median(std::vector<double> values) {
     std::sort(values.begin(), values.end());
@@ -315,14 +326,14 @@ class KernelClock {
 public:
     static constexpr int counted = 40;
 
-    KernelClock(const Grid& grid, Occlusion mode)
+    KernelClock(const Grid& grid, solver::lpv::Occlusion mode)
         : cells_(double(grid.size())),
           light_(light_everywhere(grid)),
           taus_(some_links(grid, mode)),
           program_(device(), grid, mode) {
         run(1); // compiles
     }
-    LpvField run(int iterations) const {
+    solver::lpv::LpvField run(int iterations) const {
         Progress silent;
         return program_.propagate(light_, taus_, steps(iterations), silent);
     }
@@ -341,7 +352,7 @@ public:
     double least_ns() const { return per_step(least(many_) - least(few_)); }
     /// The last measurement's time of all steps with everything around them.
     double whole() const { return many_.back(); }
-    const Injection& light() const { return light_; }
+    const solver::lpv::Injection& light() const { return light_; }
     const std::vector<float>& taus() const { return taus_; }
 
 private:
@@ -349,13 +360,13 @@ private:
     double per_step(double seconds) const { return 1e9 * seconds / (counted * cells_); }
 
     double cells_;
-    Injection light_;
+    solver::lpv::Injection light_;
     std::vector<float> taus_;
-    LpvProgram program_;
+    solver::lpv::LpvProgram program_;
     std::vector<double> few_, many_; ///< s
 };
 
-void propagation(benchmark::State& state, Occlusion mode) {
+void propagation(benchmark::State& state, solver::lpv::Occlusion mode) {
     const Grid grid = cube(int(state.range(0)));
     KernelClock clock(grid, mode);
     for (auto _ : state) {
@@ -372,18 +383,18 @@ void grids(benchmark::internal::Benchmark* b) {
         ->Unit(benchmark::kMillisecond)
         ->UseManualTime();
 }
-BENCHMARK_CAPTURE(propagation, none, Occlusion::none)->Apply(grids);
-BENCHMARK_CAPTURE(propagation, face, Occlusion::face)->Apply(grids);
-BENCHMARK_CAPTURE(propagation, sh, Occlusion::sh)->Apply(grids);
+BENCHMARK_CAPTURE(propagation, none, solver::lpv::Occlusion::none)->Apply(grids);
+BENCHMARK_CAPTURE(propagation, face, solver::lpv::Occlusion::face)->Apply(grids);
+BENCHMARK_CAPTURE(propagation, sh, solver::lpv::Occlusion::sh)->Apply(grids);
 
 void write(benchmark::State& state, const char* extension) {
     const Volume volume = smooth_volume(int(state.range(0)));
     const std::string path = folder().path / (std::string("volume.") + extension);
     uint64_t bytes = 0;
     // The first write of a process loads what it needs.
-    write_volume(path, smooth_volume(8), Precision::full);
+    io::write_volume(path, smooth_volume(8), Precision::full);
     for (auto _ : state)
-        bytes = write_volume(path, volume, Precision::full).bytes();
+        bytes = io::write_volume(path, volume, Precision::full).bytes();
     state.counters["bytes"] = benchmark::Counter(double(bytes), benchmark::Counter::kDefaults,
                                                  benchmark::Counter::kIs1024);
     state.counters["per_cell"] = time_per(double(volume.grid.size()));
@@ -411,8 +422,8 @@ Scene boxes_around_a_light(int side) {
 
 /// First rays of the points and shadow rays from what they meet, each by a call of its own; returns
 /// their number.
-uint64_t trace_one_by_one(const Visibility& visibility, std::span<const glm::vec3> points,
-                          glm::vec3 light, uint32_t rays) {
+uint64_t trace_one_by_one(const visibility::Visibility& visibility,
+                          std::span<const glm::vec3> points, glm::vec3 light, uint32_t rays) {
     return tbb::parallel_reduce(
         tbb::blocked_range<size_t>(0, points.size()), uint64_t(0),
         [&](const tbb::blocked_range<size_t>& range, uint64_t traced) {
@@ -421,9 +432,9 @@ uint64_t trace_one_by_one(const Visibility& visibility, std::span<const glm::vec
                     const float z = 1.0f - (2.0f * float(k) + 1.0f) / float(rays);
                     const float phi = 2.39996323f * float(k), r = std::sqrt(1.0f - z * z);
                     const glm::vec3 w{r * std::cos(phi), r * std::sin(phi), z};
-                    const Hit hit = visibility.closest({points[i], w, 0.0f, HUGE_VALF});
+                    const visibility::Hit hit = visibility.closest({points[i], w, 0.0f, HUGE_VALF});
                     ++traced;
-                    if (hit.instance == no_hit)
+                    if (hit.instance == visibility::no_hit)
                         continue;
                     const glm::vec3 from = points[i] + 0.9999f * hit.t * w;
                     benchmark::DoNotOptimize(
@@ -439,21 +450,22 @@ uint64_t trace_one_by_one(const Visibility& visibility, std::span<const glm::vec
 void peer(benchmark::State& state, const Scene& scene, std::optional<int> bounces) {
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
     const Setting setting(scene, 32);
-    const Visibility rays(setting.scene, setting.frame);
-    PeerSettings settings;
+    const visibility::Visibility rays(setting.scene, setting.frame);
+    reference::PeerSettings settings;
     settings.paths.bounces = bounces;
     settings.rays = uint32_t(state.range(0));
     std::vector<glm::vec3> points;
     for (uint32_t i = 0; i < (1u << 16) / settings.rays; ++i)
         points.push_back(glm::fract(glm::vec3(0.81917f, 0.67104f, 0.54970f) * float(i) + 0.5f)
                          * glm::vec3(setting.frame.extent));
-    const PackedRays packed = peer_rays(setting.scene, rays, setting.frame, points, settings);
+    const visibility::PackedRays packed =
+        reference::peer_rays(setting.scene, rays, setting.frame, points, settings);
     const glm::vec3 light(setting.frame.from_world(setting.scene.lights[0].position));
     std::vector<double> whole, alone, single;
     uint64_t traced = 0;
     for (auto _ : state) {
-        whole.push_back(
-            seconds_of([&] { trace_peer(setting.scene, rays, setting.frame, points, settings); }));
+        whole.push_back(seconds_of(
+            [&] { reference::trace_peer(setting.scene, rays, setting.frame, points, settings); }));
         alone.push_back(seconds_of([&] { packed.trace(rays); }));
         single.push_back(
             seconds_of([&] { traced = trace_one_by_one(rays, points, light, settings.rays); }));
@@ -484,7 +496,7 @@ double budget(const float* lobe) {
     const double sh_0 = 0.5 / std::sqrt(glm::pi<double>());
     const double sh_1 = 0.5 * std::sqrt(3.0 / glm::pi<double>());
     double leaving = 0.0;
-    for (const LpvFace& face : lpv_faces()) {
+    for (const solver::LpvFace& face : solver::lpv_faces()) {
         const glm::dvec3 w(face.toward);
         const double intensity =
             sh_0 * double(lobe[0])
@@ -496,9 +508,10 @@ double budget(const float* lobe) {
 }
 
 /// The clock's scene for the loop.
-bench::PropagateLoop loop_like(const KernelClock& clock, const Grid& grid, Occlusion mode) {
-    bench::PropagateLoop loop(grid.dims.x, grid.dims.y, grid.dims.z, mode == Occlusion::face,
-                              threads);
+bench::PropagateLoop loop_like(const KernelClock& clock, const Grid& grid,
+                               solver::lpv::Occlusion mode) {
+    bench::PropagateLoop loop(grid.dims.x, grid.dims.y, grid.dims.z,
+                              mode == solver::lpv::Occlusion::face, threads);
     for (int z = 0; z < grid.dims.z; ++z)
         for (int y = 0; y < grid.dims.y; ++y)
             for (int x = 0; x < grid.dims.x; ++x) {
@@ -508,7 +521,7 @@ bench::PropagateLoop loop_like(const KernelClock& clock, const Grid& grid, Occlu
                     loop.total(x, y, z, k) = lobe[k % 4];
                     loop.front(x, y, z, k) = float(budget(lobe) * double(lobe[k % 4]));
                 }
-                if (mode == Occlusion::face)
+                if (mode == solver::lpv::Occlusion::face)
                     for (int axis = 0; axis < 3; ++axis)
                         loop.link(x, y, z, axis) = clock.taus()[3 * cell + size_t(axis)];
             }
@@ -518,7 +531,7 @@ bench::PropagateLoop loop_like(const KernelClock& clock, const Grid& grid, Occlu
 /// Largest difference of the two fields after the same number of steps, over the largest value.
 double difference(const KernelClock& clock, bench::PropagateLoop& loop, const Grid& grid) {
     constexpr int iterations = KernelClock::counted;
-    const LpvField field = clock.run(iterations);
+    const solver::lpv::LpvField field = clock.run(iterations);
     loop.run(iterations);
     double off = 0.0, largest = 0.0;
     for (int z = 0; z < grid.dims.z; ++z)
@@ -534,7 +547,7 @@ double difference(const KernelClock& clock, bench::PropagateLoop& loop, const Gr
 }
 
 struct Ratio {
-    Occlusion mode;
+    solver::lpv::Occlusion mode;
     int n;
     std::vector<double> kernel, loop; ///< ns a cell and step, one pair a repeat
     double least_kernel, least_loop;
@@ -543,7 +556,7 @@ struct Ratio {
 std::vector<Ratio> ratios;
 bool differ = false; ///< kernel and loop, in some case
 
-void ratio(benchmark::State& state, Occlusion mode) {
+void ratio(benchmark::State& state, solver::lpv::Occlusion mode) {
     constexpr int repeats = 9;
     const Grid grid = cube(int(state.range(0)));
     KernelClock clock(grid, mode);
@@ -583,8 +596,8 @@ void ratio(benchmark::State& state, Occlusion mode) {
 void ratio_grids(benchmark::internal::Benchmark* b) {
     b->ArgName("grid")->Arg(32)->Arg(64)->Arg(96)->Unit(benchmark::kMillisecond)->Iterations(1);
 }
-BENCHMARK_CAPTURE(ratio, none, Occlusion::none)->Apply(ratio_grids);
-BENCHMARK_CAPTURE(ratio, face, Occlusion::face)->Apply(ratio_grids);
+BENCHMARK_CAPTURE(ratio, none, solver::lpv::Occlusion::none)->Apply(ratio_grids);
+BENCHMARK_CAPTURE(ratio, face, solver::lpv::Occlusion::face)->Apply(ratio_grids);
 
 /// On stderr, where it is in nobody's way if the rest is JSON.
 void print_ratios() {

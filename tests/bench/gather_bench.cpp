@@ -80,21 +80,22 @@ int run(const std::string& name, int resolution, int count, char** settings_text
     }
     for (; count > 0 && std::strchr(settings_texts[0], ':'); --count, ++settings_texts) {
         const std::string text = settings_texts[0], rest = text.substr(text.find(':') + 1);
-        scene.lights.push_back(text[0] == 's' ? parse_sun(rest) : parse_point(rest));
+        scene.lights.push_back(text[0] == 's' ? cmd::options::parse_sun(rest)
+                                              : cmd::options::parse_point(rest));
     }
     const Bounds box = bounds_of(scene);
-    const Grid grid = fit_grid(box.lo, box.hi, {resolution});
-    const Frame frame{grid.origin, grid.cell, glm::dvec3(grid.dims)};
-    const Visibility visibility(scene, frame);
+    const Grid grid = volume::fit_grid(box.lo, box.hi, {resolution});
+    const scene::Frame frame{grid.origin, grid.cell, glm::dvec3(grid.dims)};
+    const visibility::Visibility visibility(scene, frame);
     Progress silent;
     double start = seconds();
-    const LitSurfaces lit = light_surfaces(scene, visibility, frame, {}, silent);
+    const surface::LitSurfaces lit = surface::light_surfaces(scene, visibility, frame, {}, silent);
     std::printf("%s %d x %d x %d: %zu patches lit in %.2f s\n", name.c_str(), grid.dims.x,
                 grid.dims.y, grid.dims.z, lit.patches.size(), seconds() - start);
 
     Volume volume;
     volume.grid = grid;
-    volume.validity = trace_validity(visibility, grid.dims);
+    volume.validity = visibility::trace_validity(visibility, grid.dims);
     // Probes: valid cells that lie inside the scene.
     std::vector<size_t> cells;
     std::vector<glm::vec3> points;
@@ -115,21 +116,22 @@ int run(const std::string& name, int resolution, int count, char** settings_text
         points.push_back(glm::vec3(cell) + 0.5f);
         keys.push_back(cells.size());
     }
-    ReferenceSettings settings;
+    reference::ReferenceSettings settings;
     settings.sh_order = 4;
     settings.rays = uint64_t(value(settings_texts[0] ? settings_texts[0] : "", "rays", 8192));
     start = seconds();
-    const ProbeField truth = trace_probes(scene, visibility, frame, points, keys, settings, silent,
-                                          {neighbour_normals(), {}});
+    const reference::ProbeField truth =
+        reference::trace_probes(scene, visibility, frame, points, keys, settings, silent,
+                                {volume::neighbour_normals(), {}});
     const double reference_time = seconds() - start;
 
     const auto irradiance = [](const auto& sh, size_t at, int order, int channel, glm::vec3 n) {
         std::vector<float> c;
-        for (int k = 0; k < sh_count(order); ++k)
+        for (int k = 0; k < volume::sh_count(order); ++k)
             c.push_back(sh[size_t(k)][at][channel]);
-        return std::max(0.0, double(sh_irradiance(c, n)));
+        return std::max(0.0, double(volume::sh_irradiance(c, n)));
     };
-    const auto& normals = neighbour_normals();
+    const auto& normals = volume::neighbour_normals();
     double sum = 0.0, noise = 0.0, floor_1 = 0.0, floor_2 = 0.0, floor_4 = 0.0;
     for (size_t i = 0; i < cells.size(); ++i)
         for (size_t n = 0; n < normals.size(); ++n)
@@ -154,13 +156,13 @@ int run(const std::string& name, int resolution, int count, char** settings_text
     const gpu::Device device{gpu::DeviceOptions{}};
     for (int s = 0; s < std::max(count, 1); ++s) {
         const char* text = count ? settings_texts[s] : "";
-        GatherSettings gather;
+        solver::gather::GatherSettings gather;
         gather.order = int(value(text, "order", gather.order));
         gather.vpls = int(value(text, "vpls", gather.vpls));
         gather.kappa = float(value(text, "kappa", double(gather.kappa)));
         gather.tolerance = float(value(text, "tolerance", double(gather.tolerance)));
-        const GatherProgram program(device, gather);
-        GatherReport report;
+        const solver::gather::GatherProgram program(device, gather);
+        solver::gather::GatherReport report;
         double best = 1e9, processor = 1e9;
         for (int repeat = 0; repeat < int(value(text, "repeat", 1)); ++repeat) {
             start = seconds();

@@ -131,7 +131,7 @@ template <bool occluded>
 
 } // namespace
 
-PropagateLoop::PropagateLoop(int nx, int ny, int nz, bool occluded, int threads)
+bench::PropagateLoop::PropagateLoop(int nx, int ny, int nz, bool occluded, int threads)
     : nx_(nx),
       ny_(ny),
       nz_(nz),
@@ -150,7 +150,7 @@ PropagateLoop::PropagateLoop(int nx, int ny, int nz, bool occluded, int threads)
     links_ = zeros(occluded ? (nz + 1) * layer(axes) + margin : margin);
 }
 
-PropagateLoop::Array PropagateLoop::zeros(std::ptrdiff_t count) {
+bench::PropagateLoop::Array bench::PropagateLoop::zeros(std::ptrdiff_t count) {
     constexpr std::size_t page = std::size_t(2) << 20;
     const std::size_t bytes =
         (static_cast<std::size_t>(count) * sizeof(float) + page - 1) / page * page;
@@ -164,7 +164,7 @@ PropagateLoop::Array PropagateLoop::zeros(std::ptrdiff_t count) {
     return array;
 }
 
-float* PropagateLoop::layer_of_front(int z) {
+float* bench::PropagateLoop::layer_of_front(int z) {
     if (z < 0 || z >= nz_)
         return border_.get();
     const int slab = slab_[static_cast<std::size_t>(z)];
@@ -172,20 +172,20 @@ float* PropagateLoop::layer_of_front(int z) {
     return front_.get() + (z + 1 + slab / 2 * 2 + shift) * layer(coefficients);
 }
 
-float& PropagateLoop::front(int x, int y, int z, int k) {
+float& bench::PropagateLoop::front(int x, int y, int z, int k) {
     return layer_of_front(z)[cell(x, y, k, coefficients)];
 }
 
-float& PropagateLoop::total(int x, int y, int z, int k) {
+float& bench::PropagateLoop::total(int x, int y, int z, int k) {
     return total_[static_cast<std::size_t>(z * layer(coefficients) + cell(x, y, k, coefficients))];
 }
 
-float& PropagateLoop::link(int x, int y, int z, int axis) {
+float& bench::PropagateLoop::link(int x, int y, int z, int axis) {
     return links_[static_cast<std::size_t>((z + 1) * layer(axes) + cell(x, y, axis, axes))];
 }
 
 template <bool occluded>
-void PropagateLoop::sweep_layer(int z, float* target, std::vector<float>& scratch) {
+void bench::PropagateLoop::sweep_layer(int z, float* target, std::vector<float>& scratch) {
     float* const received = scratch.data();
     float* const flux = received + 4 * pitch_;
     std::fill_n(flux, nx_, 0.0F);
@@ -217,7 +217,7 @@ void PropagateLoop::sweep_layer(int z, float* target, std::vector<float>& scratc
     layer_flux_[static_cast<std::size_t>(z)] = double(sqrt_4pi) * sum;
 }
 
-double PropagateLoop::run(int steps) {
+double bench::PropagateLoop::run(int steps) {
     std::barrier first_layers(threads_);
     std::barrier layers(threads_, [this]() noexcept { moved_ = !moved_; });
     const auto work = [&](int slab) {

@@ -68,7 +68,7 @@ struct Options {
     int resolution = 16;
     uint64_t points = 2000, paths = 4096;
     bool traced = true;
-    SurfaceFitSettings fit;
+    bake::SurfaceFitSettings fit;
     std::vector<const Reader*> readers;
 };
 
@@ -80,19 +80,20 @@ void print(const char* what, const readers::SurfaceError& error) {
 void measure(const Scene& scene, const Options& options) {
     Progress silent;
     const gpu::Device device{gpu::DeviceOptions{}};
-    BakeSettings settings;
+    bake::BakeSettings settings;
     settings.grid.resolution = options.resolution;
-    const BakePlan plan = plan_bake(survey(scene), settings, device.info());
+    const bake::BakePlan plan = bake::plan_bake(bake::survey(scene), settings, device.info());
     double begin = now();
-    const Volume field = bake(scene, plan, device, silent).volume;
+    const Volume field = bake::bake(scene, plan, device, silent).volume;
     const double bake_seconds = now() - begin;
-    const Visibility visibility(scene, plan.frame);
-    const LitSurfaces lit = light_surfaces(scene, visibility, plan.frame, {.bounces = {}}, silent);
+    const visibility::Visibility visibility(scene, plan.frame);
+    const surface::LitSurfaces lit =
+        surface::light_surfaces(scene, visibility, plan.frame, {.bounces = {}}, silent);
 
     // What is open, as one sees it; all of it alike.
-    const SidePoints sides = draw_side_points(lit, glm::vec3(plan.frame.extent),
-                                              {.most_points = options.points, .seed = 99});
-    std::vector<SidePoint> places;
+    const surface::SidePoints sides = surface::draw_side_points(
+        lit, glm::vec3(plan.frame.extent), {.most_points = options.points, .seed = 99});
+    std::vector<surface::SidePoint> places;
     std::vector<readers::FitPoint> points;
     std::vector<glm::vec3> at;
     std::vector<glm::dvec3> own;
@@ -103,22 +104,22 @@ void measure(const Scene& scene, const Options& options) {
         places.push_back(sides.points[i]);
         own.push_back(glm::normalize(glm::dvec3(sides.points[i].normal)));
         at.push_back(sides.points[i].position
-                     + ray_offset(sides.points[i].position) * sides.points[i].normal);
+                     + surface::ray_offset(sides.points[i].position) * sides.points[i].normal);
         keys.push_back(i);
         points.push_back({plan.frame.to_world(glm::dvec3(sides.points[i].position)),
                           own.back(),
                           double(sides.area[i]),
                           {}});
     }
-    const auto near = irradiance_at(scene, lit, plan.frame, places, true, 2048, 7, silent);
+    const auto near = surface::irradiance_at(scene, lit, plan.frame, places, true, 2048, 7, silent);
     double off = 0, noise = 0, whole = 0, energy = 0;
     if (options.traced) {
-        ReferenceSettings reference;
+        reference::ReferenceSettings reference;
         reference.sh_order = 0;
         reference.rays = options.paths;
         reference.paths = {std::nullopt, true};
-        const ProbeField traced =
-            trace_probes(scene, visibility, plan.frame, at, keys, reference, silent, {{}, own});
+        const reference::ProbeField traced = reference::trace_probes(
+            scene, visibility, plan.frame, at, keys, reference, silent, {{}, own});
         for (size_t i = 0; i < points.size(); ++i) {
             points[i].irradiance = glm::dvec3(traced.own_irradiance[i]);
             for (int c = 0; c < 3; ++c) {
@@ -137,19 +138,19 @@ void measure(const Scene& scene, const Options& options) {
     }
 
     Volume filled = field;
-    dilate(filled, 2);
+    volume::dilate(filled, 2);
     for (const Reader* reader : options.readers) {
         const bool ours = reader->lookup == Reading::facing;
         Volume fitted = field;
         begin = now();
-        const SurfaceFit fit =
-            fit_to_surfaces(scene, lit, plan.frame, true, *reader, options.fit, fitted, silent);
+        const bake::SurfaceFit fit = bake::fit_to_surfaces(scene, lit, plan.frame, true, *reader,
+                                                           options.fit, fitted, silent);
         const double seconds = now() - begin;
         std::printf("%-9s", reader->name);
-        print("none", error_of(*reader, field, points));
+        print("none", readers::error_of(*reader, field, points));
         if (!ours)
-            print("dilated", error_of(*reader, filled, points));
-        print("fitted", error_of(*reader, fitted, points));
+            print("dilated", readers::error_of(*reader, filled, points));
+        print("fitted", readers::error_of(*reader, fitted, points));
         std::printf("  told %4.1f %%; air %4.1f %% (dark %4.1f %%); %zu cells, %zu points, %d steps"
                     " to %.1e, %.2f s of %.2f s\n",
                     100 * fit.after.relative, 100 * fit.fit.moved, 100 * fit.fit.moved_dark,
@@ -178,9 +179,9 @@ int main(int count, char** arguments) {
         }
         ++i;
         if (name == "--sun")
-            scene.lights.push_back(parse_sun(value));
+            scene.lights.push_back(cmd::options::parse_sun(value));
         else if (name == "--point")
-            scene.lights.push_back(parse_point(value));
+            scene.lights.push_back(cmd::options::parse_point(value));
         else if (name == "--points")
             options.points = uint64_t(std::atoll(value));
         else if (name == "--paths")

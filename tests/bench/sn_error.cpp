@@ -76,10 +76,10 @@ void measure(const gpu::Device& device, const char* name, Scene scene, bool turn
     if (turned)
         turn(scene);
     const Bounds box = bounds_of(scene);
-    const Grid grid = fit_grid(box.lo, box.hi, {resolution});
-    const Frame frame{grid.origin, grid.cell, glm::dvec3(grid.dims)};
-    const Visibility visibility(scene, frame);
-    const std::vector<float> validity = trace_validity(visibility, grid.dims);
+    const Grid grid = volume::fit_grid(box.lo, box.hi, {resolution});
+    const scene::Frame frame{grid.origin, grid.cell, glm::dvec3(grid.dims)};
+    const visibility::Visibility visibility(scene, frame);
+    const std::vector<float> validity = visibility::trace_validity(visibility, grid.dims);
 
     std::vector<glm::vec3> points;
     std::vector<uint64_t> keys;
@@ -96,13 +96,13 @@ void measure(const gpu::Device& device, const char* name, Scene scene, bool turn
         cells.push_back(cell);
     }
     Progress silent;
-    ReferenceSettings truth;
+    reference::ReferenceSettings truth;
     truth.sh_order = 2;
     truth.rays = 16384;
-    const ProbeField probe = trace_probes(scene, visibility, frame, points, keys, truth, silent,
-                                          {neighbour_normals(), {}});
+    const reference::ProbeField probe = reference::trace_probes(
+        scene, visibility, frame, points, keys, truth, silent, {volume::neighbour_normals(), {}});
     double begin = seconds();
-    const LitSurfaces lit = light_surfaces(scene, visibility, frame, {}, silent);
+    const surface::LitSurfaces lit = surface::light_surfaces(scene, visibility, frame, {}, silent);
     const double lighting = seconds() - begin;
 
     const auto report = [&](const char* what, double time, const auto& coefficient) {
@@ -114,7 +114,8 @@ void measure(const gpu::Device& device, const char* name, Scene scene, bool turn
                     for (size_t k = 0; k < 9; ++k)
                         c[k] = coefficient(i, k)[channel];
                     const double is =
-                        std::max(0.0, double(sh_irradiance(c, glm::vec3(neighbour_normals()[n]))));
+                        std::max(0.0, double(volume::sh_irradiance(
+                                          c, glm::vec3(volume::neighbour_normals()[n]))));
                     const double ought = double(probe.irradiance[n][i][channel]);
                     off += std::abs(is - ought);
                     mean += is;
@@ -127,13 +128,13 @@ void measure(const gpu::Device& device, const char* name, Scene scene, bool turn
         std::fflush(stdout);
     };
     report("exact, SH L2", 0.0, [&](size_t i, size_t k) { return probe.sh[k][i]; });
-    for (const int directions : sn_direction_counts()) {
+    for (const int directions : solver::sn::sn_direction_counts()) {
         if (wanted_directions ? directions != wanted_directions : directions == 288)
             continue;
         Volume volume;
         volume.grid = grid;
         volume.validity = validity;
-        const SnProgram program(device, grid, {directions, 2});
+        const solver::sn::SnProgram program(device, grid, {directions, 2});
         begin = seconds();
         const float limit = program.gather_peaks(lit, visibility, scene.sky, silent, volume);
         const double gather = seconds() - begin;

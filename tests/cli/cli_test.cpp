@@ -84,7 +84,7 @@ protected:
     }
 
     /// Expects a status and one line on standard error that contains `text`, and no result.
-    void expect_error(const std::vector<std::string>& arguments, ExitCode code,
+    void expect_error(const std::vector<std::string>& arguments, cmd::ExitCode code,
                       const std::string& text, const Environment& environment = {}) {
         const Result result = run(arguments, environment);
         std::string command;
@@ -94,7 +94,7 @@ protected:
     }
 
     void need_device() {
-        if (run({"devices"}).status == int(ExitCode::device))
+        if (run({"devices"}).status == int(cmd::ExitCode::device))
             GTEST_SKIP() << "no Vulkan device";
     }
 
@@ -185,7 +185,7 @@ TEST_F(Cli, HelpNamesEveryExitCodeAndCommand) {
     const Result result = run({"--help"});
     EXPECT_EQ(result.status, 0);
     EXPECT_EQ(result.err, "");
-    for (const ExitCodeMeaning& row : exit_codes)
+    for (const cmd::ExitCodeMeaning& row : cmd::exit_codes)
         EXPECT_NE(result.out.find(std::to_string(int(row.code)) + "  " + row.meaning),
                   std::string::npos)
             << int(row.code);
@@ -208,15 +208,15 @@ TEST_F(Cli, WrittenReferenceIsThatOfTheProgram) {
     ASSERT_EQ(reference["commands"].size(), 1u);
     EXPECT_EQ(reference["commands"][0]["options"][1]["name"], "volume");
     EXPECT_EQ(run({"help", "bake"}).out, run({"bake", "--help"}).out);
-    expect_error({"help", "bak"}, ExitCode::usage, "no command 'bak'; did you mean bake?");
+    expect_error({"help", "bak"}, cmd::ExitCode::usage, "no command 'bak'; did you mean bake?");
 }
 
 TEST_F(Cli, TextsOfTheLibraryNameOptions) {
-    EXPECT_EQ(in_options("`a`: `resolution`, `max_albedo`; `resolution"),
+    EXPECT_EQ(cmd::options::in_options("`a`: `resolution`, `max_albedo`; `resolution"),
               "`a`: --resolution, --max-albedo; `resolution");
     std::string help = run({"bake", "--help"}).out + run({"reference", "--help"}).out;
     std::ranges::replace(help, ',', ' '); // between names of one option
-    for (const auto& [setting, option] : wordings())
+    for (const auto& [setting, option] : cmd::options::wordings())
         for (std::istringstream words(option); words;) {
             std::string word;
             words >> word;
@@ -225,9 +225,9 @@ TEST_F(Cli, TextsOfTheLibraryNameOptions) {
         }
 
     need_device();
-    expect_error({"bake", "room.gltf", "-o", "a.vdb", "--point", "1e19,2,3,1"}, ExitCode::invalid,
-                 "farther than 1e18 cells");
-    expect_error({"bake", "dark.gltf", "-o", "a.vdb"}, ExitCode::invalid,
+    expect_error({"bake", "room.gltf", "-o", "a.vdb", "--point", "1e19,2,3,1"},
+                 cmd::ExitCode::invalid, "farther than 1e18 cells");
+    expect_error({"bake", "dark.gltf", "-o", "a.vdb"}, cmd::ExitCode::invalid,
                  "dark.gltf: no light and no emissive surface; add one with --sun "
                  "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD, --sky COLOUR,NITS or --lights FILE\n");
     std::string bright = slurp(folder_ / "room.gltf");
@@ -235,7 +235,8 @@ TEST_F(Cli, TextsOfTheLibraryNameOptions) {
     spill(folder_ / "bright.gltf", bright);
     const std::string warning = "bright.gltf: materials: 1 clamped to a reflectance of 0.95; "
                                 "darken them or raise --max-albedo";
-    expect_error({"info", "bright.gltf", "--strict"}, ExitCode::invalid, warning + " (--strict)\n");
+    expect_error({"info", "bright.gltf", "--strict"}, cmd::ExitCode::invalid,
+                 warning + " (--strict)\n");
     const Result info = run({"info", "bright.gltf", "--format", "json"});
     EXPECT_EQ(info.err, "lpvbake: warning: " + warning + "\n");
     EXPECT_EQ(json::parse(info.out)["warnings"], json{warning});
@@ -258,7 +259,7 @@ TEST_F(Cli, TextsOfTheLibraryNameOptions) {
 TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
     const std::vector<std::string> bake{"bake", "room.gltf", "-o", "a.vdb"};
     const auto refused = [&](const std::vector<std::string>& arguments, const std::string& text) {
-        expect_error(arguments, ExitCode::usage, text);
+        expect_error(arguments, cmd::ExitCode::usage, text);
     };
     refused({}, "no command");
     refused({"--flavour"}, "unknown option --flavour");
@@ -459,7 +460,8 @@ TEST_F(Cli, ConfigFileRoundTrips) {
 TEST_F(Cli, BrokenConfigFilesNameTheLine) {
     const auto refused = [&](const std::string& text, const std::string& message) {
         spill(folder_ / "c.toml", text);
-        expect_error({"bake", "--config", "c.toml", "--print-config"}, ExitCode::usage, message);
+        expect_error({"bake", "--config", "c.toml", "--print-config"}, cmd::ExitCode::usage,
+                     message);
     };
     refused("resolution = 8\nflavour = 1\n", "c.toml:2: 'flavour' is not an option");
     refused("config = \"c.toml\"\n", "c.toml:1:");
@@ -481,9 +483,9 @@ TEST_F(Cli, BrokenConfigFilesNameTheLine) {
 
 TEST_F(Cli, SkyFromAPicture) {
     const auto picture = [&](const char* name, int width, float first) {
-        Pixels pixels{width, 4, 3, std::vector<float>(std::size_t(width) * 12, 2.0f)};
+        image::Pixels pixels{width, 4, 3, std::vector<float>(std::size_t(width) * 12, 2.0f)};
         pixels.samples[0] = first;
-        const auto bytes = encode_exr(pixels, false, {}, name);
+        const auto bytes = image::encode_exr(pixels, false, {}, name);
         spill(folder_ / name, std::string(bytes.begin(), bytes.end()));
     };
     picture("even.exr", 8, 2.0f);
@@ -492,19 +494,21 @@ TEST_F(Cli, SkyFromAPicture) {
     spill(folder_ / "text.hdr", "no picture");
     const std::vector<std::string> sky{"reference", "dark.gltf", "--resolution", "4",
                                        "--rays",    "64",        "-o",           "a.vdb"};
-    expect_error(sky + std::vector<std::string>{"--sky", "none.exr"}, ExitCode::file, "none.exr: ");
-    expect_error(sky + std::vector<std::string>{"--sky", "text.hdr,2"}, ExitCode::invalid,
+    expect_error(sky + std::vector<std::string>{"--sky", "none.exr"}, cmd::ExitCode::file,
+                 "none.exr: ");
+    expect_error(sky + std::vector<std::string>{"--sky", "text.hdr,2"}, cmd::ExitCode::invalid,
                  "text.hdr: the image cannot be decoded");
-    expect_error(sky + std::vector<std::string>{"--sky", "even.exr,-2"}, ExitCode::usage, "SCALE");
-    expect_error(sky + std::vector<std::string>{"--sky", "red,2"}, ExitCode::usage,
+    expect_error(sky + std::vector<std::string>{"--sky", "even.exr,-2"}, cmd::ExitCode::usage,
+                 "SCALE");
+    expect_error(sky + std::vector<std::string>{"--sky", "red,2"}, cmd::ExitCode::usage,
                  "COLOUR,NITS or FILE[,SCALE]");
     expect_error(sky + std::vector<std::string>{"--sky", "1:1:1,2", "--sky-rotation", "9"},
-                 ExitCode::usage, "--sky-rotation");
+                 cmd::ExitCode::usage, "--sky-rotation");
 
     const auto total = [&](const std::vector<std::string>& more) {
         const Result result = run(sky + more);
         EXPECT_EQ(result.status, 0) << result.err;
-        return total_energy(read_volume((folder_ / "a.vdb").string()));
+        return volume::total_energy(read_volume((folder_ / "a.vdb").string()));
     };
     const double even = total({"--sky", "1:1:1,6"});
     EXPECT_GT(even, 0.0);
@@ -525,37 +529,37 @@ TEST_F(Cli, SkyFromAPicture) {
 // ---------------------------------------------------------------- failures, one a code
 
 TEST_F(Cli, FilesThatCannotBeReadOrWritten) {
-    expect_error({"bake", "none.gltf", "-o", "a.vdb"}, ExitCode::file, "none.gltf");
-    expect_error({"info", "none.gltf"}, ExitCode::file, "none.gltf");
-    expect_error({"info", "none.vdb"}, ExitCode::file, "none.vdb");
-    expect_error({"info", "none.exr"}, ExitCode::file, "none");
-    expect_error(quick + std::vector<std::string>{"-o", "none/a.vdb"}, ExitCode::file,
+    expect_error({"bake", "none.gltf", "-o", "a.vdb"}, cmd::ExitCode::file, "none.gltf");
+    expect_error({"info", "none.gltf"}, cmd::ExitCode::file, "none.gltf");
+    expect_error({"info", "none.vdb"}, cmd::ExitCode::file, "none.vdb");
+    expect_error({"info", "none.exr"}, cmd::ExitCode::file, "none");
+    expect_error(quick + std::vector<std::string>{"-o", "none/a.vdb"}, cmd::ExitCode::file,
                  "none/a.vdb: its folder does not exist");
-    expect_error(quick + std::vector<std::string>{"-o", "/proc/a.vdb"}, ExitCode::file,
+    expect_error(quick + std::vector<std::string>{"-o", "/proc/a.vdb"}, cmd::ExitCode::file,
                  "/proc/a.vdb: cannot be written");
     fs::create_directory(folder_ / "b.vdb");
-    expect_error(quick + std::vector<std::string>{"-o", "b.vdb"}, ExitCode::file,
+    expect_error(quick + std::vector<std::string>{"-o", "b.vdb"}, cmd::ExitCode::file,
                  "b.vdb: is a folder");
     expect_error(quick + std::vector<std::string>{"-o", "a.vdb", "--lights", "none.json"},
-                 ExitCode::file, "none.json");
-    expect_error({"bake", "--config", "none.toml"}, ExitCode::file, "none.toml");
+                 cmd::ExitCode::file, "none.json");
+    expect_error({"bake", "--config", "none.toml"}, cmd::ExitCode::file, "none.toml");
     const Result full = wait_for(start({"--help"}, {}, "/dev/full"));
-    EXPECT_EQ(full.status, int(ExitCode::file));
+    EXPECT_EQ(full.status, int(cmd::ExitCode::file));
     EXPECT_FALSE(fs::exists(folder_ / "a.vdb"));
 }
 
 TEST_F(Cli, InvalidInput) {
     spill(folder_ / "broken.gltf", "{\"asset\": ");
-    expect_error({"bake", "broken.gltf", "-o", "a.vdb"}, ExitCode::invalid, "broken.gltf");
-    expect_error({"info", "broken.gltf"}, ExitCode::invalid, "broken.gltf");
+    expect_error({"bake", "broken.gltf", "-o", "a.vdb"}, cmd::ExitCode::invalid, "broken.gltf");
+    expect_error({"info", "broken.gltf"}, cmd::ExitCode::invalid, "broken.gltf");
     spill(folder_ / "broken.glb", "glTF");
-    expect_error({"info", "broken.glb"}, ExitCode::invalid, "broken.glb");
+    expect_error({"info", "broken.glb"}, cmd::ExitCode::invalid, "broken.glb");
     spill(folder_ / "broken.vdb", "no volume");
-    expect_error({"info", "broken.vdb"}, ExitCode::invalid, "broken.vdb");
+    expect_error({"info", "broken.vdb"}, cmd::ExitCode::invalid, "broken.vdb");
     spill(folder_ / "broken.json", "[]");
-    expect_error({"info", "broken.json"}, ExitCode::invalid, "broken.json");
+    expect_error({"info", "broken.json"}, cmd::ExitCode::invalid, "broken.json");
     expect_error(quick + std::vector<std::string>{"-o", "a.vdb", "--lights", "broken.json"},
-                 ExitCode::invalid, "broken.json");
+                 cmd::ExitCode::invalid, "broken.json");
 }
 
 TEST_F(Cli, UnsupportedFeatureIsNamed) {
@@ -563,26 +567,26 @@ TEST_F(Cli, UnsupportedFeatureIsNamed) {
     scene["extensionsUsed"].push_back("EXT_from_the_future");
     scene["extensionsRequired"] = {"EXT_from_the_future"};
     spill(folder_ / "future.gltf", scene.dump());
-    expect_error({"bake", "future.gltf", "-o", "a.vdb"}, ExitCode::unsupported,
+    expect_error({"bake", "future.gltf", "-o", "a.vdb"}, cmd::ExitCode::unsupported,
                  "EXT_from_the_future");
 }
 
 TEST_F(Cli, NoDevice) {
     const Environment none{{"VK_DRIVER_FILES", "/nonexistent.json"},
                            {"VK_ICD_FILENAMES", "/nonexistent.json"}};
-    expect_error({"devices"}, ExitCode::device, "mesa-vulkan-drivers", none);
-    expect_error(quick + std::vector<std::string>{"-o", "a.vdb"}, ExitCode::device, "", none);
+    expect_error({"devices"}, cmd::ExitCode::device, "mesa-vulkan-drivers", none);
+    expect_error(quick + std::vector<std::string>{"-o", "a.vdb"}, cmd::ExitCode::device, "", none);
     expect_error(quick + std::vector<std::string>{"-o", "a.vdb", "--device", "abacus"},
-                 ExitCode::device, "abacus");
+                 cmd::ExitCode::device, "abacus");
 }
 
 TEST_F(Cli, SceneWithoutLightNamesTheOptions) {
     need_device();
     const std::vector<std::string> bake{"bake", "dark.gltf", "-o", "a.vdb"};
     for (const char* option : {"--sun", "--point", "--lights"})
-        expect_error(bake, ExitCode::invalid, option);
+        expect_error(bake, cmd::ExitCode::invalid, option);
     expect_error(quick + std::vector<std::string>{"-o", "a.vdb", "--no-scene-lights"},
-                 ExitCode::invalid, "--sun");
+                 cmd::ExitCode::invalid, "--sun");
 }
 
 TEST_F(Cli, AProgramWithoutItsImageModuleFailsWhileRunning) {
@@ -593,7 +597,7 @@ TEST_F(Cli, AProgramWithoutItsImageModuleFailsWhileRunning) {
         "cd '" + folder_.string() + "' && ./alone info a.vdb --slice z=2 -o s.png > out 2> err";
     const int status = std::system(command.c_str());
     ASSERT_TRUE(WIFEXITED(status));
-    EXPECT_EQ(WEXITSTATUS(status), int(ExitCode::failure));
+    EXPECT_EQ(WEXITSTATUS(status), int(cmd::ExitCode::failure));
     EXPECT_NE(slurp(folder_ / "err").find("image module"), std::string::npos);
     EXPECT_FALSE(fs::exists(folder_ / "s.png"));
 }
@@ -601,8 +605,8 @@ TEST_F(Cli, AProgramWithoutItsImageModuleFailsWhileRunning) {
 TEST_F(Cli, GridTooLargeForMemory) {
     need_device();
     const auto begin = std::chrono::steady_clock::now();
-    expect_error({"bake", "room.gltf", "-o", "a.vdb", "--resolution", "1280"}, ExitCode::memory,
-                 "--resolution");
+    expect_error({"bake", "room.gltf", "-o", "a.vdb", "--resolution", "1280"},
+                 cmd::ExitCode::memory, "--resolution");
     EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(20));
 }
 
@@ -846,8 +850,8 @@ TEST_F(Cli, BytesDependNeitherOnTheRunNorOnThreads) {
 
 TEST_F(Cli, SignalsEndABakeAndLeaveTheOldFile) {
     need_device();
-    for (const auto& [signal, code] :
-         {std::pair(SIGINT, ExitCode::interrupted), std::pair(SIGTERM, ExitCode::terminated)}) {
+    for (const auto& [signal, code] : {std::pair(SIGINT, cmd::ExitCode::interrupted),
+                                       std::pair(SIGTERM, cmd::ExitCode::terminated)}) {
         spill(folder_ / "a.vdb", "old");
         fs::remove(folder_ / "stderr");
         const pid_t child = start({"bake", "room.gltf", "--resolution", "48", "--iterations",
@@ -927,7 +931,7 @@ TEST_F(Cli, InfoOfAVolumeAgreesBetweenFormatsAndDrawsASlice) {
     EXPECT_EQ(slice.status, 0) << slice.err;
     EXPECT_EQ(slurp(folder_ / "slice.png").substr(1, 3), "PNG");
     for (const char* bad : {"z=8", "z=-1", "w=1", "z", "z=", "z=1x"})
-        expect_error({"info", "a.vdb", "--slice", bad, "-o", "s.png"}, ExitCode::usage, bad);
+        expect_error({"info", "a.vdb", "--slice", bad, "-o", "s.png"}, cmd::ExitCode::usage, bad);
 }
 
 TEST_F(Cli, Devices) {

@@ -16,11 +16,11 @@ protected:
     CliResult run(const std::string& arguments) {
         return run_lpvbake(folder_, "convert " + arguments);
     }
-    void expect_error(const std::string& arguments, ExitCode code, const std::string& text) {
+    void expect_error(const std::string& arguments, cmd::ExitCode code, const std::string& text) {
         expect_one_error(run(arguments), arguments, code, text);
     }
     void write(const std::string& name, const Volume& volume) {
-        write_volume(folder_ / name, volume, Precision::full);
+        io::write_volume(folder_ / name, volume, Precision::full);
     }
 
     TemporaryFolder folder_;
@@ -35,7 +35,7 @@ TEST_F(Convert, ThereAndBackIsTheSame) {
         ASSERT_EQ(run("b.json d.exr --exr-columns 3").status, 0);
         for (const char* name : {"c.vdb", "d.exr"}) {
             const Volume back = read_volume(folder_ / name);
-            EXPECT_TRUE(compare(back, volume, {}).identical) << name << order;
+            EXPECT_TRUE(volume::compare(back, volume, {}).identical) << name << order;
             EXPECT_EQ(back.metadata, volume.metadata);
             EXPECT_EQ(back.grid, volume.grid);
         }
@@ -59,7 +59,7 @@ TEST_F(Convert, EveryConventionAndAxesComeBackFromEveryFile) {
             const std::string name = std::string(file).substr(0, 5);
             ASSERT_EQ(run(name + " c.vdb").status, 0) << options;
             const Volume back = read_volume(folder_ / "c.vdb");
-            EXPECT_LT(compare(back, volume, {}).relative_l1, 1e-6) << options;
+            EXPECT_LT(volume::compare(back, volume, {}).relative_l1, 1e-6) << options;
         }
 }
 
@@ -77,7 +77,7 @@ TEST_F(Convert, StoresWhatTheConventionSays) {
     ASSERT_EQ(run("a.vdb l.vdb --sh-convention lpv --sh-order 1").status, 0);
     volume.sh_order = 1;
     volume.sh.resize(4);
-    EXPECT_LT(compare(read_volume(folder_ / "l.vdb"), volume, {}).relative_l1, 1e-6);
+    EXPECT_LT(volume::compare(read_volume(folder_ / "l.vdb"), volume, {}).relative_l1, 1e-6);
 }
 
 TEST_F(Convert, WritesWhatEachTargetReads) {
@@ -123,9 +123,10 @@ TEST_F(Convert, WritesWhatEachTargetReads) {
             wanted.sh_order = 1;
             wanted.sh.resize(4);
         }
-        EXPECT_LT(compare(read_volume(folder_ / "u.vdb"), wanted, {}).relative_l1, 1e-6) << target;
+        EXPECT_LT(volume::compare(read_volume(folder_ / "u.vdb"), wanted, {}).relative_l1, 1e-6)
+            << target;
         if (target != "bevy") {
-            EXPECT_LT(compare(read_volume(folder_ / "t.exr"), wanted, {}).relative_l1, 1e-6)
+            EXPECT_LT(volume::compare(read_volume(folder_ / "t.exr"), wanted, {}).relative_l1, 1e-6)
                 << target;
         }
         const auto layout = nlohmann::json::parse(slurp(folder_ / "t.json"))["layout"];
@@ -137,7 +138,7 @@ TEST_F(Convert, WritesWhatEachTargetReads) {
     const std::string import = slurp(folder_ / "t_r.exr.import");
     EXPECT_NE(import.find("importer=\"3d_texture\""), std::string::npos);
     EXPECT_NE(import.find("slices/vertical="), std::string::npos);
-    expect_error("a.vdb t.exr --target maya", ExitCode::usage, "--target");
+    expect_error("a.vdb t.exr --target maya", cmd::ExitCode::usage, "--target");
 }
 
 TEST_F(Convert, OptionsGoBeforeTheTarget) {
@@ -166,13 +167,13 @@ TEST_F(Convert, SaysWhatItWrote) {
 
 TEST_F(Convert, WrongCommandsAreRefused) {
     write("a.vdb", random_volume({3, 3, 3}, 2, false, 3));
-    expect_error("a.vdb b.png", ExitCode::usage, "unknown kind of volume file");
-    expect_error("a.vdb ./a.vdb", ExitCode::usage, "would replace the input a.vdb");
-    expect_error("a.vdb b.vdb --sh-order 4", ExitCode::usage, "has order 2, not 4");
-    expect_error("a.vdb b.vdb --sh-convention lpv", ExitCode::unsupported, "set --sh-order");
-    expect_error("none.vdb b.vdb", ExitCode::file, "none.vdb");
-    expect_error("a.vdb b.vdb --axes maya", ExitCode::usage, "--axes");
-    expect_error("a.vdb", ExitCode::usage, "output");
+    expect_error("a.vdb b.png", cmd::ExitCode::usage, "unknown kind of volume file");
+    expect_error("a.vdb ./a.vdb", cmd::ExitCode::usage, "would replace the input a.vdb");
+    expect_error("a.vdb b.vdb --sh-order 4", cmd::ExitCode::usage, "has order 2, not 4");
+    expect_error("a.vdb b.vdb --sh-convention lpv", cmd::ExitCode::unsupported, "set --sh-order");
+    expect_error("none.vdb b.vdb", cmd::ExitCode::file, "none.vdb");
+    expect_error("a.vdb b.vdb --axes maya", cmd::ExitCode::usage, "--axes");
+    expect_error("a.vdb", cmd::ExitCode::usage, "output");
 }
 
 } // namespace

@@ -26,19 +26,19 @@ protected:
         return run_lpvbake(folder_, "diff " + arguments);
     }
 
-    json run_json(const std::string& arguments, ExitCode code) {
+    json run_json(const std::string& arguments, cmd::ExitCode code) {
         const CliResult result = run(arguments + " --format json");
         EXPECT_EQ(result.status, int(code)) << arguments << "\n" << result.err;
         return json::parse(result.out);
     }
 
     /// Expects a status and one line on standard error that contains `text`, and no result.
-    void expect_error(const std::string& arguments, ExitCode code, const std::string& text) {
+    void expect_error(const std::string& arguments, cmd::ExitCode code, const std::string& text) {
         expect_one_error(run(arguments), arguments, code, text);
     }
 
     void write(const std::string& name, const Volume& volume) {
-        write_volume(folder_ / name, volume, Precision::full);
+        io::write_volume(folder_ / name, volume, Precision::full);
     }
 
     TemporaryFolder folder_;
@@ -73,7 +73,7 @@ TEST_F(Diff, AVolumeAndItselfAreIdentical) {
         EXPECT_EQ(result.status, 0) << arguments << result.err;
         EXPECT_EQ(result.err, "");
         EXPECT_NE(result.out.find("result     identical\n"), std::string::npos) << result.out;
-        const json document = run_json(arguments, ExitCode::ok);
+        const json document = run_json(arguments, cmd::ExitCode::ok);
         EXPECT_EQ(document["result"], "identical");
         EXPECT_GT(document["samples"], 1000);
         EXPECT_GT(document["irradiance"]["mean_b"], 0.0);
@@ -94,7 +94,7 @@ TEST_F(Diff, OnePerturbedCoefficientIsFoundAndLocated) {
     a.sh[2][a.grid.index({3, 1, 2})].g = 0.25f;
     write("a.vdb", a);
     write("b.vdb", b);
-    const json document = run_json("a.vdb b.vdb", ExitCode::difference);
+    const json document = run_json("a.vdb b.vdb", cmd::ExitCode::difference);
     EXPECT_EQ(document["result"], "fail");
     ASSERT_EQ(document["worst"].size(), 1u);
     const json worst = document["worst"][0];
@@ -120,7 +120,7 @@ TEST_F(Diff, OnePerturbedCoefficientIsFoundAndLocated) {
     EXPECT_EQ(grid["worst"]["b"], 0.0);
 
     const CliResult text = run("a.vdb b.vdb");
-    EXPECT_EQ(text.status, int(ExitCode::difference));
+    EXPECT_EQ(text.status, int(cmd::ExitCode::difference));
     EXPECT_EQ(text.err, "lpvbake: error: a.vdb differs from b.vdb in sh_l1_z\n");
     EXPECT_NE(text.out.find("(3, 1, 2) at (0.75, 0.75, 11.25) m"), std::string::npos) << text.out;
 }
@@ -134,7 +134,7 @@ TEST_F(Diff, WhatNoSampleSeesStillCountsWithoutThresholds) {
         change(a);
         write("a.vdb", a);
         const CliResult result = run("a.vdb b.vdb");
-        EXPECT_EQ(result.status, int(ExitCode::difference)) << text;
+        EXPECT_EQ(result.status, int(cmd::ExitCode::difference)) << text;
         EXPECT_NE(result.err.find(text), std::string::npos) << result.err;
     };
     expect_found("sh_l1_y", [](Volume& a) { a.sh[1][5].x += 1; });
@@ -189,7 +189,7 @@ TEST_F(Diff, ThresholdsMeanWhatTheyMeanToIdiff) {
         EXPECT_EQ(std::ranges::count(result.err, '\n'), stderr_starts.empty() ? 0 : 1) << options;
     }
     const json document =
-        run_json("a.vdb b.vdb --fail 5% --fail-percent 20 --warn 50%", ExitCode::ok);
+        run_json("a.vdb b.vdb --fail 5% --fail-percent 20 --warn 50%", cmd::ExitCode::ok);
     EXPECT_EQ(document["fail"]["limit"], 0.05);
     EXPECT_EQ(document["fail"]["percent"], 20.0);
     EXPECT_EQ(document["fail"]["hard"], nullptr);
@@ -205,7 +205,7 @@ TEST_F(Diff, WrongCommandLinesAreRefused) {
     write("b.exr", even_light());
     spill(folder_ / "note.txt", "");
     const auto refused = [&](const std::string& arguments, const std::string& text) {
-        expect_error(arguments, ExitCode::usage, text);
+        expect_error(arguments, cmd::ExitCode::usage, text);
     };
     refused("", "diff: A is missing");
     refused("a.vdb", "diff: B is missing");
@@ -231,10 +231,10 @@ TEST_F(Diff, WrongCommandLinesAreRefused) {
     refused("a.vdb b.json -o b.exr", "would replace the input b.json");
     refused("a.vdb b.exr -o b.exr", "would replace the input b.exr");
     refused("a.vdb a.vdb -o d.vdb -o ./d.vdb", "given twice");
-    expect_error("a.vdb none.vdb", ExitCode::file, "none.vdb");
+    expect_error("a.vdb none.vdb", cmd::ExitCode::file, "none.vdb");
     spill(folder_ / "broken.vdb", "x");
-    expect_error("broken.vdb a.vdb", ExitCode::invalid, "broken.vdb");
-    expect_error("a.vdb a.vdb -o none/d.vdb", ExitCode::file, "none/d.vdb");
+    expect_error("broken.vdb a.vdb", cmd::ExitCode::invalid, "broken.vdb");
+    expect_error("a.vdb a.vdb -o none/d.vdb", cmd::ExitCode::file, "none/d.vdb");
     EXPECT_EQ(slurp(folder_ / "broken.vdb"), "x");
 }
 
@@ -244,7 +244,7 @@ TEST_F(Diff, OtherGridsAreRefusedByName) {
         Volume volume = even_light();
         change(volume);
         write("b.vdb", volume);
-        expect_error("a.vdb b.vdb", ExitCode::invalid,
+        expect_error("a.vdb b.vdb", cmd::ExitCode::invalid,
                      "a.vdb and b.vdb are not on one grid: " + text);
     };
     refused("dims: 4 x 4 x 4 and 4 x 2 x 8 cells", [](Volume& v) { v.grid.dims = {4, 2, 8}; });
@@ -254,7 +254,7 @@ TEST_F(Diff, OtherGridsAreRefusedByName) {
     Volume inside = even_light();
     inside.validity.assign(64, 0);
     write("b.vdb", inside);
-    expect_error("a.vdb b.vdb --fail 1", ExitCode::invalid, "no cell that is valid in both");
+    expect_error("a.vdb b.vdb --fail 1", cmd::ExitCode::invalid, "no cell that is valid in both");
     EXPECT_EQ(run("b.vdb b.vdb").status, 0);
 }
 
@@ -265,7 +265,7 @@ TEST_F(Diff, OrdersMayDiffer) {
     cut.sh.resize(4);
     write("a.vdb", cut);
     write("b.vdb", full);
-    const json document = run_json("a.vdb b.vdb", ExitCode::difference);
+    const json document = run_json("a.vdb b.vdb", cmd::ExitCode::difference);
     EXPECT_EQ(document["sh_order"], json({1, 2}));
     EXPECT_GT(document["irradiance"]["relative_l1"], 0.01);
     EXPECT_EQ(document["only_b"].size(), 5u);
@@ -280,7 +280,7 @@ TEST_F(Diff, MetadataAreToldAndDecideNothingUnlessAsked) {
     b.metadata = {{"solver", "lpv"}, {"settings", "iterations = 5; size = 4"}, {"yours", "2"}};
     write("a.vdb", a);
     write("b.vdb", b);
-    const json metadata = run_json("a.vdb b.vdb", ExitCode::ok)["metadata"];
+    const json metadata = run_json("a.vdb b.vdb", cmd::ExitCode::ok)["metadata"];
     EXPECT_EQ(metadata["only_a"], json({{"mine", "1"}}));
     EXPECT_EQ(metadata["only_b"], json({{"yours", "2"}}));
     EXPECT_EQ(metadata["different"],
@@ -291,7 +291,7 @@ TEST_F(Diff, MetadataAreToldAndDecideNothingUnlessAsked) {
     EXPECT_NE(text.out.find("result     identical"), std::string::npos);
     for (const char* options : {"--metadata", "--metadata --fail 1"}) {
         const CliResult asked = run(std::string("a.vdb b.vdb ") + options);
-        EXPECT_EQ(asked.status, int(ExitCode::difference));
+        EXPECT_EQ(asked.status, int(cmd::ExitCode::difference));
         EXPECT_EQ(asked.err, "lpvbake: error: a.vdb differs from b.vdb in its metadata\n");
     }
     EXPECT_EQ(run("a.vdb a.vdb --metadata").status, 0);
@@ -299,8 +299,8 @@ TEST_F(Diff, MetadataAreToldAndDecideNothingUnlessAsked) {
 
 TEST_F(Diff, WarnsWhereLightIsKnownToBeOfOtherSources) {
     Volume a = even_light(), b = even_light();
-    set_content(content_of(true, true, false, 1), a.metadata);
-    set_content(content_of(true, false, false, 1), b.metadata);
+    volume::set_content(volume::content_of(true, true, false, 1), a.metadata);
+    volume::set_content(volume::content_of(true, false, false, 1), b.metadata);
     write("a.vdb", a);
     write("b.vdb", b);
     EXPECT_NE(run("a.vdb b.vdb")
@@ -322,15 +322,15 @@ TEST_F(Diff, ABlackReferenceIsNoDivisionByZero) {
     black.sh.assign(4, std::vector<glm::vec3>(64));
     write("black.vdb", black);
     write("lit.vdb", even_light());
-    const json document = run_json("lit.vdb black.vdb --fail 1000", ExitCode::difference);
+    const json document = run_json("lit.vdb black.vdb --fail 1000", cmd::ExitCode::difference);
     EXPECT_EQ(document["irradiance"]["relative_l1"], nullptr);
     EXPECT_EQ(document["energy"]["ratio"], nullptr);
     EXPECT_NEAR(document["irradiance"]["rms"], std::numbers::pi, 1e-5);
     const CliResult text = run("lit.vdb black.vdb --slice z=0 -o a.png");
-    EXPECT_EQ(text.status, int(ExitCode::difference));
+    EXPECT_EQ(text.status, int(cmd::ExitCode::difference));
     EXPECT_EQ(text.out.find("nan"), std::string::npos) << text.out;
     EXPECT_NE(text.out.find("inf %"), std::string::npos) << text.out;
-    const json same = run_json("black.vdb black.vdb --fail 0", ExitCode::ok);
+    const json same = run_json("black.vdb black.vdb --fail 0", cmd::ExitCode::ok);
     EXPECT_EQ(same["irradiance"]["relative_l1"], 0.0);
     EXPECT_EQ(same["energy"]["ratio"], 1.0);
 }
@@ -344,7 +344,7 @@ TEST_F(Diff, WritesTheDifferenceAndAPictureOfIt) {
     write("b.vdb", b);
     const CliResult result =
         run("a.vdb b.vdb -o d.vdb -o d2.exr -o e.png --slice z=3 --slice-max 120%");
-    EXPECT_EQ(result.status, int(ExitCode::difference)) << result.err;
+    EXPECT_EQ(result.status, int(cmd::ExitCode::difference)) << result.err;
     EXPECT_NE(result.out.find("wrote      d.vdb\n"), std::string::npos) << result.out;
     for (const char* name : {"d.vdb", "d2.exr"}) {
         const Volume d = read_volume(folder_ / name);
@@ -358,7 +358,8 @@ TEST_F(Diff, WritesTheDifferenceAndAPictureOfIt) {
     }
 
     const std::string bytes = slurp(folder_ / "e.png");
-    const Rgba8 image = decode_image(std::as_bytes(std::span(bytes)), "e.png", 1 << 20);
+    const image::Rgba8 image =
+        image::decode_image(std::as_bytes(std::span(bytes)), "e.png", 1 << 20);
     ASSERT_EQ(image.width, 256); // 4 x 4 cells of 64 pixels, y up
     ASSERT_EQ(image.height, 256);
     const auto pixel = [&](int x, int y) {
@@ -376,7 +377,7 @@ TEST_F(Diff, WritesTheDifferenceAndAPictureOfIt) {
         hatched = hatched || image.texels[size_t(32) * 1024 + size_t(x) * 4 + 2] != 0;
     EXPECT_TRUE(hatched) << "not valid in both";
 
-    const json scale = run_json("a.vdb b.vdb -o e.png --slice x=3", ExitCode::difference);
+    const json scale = run_json("a.vdb b.vdb -o e.png --slice x=3", cmd::ExitCode::difference);
     EXPECT_EQ(scale["slice"]["slice"], "x=3");
     EXPECT_NEAR(scale["slice"]["max"], 0.1, 1e-5) << "the percentile of two errors is the lower";
     EXPECT_EQ(scale["outputs"], json({"e.png"}));
@@ -385,9 +386,9 @@ TEST_F(Diff, WritesTheDifferenceAndAPictureOfIt) {
 TEST_F(Diff, ListsAsManyCellsAsAsked) {
     write("a.vdb", brighter_corner());
     write("b.vdb", even_light());
-    EXPECT_EQ(run_json("a.vdb b.vdb", ExitCode::difference)["worst"].size(), 5u);
-    EXPECT_EQ(run_json("a.vdb b.vdb --worst 0", ExitCode::difference)["worst"].size(), 0u);
-    const json all = run_json("a.vdb b.vdb --worst 100", ExitCode::difference)["worst"];
+    EXPECT_EQ(run_json("a.vdb b.vdb", cmd::ExitCode::difference)["worst"].size(), 5u);
+    EXPECT_EQ(run_json("a.vdb b.vdb --worst 0", cmd::ExitCode::difference)["worst"].size(), 0u);
+    const json all = run_json("a.vdb b.vdb --worst 100", cmd::ExitCode::difference)["worst"];
     EXPECT_EQ(all.size(), 8u);
     EXPECT_EQ(all[0]["cell"], json({0, 0, 3}));
 }

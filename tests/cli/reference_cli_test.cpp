@@ -30,7 +30,7 @@ protected:
     }
 
     /// Expects a status and one line on standard error that contains `text`, and no result.
-    void expect_error(const std::string& arguments, ExitCode code, const std::string& text) {
+    void expect_error(const std::string& arguments, cmd::ExitCode code, const std::string& text) {
         expect_one_error(run(arguments), arguments, code, text);
     }
 
@@ -105,19 +105,21 @@ TEST_F(ReferenceCli, ConfigFileRoundTrips) {
 }
 
 TEST_F(ReferenceCli, WrongCommandLinesAreRefused) {
-    expect_error("", ExitCode::usage, "no scene");
-    expect_error("\"$ROOM\"", ExitCode::usage, "-o FILE.vdb");
-    expect_error("\"$ROOM\" -o a.vdb -e a.vdb", ExitCode::usage, "given twice");
-    expect_error("\"$ROOM\" -o a.vdb -e a.txt", ExitCode::usage, "a.txt");
-    expect_error("\"$ROOM\" -o none/a.vdb", ExitCode::file, "none/a.vdb");
-    expect_error("none.gltf -o a.vdb", ExitCode::file, "none.gltf");
+    expect_error("", cmd::ExitCode::usage, "no scene");
+    expect_error("\"$ROOM\"", cmd::ExitCode::usage, "-o FILE.vdb");
+    expect_error("\"$ROOM\" -o a.vdb -e a.vdb", cmd::ExitCode::usage, "given twice");
+    expect_error("\"$ROOM\" -o a.vdb -e a.txt", cmd::ExitCode::usage, "a.txt");
+    expect_error("\"$ROOM\" -o none/a.vdb", cmd::ExitCode::file, "none/a.vdb");
+    expect_error("none.gltf -o a.vdb", cmd::ExitCode::file, "none.gltf");
     for (const char* bad :
          {"--sh-order=3", "--bounces=-1", "--bounces=x", "--bounces=1.5", "--bounces=10001",
           "--rays=-1", "--rays=1e3", "--rays=9999999999", "--noise=0", "--noise=x", "--noise=200%",
           "--noise=%", "--noise=nan", "--probes=-1", "--seed=-1", "--seed=4294967296"})
-        expect_error(std::string("\"$ROOM\" -o a.vdb ") + bad, ExitCode::usage, "");
-    expect_error("\"$ROOM\" -o a.vdb --no-scene-lights --no-emitters", ExitCode::invalid, "--sun");
-    expect_error("\"$ROOM\" -o a.vdb --no-emitters --bounces 0", ExitCode::invalid, "--bounces");
+        expect_error(std::string("\"$ROOM\" -o a.vdb ") + bad, cmd::ExitCode::usage, "");
+    expect_error("\"$ROOM\" -o a.vdb --no-scene-lights --no-emitters", cmd::ExitCode::invalid,
+                 "--sun");
+    expect_error("\"$ROOM\" -o a.vdb --no-emitters --bounces 0", cmd::ExitCode::invalid,
+                 "--bounces");
 }
 
 } // namespace

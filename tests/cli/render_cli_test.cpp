@@ -16,7 +16,7 @@ using nlohmann::json;
 class RenderCli : public ::testing::Test {
 protected:
     void SetUp() override {
-        if (run_lpvbake(folder_, "devices").status == int(ExitCode::device))
+        if (run_lpvbake(folder_, "devices").status == int(cmd::ExitCode::device))
             GTEST_SKIP() << "no Vulkan device";
         // A field of 10 nits from everywhere, as wide as the shipped room and its margin.
         volume_.grid = {{-1.25, -0.25, -1.25}, 0.25, {10, 10, 10}};
@@ -24,8 +24,8 @@ protected:
         volume_.sh[0].assign(1000, glm::vec3(10 / 0.28209479f));
         volume_.validity.assign(1000, 1);
         volume_.metadata = {{"bounces", "1"}};
-        set_content(content_of(true, true, false, 1), volume_.metadata);
-        write_volume(folder_ / "v.vdb", volume_, Precision::full);
+        volume::set_content(volume::content_of(true, true, false, 1), volume_.metadata);
+        io::write_volume(folder_ / "v.vdb", volume_, Precision::full);
     }
     CliResult run(const std::string& arguments) {
         return run_lpvbake(folder_, "render " + arguments);
@@ -35,12 +35,12 @@ protected:
         EXPECT_EQ(result.status, 0) << result.err;
         return json::parse(result.out);
     }
-    void expect_error(const std::string& arguments, ExitCode code, const std::string& text) {
+    void expect_error(const std::string& arguments, cmd::ExitCode code, const std::string& text) {
         expect_one_error(run(arguments), arguments, code, text);
     }
-    Pixels exr(const std::string& name) {
+    image::Pixels exr(const std::string& name) {
         const std::string bytes = slurp(folder_ / name);
-        return decode_exr(std::as_bytes(std::span(bytes)), name, 1 << 20);
+        return image::decode_exr(std::as_bytes(std::span(bytes)), name, 1 << 20);
     }
 
     TemporaryFolder folder_;
@@ -59,7 +59,7 @@ TEST_F(RenderCli, DrawsTheFilesCamera) {
     EXPECT_GT(document["rays"], 1000);
     EXPECT_EQ(document["outputs"].size(), 2u);
     EXPECT_EQ(slurp(folder_ / "a.png").substr(1, 3), "PNG");
-    const Pixels picture = exr("a.exr");
+    const image::Pixels picture = exr("a.exr");
     ASSERT_EQ(picture.samples.size(), 3600u);
     double luminance = 0;
     for (std::size_t i = 0; i < 3600; i += 3)
@@ -93,7 +93,7 @@ TEST_F(RenderCli, SameBytesForAnyNumberOfThreads) {
 TEST_F(RenderCli, TellsHowFarItIsFromPaths) {
     const json document = run_json("\"$ROOM\" v.vdb -o a.exr --size 16x16 --samples 4 --reference 8"
                                    " --reference-output r.exr --show direct");
-    const Pixels a = exr("a.exr"), b = exr("r.exr");
+    const image::Pixels a = exr("a.exr"), b = exr("r.exr");
     double squares = 0;
     for (std::size_t i = 0; i < a.samples.size(); ++i)
         squares += std::pow(double(a.samples[i]) - double(b.samples[i]), 2);
@@ -117,10 +117,10 @@ TEST_F(RenderCli, DryRunDrawsNothing) {
 
 TEST_F(RenderCli, WarnsOfAVolumeThatDoesNotBelong) {
     volume_.grid.origin.x = -0.5;
-    set_content(content_of(true, false, false, 1), volume_.metadata);
+    volume::set_content(volume::content_of(true, false, false, 1), volume_.metadata);
     volume_.metadata["scene_hash"] = "0123456789abcdef";
     volume_.metadata["settings"] = "sun = [\"1,2,3\"]";
-    write_volume(folder_ / "w.vdb", volume_, Precision::full);
+    io::write_volume(folder_ / "w.vdb", volume_, Precision::full);
     const CliResult result = run("\"$ROOM\" w.vdb -o a.png --size 8x8 --samples 1");
     EXPECT_EQ(result.status, 0);
     for (const char* text :
@@ -128,17 +128,17 @@ TEST_F(RenderCli, WarnsOfAVolumeThatDoesNotBelong) {
         EXPECT_NE(result.err.find(text), std::string::npos) << text << "\n" << result.err;
     EXPECT_EQ(run("\"$ROOM\" w.vdb -o a.png --size 8x8 --samples 1 --show albedo").err, "");
     volume_.metadata.erase("emitter_reflections"); // as files were once written
-    write_volume(folder_ / "old.vdb", volume_, Precision::full);
+    io::write_volume(folder_ / "old.vdb", volume_, Precision::full);
     const CliResult old = run("\"$ROOM\" old.vdb -o a.png --size 8x8 --samples 1");
     EXPECT_EQ(old.status, 0);
     EXPECT_EQ(old.err.find("holds no light"), std::string::npos) << old.err;
     volume_.metadata["minuend"] = "x.vdb";
-    write_volume(folder_ / "d.vdb", volume_, Precision::full);
-    expect_error("\"$ROOM\" d.vdb -o a.png", ExitCode::invalid, "difference of two volumes");
+    io::write_volume(folder_ / "d.vdb", volume_, Precision::full);
+    expect_error("\"$ROOM\" d.vdb -o a.png", cmd::ExitCode::invalid, "difference of two volumes");
     volume_.metadata.erase("minuend");
     volume_.metadata["quantity"] = "standard error";
-    write_volume(folder_ / "e.vdb", volume_, Precision::full);
-    expect_error("\"$ROOM\" e.vdb -o a.png", ExitCode::invalid, "e.vdb");
+    io::write_volume(folder_ / "e.vdb", volume_, Precision::full);
+    expect_error("\"$ROOM\" e.vdb -o a.png", cmd::ExitCode::invalid, "e.vdb");
 }
 
 TEST_F(RenderCli, ConfigFileRoundTrips) {
@@ -166,18 +166,19 @@ TEST_F(RenderCli, TakesEveryReaderThatItNames) {
 }
 
 TEST_F(RenderCli, WrongCommandLinesAreRefused) {
-    expect_error("", ExitCode::usage, "no scene");
-    expect_error("\"$ROOM\"", ExitCode::usage, "no volume");
-    expect_error("\"$ROOM\" v.vdb", ExitCode::usage, "-o FILE.png");
-    expect_error("\"$ROOM\" v.vdb -o a.jpg", ExitCode::usage, "a.jpg");
-    expect_error("\"$ROOM\" v.vdb -o a.png -o a.png", ExitCode::usage, "given twice");
-    expect_error("\"$ROOM\" v.vdb -o a.png --reference-output b.png", ExitCode::usage,
+    expect_error("", cmd::ExitCode::usage, "no scene");
+    expect_error("\"$ROOM\"", cmd::ExitCode::usage, "no volume");
+    expect_error("\"$ROOM\" v.vdb", cmd::ExitCode::usage, "-o FILE.png");
+    expect_error("\"$ROOM\" v.vdb -o a.jpg", cmd::ExitCode::usage, "a.jpg");
+    expect_error("\"$ROOM\" v.vdb -o a.png -o a.png", cmd::ExitCode::usage, "given twice");
+    expect_error("\"$ROOM\" v.vdb -o a.png --reference-output b.png", cmd::ExitCode::usage,
                  "--reference N");
-    expect_error("\"$ROOM\" v.vdb -o none/a.png", ExitCode::file, "none/a.png");
-    expect_error("\"$ROOM\" none.vdb -o a.png", ExitCode::file, "none.vdb");
-    expect_error("none.gltf v.vdb -o a.png", ExitCode::file, "none.gltf");
-    expect_error("\"$ROOM\" v.vdb -o a.png --show occlusion", ExitCode::invalid, "occlusion");
-    expect_error("\"$ROOM\" v.vdb -o a.png --show cells --reference 1", ExitCode::usage, "cells");
+    expect_error("\"$ROOM\" v.vdb -o none/a.png", cmd::ExitCode::file, "none/a.png");
+    expect_error("\"$ROOM\" none.vdb -o a.png", cmd::ExitCode::file, "none.vdb");
+    expect_error("none.gltf v.vdb -o a.png", cmd::ExitCode::file, "none.gltf");
+    expect_error("\"$ROOM\" v.vdb -o a.png --show occlusion", cmd::ExitCode::invalid, "occlusion");
+    expect_error("\"$ROOM\" v.vdb -o a.png --show cells --reference 1", cmd::ExitCode::usage,
+                 "cells");
     for (const char* bad : {"--size=0x9",
                             "--size=9",
                             "--size=9x9x9",
@@ -202,7 +203,7 @@ TEST_F(RenderCli, WrongCommandLinesAreRefused) {
                             "--exposure=99",
                             "--tone-map=aces",
                             "--reference=-1"})
-        expect_error(std::string("\"$ROOM\" v.vdb -o a.png ") + bad, ExitCode::usage, "");
+        expect_error(std::string("\"$ROOM\" v.vdb -o a.png ") + bad, cmd::ExitCode::usage, "");
     EXPECT_FALSE(std::filesystem::exists(folder_ / "a.png"));
 }
 

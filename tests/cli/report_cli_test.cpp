@@ -29,7 +29,7 @@ protected:
         return json::parse(result.out);
     }
 
-    void expect_error(const std::string& arguments, ExitCode code, const std::string& text) {
+    void expect_error(const std::string& arguments, cmd::ExitCode code, const std::string& text) {
         expect_one_error(run(arguments), arguments, code, text);
     }
 
@@ -167,7 +167,7 @@ TEST_F(ReportCli, MissingGnuplotIsSaidBeforeTheWork) {
                                 + "' && PATH=/none '" LPVBAKE_BINARY "' report '" LPVBAKE_EXAMPLES
                                   "/cornell_box.gltf' -o r.svg > stdout 2> stderr";
     const int status = std::system(command.c_str());
-    EXPECT_EQ(WEXITSTATUS(status), int(ExitCode::failure));
+    EXPECT_EQ(WEXITSTATUS(status), int(cmd::ExitCode::failure));
     EXPECT_NE(slurp(folder_ / "stderr").find("gnuplot-nox"), std::string::npos);
     EXPECT_FALSE(std::filesystem::exists(folder_ / "r.svg"));
 }
@@ -187,7 +187,7 @@ TEST_F(ReportCli, WhatIsWorseThanTheBaselineFails) {
     const std::string rows = "\"$ROOM\"" + coarse
                              + "--no-peer --solver gather"
                                " --bounces 1 --baseline b.json ";
-    expect_error(rows, ExitCode::file, "b.json");
+    expect_error(rows, cmd::ExitCode::file, "b.json");
     ASSERT_EQ(run(rows + "--update-baseline").status, 0);
     const CliResult same = run(rows);
     EXPECT_EQ(same.status, 0) << same.err;
@@ -198,48 +198,49 @@ TEST_F(ReportCli, WhatIsWorseThanTheBaselineFails) {
     row["surface"] = row["surface"].get<double>() * 0.9;
     spill(folder_ / "b.json", kept.dump());
     const CliResult worse = run(rows);
-    EXPECT_EQ(worse.status, int(ExitCode::difference));
+    EXPECT_EQ(worse.status, int(cmd::ExitCode::difference));
     EXPECT_NE(worse.err.find("lpvbake: error: b.json: 1 number of 1 row became worse, the first is "
                              "cornell_box.gltf: "),
               std::string::npos)
         << worse.err;
     EXPECT_NE(worse.err.find(": surface is "), std::string::npos) << worse.err;
-    expect_error("\"$ROOM\" --slack 1%", ExitCode::usage, "--slack needs --baseline");
+    expect_error("\"$ROOM\" --slack 1%", cmd::ExitCode::usage, "--slack needs --baseline");
     spill(folder_ / "b.json", "{\"rows\": {}}");
     const CliResult none = run(rows);
-    EXPECT_EQ(none.status, int(ExitCode::usage));
+    EXPECT_EQ(none.status, int(cmd::ExitCode::usage));
     EXPECT_NE(none.err.find("--update-baseline"), std::string::npos) << none.err;
 }
 
 TEST_F(ReportCli, WrongCommandLinesAreRefused) {
-    expect_error("", ExitCode::usage, "no scene");
-    expect_error("\"$ROOM\" -o r.txt", ExitCode::usage, "r.txt");
-    expect_error("\"$ROOM\" -o r.csv -o ./r.csv", ExitCode::usage, "given twice");
-    expect_error("\"$ROOM\" -o none/r.csv", ExitCode::file, "none/r.csv");
-    expect_error("none.gltf", ExitCode::file, "none.gltf");
-    expect_error("\"$ROOM\" --sweep none.toml", ExitCode::file, "none.toml");
-    expect_error("\"$ROOM\" --resolution 2", ExitCode::usage, "--resolution: '2'");
-    expect_error("\"$ROOM\" --resolution 16,,32", ExitCode::usage, "--resolution: ''");
-    expect_error("\"$ROOM\" --occlusion full", ExitCode::usage, "none, sh, face");
+    expect_error("", cmd::ExitCode::usage, "no scene");
+    expect_error("\"$ROOM\" -o r.txt", cmd::ExitCode::usage, "r.txt");
+    expect_error("\"$ROOM\" -o r.csv -o ./r.csv", cmd::ExitCode::usage, "given twice");
+    expect_error("\"$ROOM\" -o none/r.csv", cmd::ExitCode::file, "none/r.csv");
+    expect_error("none.gltf", cmd::ExitCode::file, "none.gltf");
+    expect_error("\"$ROOM\" --sweep none.toml", cmd::ExitCode::file, "none.toml");
+    expect_error("\"$ROOM\" --resolution 2", cmd::ExitCode::usage, "--resolution: '2'");
+    expect_error("\"$ROOM\" --resolution 16,,32", cmd::ExitCode::usage, "--resolution: ''");
+    expect_error("\"$ROOM\" --occlusion full", cmd::ExitCode::usage, "none, sh, face");
     for (const char* bad : {"--repeats=0", "--probes=0", "--probes=1000000", "--noise=0",
                             "--noise=x", "--rays=1", "--seed=-1", "--margin=-1"})
-        expect_error(std::string("\"$ROOM\" ") + bad, ExitCode::usage, "");
+        expect_error(std::string("\"$ROOM\" ") + bad, cmd::ExitCode::usage, "");
     spill(folder_ / "a.toml", "resolution = [16]\nwidth = 3\n");
-    expect_error("\"$ROOM\" --sweep a.toml", ExitCode::usage,
+    expect_error("\"$ROOM\" --sweep a.toml", cmd::ExitCode::usage,
                  "a.toml:2: a sweep cannot set 'width'");
     spill(folder_ / "b.toml", "[[sweep]]\n\nocclusion = [\"none\", \"half\"]\n");
-    expect_error("\"$ROOM\" --sweep b.toml", ExitCode::usage, "b.toml:3: occlusion: 'half'");
+    expect_error("\"$ROOM\" --sweep b.toml", cmd::ExitCode::usage, "b.toml:3: occlusion: 'half'");
     spill(folder_ / "c.toml", "resolution = []\n");
-    expect_error("\"$ROOM\" --sweep c.toml", ExitCode::usage, "c.toml:1");
+    expect_error("\"$ROOM\" --sweep c.toml", cmd::ExitCode::usage, "c.toml:1");
     spill(folder_ / "d.toml", "[sweep]\nresolution = 4\n");
-    expect_error("\"$ROOM\" --sweep d.toml", ExitCode::usage, "d.toml:1");
+    expect_error("\"$ROOM\" --sweep d.toml", cmd::ExitCode::usage, "d.toml:1");
     spill(folder_ / "e.toml", "# nothing\n");
-    expect_error("\"$ROOM\" --sweep e.toml", ExitCode::usage, "e.toml");
+    expect_error("\"$ROOM\" --sweep e.toml", cmd::ExitCode::usage, "e.toml");
     spill(folder_ / "f.toml", "resolution = [4]\n");
-    expect_error("\"$ROOM\" --sweep f.toml --resolution 5", ExitCode::usage, "exclude each other");
-    expect_error("\"$ROOM\" --sweep f.toml -o f.toml", ExitCode::usage, "f.toml");
-    expect_error("\"$ROOM\" --no-scene-lights --no-emitters", ExitCode::invalid, "--sun");
-    expect_error("\"$ROOM\" --bounds 5,5,5,5,5,5", ExitCode::invalid, "");
+    expect_error("\"$ROOM\" --sweep f.toml --resolution 5", cmd::ExitCode::usage,
+                 "exclude each other");
+    expect_error("\"$ROOM\" --sweep f.toml -o f.toml", cmd::ExitCode::usage, "f.toml");
+    expect_error("\"$ROOM\" --no-scene-lights --no-emitters", cmd::ExitCode::invalid, "--sun");
+    expect_error("\"$ROOM\" --bounds 5,5,5,5,5,5", cmd::ExitCode::invalid, "");
 }
 
 } // namespace

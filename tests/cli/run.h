@@ -33,8 +33,8 @@ inline CliResult run_lpvbake(const TemporaryFolder& folder, const std::string& a
 }
 
 /// Expects a status and one line on standard error that contains `text`, and no result.
-inline void expect_one_error(const CliResult& result, const std::string& arguments, ExitCode code,
-                             const std::string& text) {
+inline void expect_one_error(const CliResult& result, const std::string& arguments,
+                             cmd::ExitCode code, const std::string& text) {
     EXPECT_EQ(result.status, int(code)) << arguments << "\n" << result.err;
     EXPECT_EQ(result.out, "") << arguments;
     EXPECT_EQ(result.err.find("lpvbake: error: "), 0u) << arguments << "\n" << result.err;

@@ -36,7 +36,7 @@ protected:
         spill(folder_ / "suite.json", document_.dump());
         return run_lpvbake(folder_, "report " + arguments);
     }
-    void expect_error(const std::string& arguments, ExitCode code, const std::string& text) {
+    void expect_error(const std::string& arguments, cmd::ExitCode code, const std::string& text) {
         expect_one_error(run(arguments), arguments, code, text);
     }
 
@@ -46,7 +46,7 @@ protected:
 
 TEST_F(SuiteCli, PrintsATableOfTheCases) {
     const CliResult text = run("--suite suite.json");
-    if (text.status == int(ExitCode::device))
+    if (text.status == int(cmd::ExitCode::device))
         GTEST_SKIP() << text.err;
     EXPECT_EQ(text.status, 0) << text.err;
     EXPECT_EQ(text.err, "");
@@ -72,9 +72,9 @@ TEST_F(SuiteCli, PrintsATableOfTheCases) {
 TEST_F(SuiteCli, AnImpossibleLimitFailsAndIsNamed) {
     document_["cases"][0]["limits"]["lpv"]["error"] = 0;
     const CliResult text = run("--suite suite.json");
-    if (text.status == int(ExitCode::device))
+    if (text.status == int(cmd::ExitCode::device))
         GTEST_SKIP() << text.err;
-    EXPECT_EQ(text.status, int(ExitCode::difference));
+    EXPECT_EQ(text.status, int(cmd::ExitCode::difference));
     EXPECT_NE(text.out.find("FAIL: error is 0."), std::string::npos) << text.out;
     EXPECT_EQ(text.err.find("lpvbake: error: suite.json: 1 of 2 rows failed, the first is "
                             "glowing-room by lpv: error is 0."),
@@ -82,7 +82,7 @@ TEST_F(SuiteCli, AnImpossibleLimitFailsAndIsNamed) {
         << text.err;
     EXPECT_EQ(std::ranges::count(text.err, '\n'), 1) << text.err;
     const CliResult other = run("--suite suite.json --format json");
-    EXPECT_EQ(other.status, int(ExitCode::difference));
+    EXPECT_EQ(other.status, int(cmd::ExitCode::difference));
     EXPECT_EQ(json::parse(other.out)["failed"], 1);
 }
 
@@ -92,29 +92,29 @@ TEST_F(SuiteCli, ABrokenSceneFailsItsRowAlone) {
     document_["cases"][1]["limits"]["lpv"] = {{"negative", 1}};
     spill(folder_ / "broken.gltf", "{");
     const CliResult text = run("--suite suite.json");
-    if (text.status == int(ExitCode::device))
+    if (text.status == int(cmd::ExitCode::device))
         GTEST_SKIP() << text.err;
-    EXPECT_EQ(text.status, int(ExitCode::difference));
+    EXPECT_EQ(text.status, int(cmd::ExitCode::difference));
     EXPECT_NE(text.out.find("broken.gltf"), std::string::npos) << text.out;
     EXPECT_TRUE(text.out.ends_with(" ok\n")) << text.out;
 }
 
 TEST_F(SuiteCli, WrongSuitesAndCommandLinesAreRefused) {
-    expect_error("--suite none.json", ExitCode::file, "none.json");
-    expect_error("--suite suite.json room.gltf", ExitCode::usage, "--suite");
-    expect_error("--suite suite.json -o a.csv", ExitCode::usage, "--suite");
+    expect_error("--suite none.json", cmd::ExitCode::file, "none.json");
+    expect_error("--suite suite.json room.gltf", cmd::ExitCode::usage, "--suite");
+    expect_error("--suite suite.json -o a.csv", cmd::ExitCode::usage, "--suite");
     for (const char* option :
          {"--sun=1,2,3", "--bounds=0,0,0,1,1,1", "--no-emitters", "--dry-run", "--resolution=8",
           "--sweep=a.toml", "--sky=1:1:1,2", "--margin=2", "--max-albedo=0.5", "--metallic=black",
           "--backfaces=cull", "--repeats=2", "--probes=9", "--noise=2%", "--rays=64", "--seed=3",
           "--strict", "--scene=0"})
-        expect_error(std::string("--suite suite.json ") + option, ExitCode::usage, "not --");
-    expect_error("room.gltf --case twin", ExitCode::usage, "--suite");
-    expect_error("room.gltf --cheap", ExitCode::usage, "--suite");
+        expect_error(std::string("--suite suite.json ") + option, cmd::ExitCode::usage, "not --");
+    expect_error("room.gltf --case twin", cmd::ExitCode::usage, "--suite");
+    expect_error("room.gltf --cheap", cmd::ExitCode::usage, "--suite");
     document_["cases"][1]["scene"] = "../room.gltf";
-    expect_error("--suite suite.json", ExitCode::invalid, "cases[1].scene");
+    expect_error("--suite suite.json", cmd::ExitCode::invalid, "cases[1].scene");
     document_["cases"] = 1;
-    expect_error("--suite suite.json", ExitCode::invalid, "suite.json: cases");
+    expect_error("--suite suite.json", cmd::ExitCode::invalid, "suite.json: cases");
 }
 
 } // namespace

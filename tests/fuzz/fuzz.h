@@ -40,8 +40,8 @@ public:
         return path;
     }
 
-    static const Folder& own() {
-        static const Folder folder;
+    static const fuzz::Folder& own() {
+        static const fuzz::Folder folder;
         return folder;
     }
 
@@ -65,8 +65,8 @@ bool accepts(const F& f) {
         f();
         return true;
     } catch (const Error& error) {
-        require(error.kind != ErrorKind::failure, "bad input is no failure of the program");
-        require(std::string_view(error.what()).size() > 8, "an error says what is wrong");
+        fuzz::require(error.kind != ErrorKind::failure, "bad input is no failure of the program");
+        fuzz::require(std::string_view(error.what()).size() > 8, "an error says what is wrong");
         return false;
     }
 }

@@ -13,10 +13,10 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     const std::string text(reinterpret_cast<const char*>(data), size);
     if (text.starts_with('\0')) {
         const std::string argument = text.substr(1, text.find('\0', 1) - 1);
-        fuzz::accepts([&] { check_light(parse_sun(argument), "--sun"); });
-        fuzz::accepts([&] { check_light(parse_point(argument), "--point"); });
+        fuzz::accepts([&] { scene::check_light(cmd::options::parse_sun(argument), "--sun"); });
+        fuzz::accepts([&] { scene::check_light(cmd::options::parse_point(argument), "--point"); });
         fuzz::accepts([&] {
-            const glm::vec3 nits = parse_sky(argument).luminance;
+            const glm::vec3 nits = cmd::options::parse_sky(argument).luminance;
             for (int i = 0; i < 3; ++i)
                 fuzz::require(nits[i] >= 0 && std::isfinite(nits[i]), "a sky is finite");
         });
@@ -25,7 +25,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     const std::string path = fuzz::Folder::own().write("lights.json", text);
     fuzz::accepts([&] {
         for (const Light& light : load_lights(path))
-            check_light(light, "light");
+            scene::check_light(light, "light");
     });
     return 0;
 }

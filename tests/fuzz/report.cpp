@@ -13,23 +13,25 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     if (text.starts_with('{')) {
         const std::string path = folder.write("suite.json", text);
         fuzz::accepts([&] {
-            for (const SuiteCase& each : load_suite(path).cases)
+            for (const report::SuiteCase& each : report::load_suite(path).cases)
                 fuzz::require(!each.limits.empty(), "a case has limits");
         });
         return 0;
     }
     const std::string path = folder.write("sweep.toml", text);
     fuzz::accepts([&] {
-        std::vector<Sweep> sweeps;
-        for (const std::vector<ConfigEntry>& table : read_config_tables(path, "sweep")) {
+        std::vector<report::Sweep> sweeps;
+        for (const std::vector<cmd::options::ConfigEntry>& table :
+             cmd::options::read_config_tables(path, "sweep")) {
             sweeps.emplace_back();
-            for (const ConfigEntry& entry : table) {
+            for (const cmd::options::ConfigEntry& entry : table) {
                 for (const std::string& value : entry.values)
-                    check_sweep_value(entry.key, value);
+                    report::check_sweep_value(entry.key, value);
                 sweeps.back().push_back({entry.key, entry.values});
             }
         }
-        fuzz::require(sweep_rows(sweeps, {}).size() <= most_rows, "a report has few rows");
+        fuzz::require(report::sweep_rows(sweeps, {}).size() <= report::most_rows,
+                      "a report has few rows");
     });
     return 0;
 }

@@ -21,11 +21,12 @@ namespace lpvbake {
 
 /// In place of the image module, whose libraries are not ours: any texels of the size in the
 /// header.
-Rgba8 decode_image(std::span<const std::byte> data, const std::string& name, uint64_t max_texels) {
-    const ImageHeader header = read_image_header(data);
+image::Rgba8 decode_image(std::span<const std::byte> data, const std::string& name,
+                          uint64_t max_texels) {
+    const image::ImageHeader header = image::read_image_header(data);
     if (!header.format || header.texels() == 0 || header.texels() > std::min(max_texels, 1ul << 20))
         throw Error(ErrorKind::invalid, name + ": the image cannot be decoded");
-    Rgba8 image{static_cast<int>(header.texels()), 1, {}};
+    image::Rgba8 image{static_cast<int>(header.texels()), 1, {}};
     image.texels.resize(4 * header.texels());
     for (size_t i = 0; i < image.texels.size(); ++i)
         image.texels[i] = std::to_integer<uint8_t>(data[i % data.size()]);
@@ -63,56 +64,59 @@ void require_none_or_all(const Attributes& values, const Mesh& mesh) {
 void check(const Scene& scene) {
     const auto within = [](int index, size_t size) { return index >= -1 && index < int(size); };
     for (const Image& image : scene.images)
-        require(image.width > 0 && image.height > 0
-                    && image.rgba.size() == size_t{4} * image.width * image.height,
-                "an image has the texels of its size");
+        fuzz::require(image.width > 0 && image.height > 0
+                          && image.rgba.size() == size_t{4} * image.width * image.height,
+                      "an image has the texels of its size");
     for (const Texture& texture : scene.textures)
-        require(texture.image >= 0 && within(texture.image, scene.images.size()),
-                "a texture has an image");
+        fuzz::require(texture.image >= 0 && within(texture.image, scene.images.size()),
+                      "a texture has an image");
     for (const Material& material : scene.materials) {
-        require(within(material.base_color_texture, scene.textures.size())
-                    && within(material.emission_texture, scene.textures.size()),
-                "a material's textures are there");
+        fuzz::require(within(material.base_color_texture, scene.textures.size())
+                          && within(material.emission_texture, scene.textures.size()),
+                      "a material's textures are there");
         for (int i = 0; i < 4; ++i)
-            require(material.base_color[i] >= 0 && std::isfinite(material.base_color[i]),
-                    "a base colour is finite and not negative");
+            fuzz::require(material.base_color[i] >= 0 && std::isfinite(material.base_color[i]),
+                          "a base colour is finite and not negative");
         for (int i = 0; i < 3; ++i)
-            require(material.emission[i] >= 0 && std::isfinite(material.emission[i]),
-                    "an emission is finite and not negative");
+            fuzz::require(material.emission[i] >= 0 && std::isfinite(material.emission[i]),
+                          "an emission is finite and not negative");
     }
     for (const Mesh& mesh : scene.meshes) {
-        require(size_t(mesh.material) < scene.materials.size(), "a mesh has a material");
+        fuzz::require(size_t(mesh.material) < scene.materials.size(), "a mesh has a material");
         require_none_or_all(mesh.normals, mesh);
         require_none_or_all(mesh.uv, mesh);
         require_none_or_all(mesh.uv_emission, mesh);
         require_none_or_all(mesh.colors, mesh);
         for (const glm::vec3 p : mesh.positions)
-            require(std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z),
-                    "positions are finite");
+            fuzz::require(std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z),
+                          "positions are finite");
         for (const glm::vec3 n : mesh.normals)
-            require(std::abs(glm::length(n) - 1.0f) < 1e-3f, "normals are of length 1");
+            fuzz::require(std::abs(glm::length(n) - 1.0f) < 1e-3f, "normals are of length 1");
         for (const glm::uvec3 t : mesh.triangles)
-            require(std::max({t.x, t.y, t.z}) < mesh.positions.size(), "a triangle has vertices");
+            fuzz::require(std::max({t.x, t.y, t.z}) < mesh.positions.size(),
+                          "a triangle has vertices");
         for (uint32_t i = 0; i < std::min<size_t>(mesh.triangles.size(), 16); ++i) {
-            const SurfaceSample sample = sample_surface(scene, mesh, i, {0.25f, 0.25f});
+            const scene::SurfaceSample sample =
+                scene::sample_surface(scene, mesh, i, {0.25f, 0.25f});
             for (int k = 0; k < 3; ++k)
-                require(sample.albedo[k] >= 0 && sample.albedo[k] <= 1, "albedo is within 0 and 1");
-            require(sample.alpha >= 0 && sample.alpha <= 1, "alpha is within 0 and 1");
-            sample_emission(scene, mesh, i, {0.25f, 0.25f});
+                fuzz::require(sample.albedo[k] >= 0 && sample.albedo[k] <= 1,
+                              "albedo is within 0 and 1");
+            fuzz::require(sample.alpha >= 0 && sample.alpha <= 1, "alpha is within 0 and 1");
+            scene::sample_emission(scene, mesh, i, {0.25f, 0.25f});
         }
     }
     for (const Instance& instance : scene.instances) {
-        require(size_t(instance.mesh) < scene.meshes.size(), "an instance has a mesh");
+        fuzz::require(size_t(instance.mesh) < scene.meshes.size(), "an instance has a mesh");
         for (int i = 0; i < 16; ++i)
-            require(std::isfinite(instance.to_world[i / 4][i % 4]), "a transform is finite");
+            fuzz::require(std::isfinite(instance.to_world[i / 4][i % 4]), "a transform is finite");
     }
     for (const Light& light : scene.lights)
-        check_light(light, "light");
+        scene::check_light(light, "light");
     const Bounds bounds = bounds_of(scene);
-    require(bounds.empty() || (std::isfinite(bounds.lo.x) && std::isfinite(bounds.hi.x)),
-            "bounds are finite");
-    triangle_count(scene);
-    has_emitters(scene);
+    fuzz::require(bounds.empty() || (std::isfinite(bounds.lo.x) && std::isfinite(bounds.hi.x)),
+                  "bounds are finite");
+    scene::triangle_count(scene);
+    scene::has_emitters(scene);
 }
 
 } // namespace

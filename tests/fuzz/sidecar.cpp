@@ -23,8 +23,8 @@ struct {
 
 } // namespace
 
-Pixels decode_exr(std::span<const std::byte>, const std::string&, uint64_t) {
-    Pixels pixels{picture.width, picture.height, picture.channels, {}};
+image::Pixels decode_exr(std::span<const std::byte>, const std::string&, uint64_t) {
+    image::Pixels pixels{picture.width, picture.height, picture.channels, {}};
     pixels.samples.resize(size_t(picture.width) * size_t(picture.height)
                           * size_t(picture.channels));
     for (size_t i = 0; picture.floats.size() >= 4 && i < pixels.samples.size(); ++i)
@@ -32,16 +32,17 @@ Pixels decode_exr(std::span<const std::byte>, const std::string&, uint64_t) {
     return pixels;
 }
 
-Rgba8 decode_image(std::span<const std::byte>, const std::string&, uint64_t) {
+image::Rgba8 decode_image(std::span<const std::byte>, const std::string&, uint64_t) {
     std::abort();
 }
 
-std::vector<unsigned char> encode_png(const Pixels&, const std::string&) {
+std::vector<unsigned char> encode_png(const image::Pixels&, const std::string&) {
     std::abort();
 }
 
-std::vector<unsigned char>
-encode_exr(const Pixels&, bool, const std::map<std::string, std::string>&, const std::string&) {
+std::vector<unsigned char> encode_exr(const image::Pixels&, bool,
+                                      const std::map<std::string, std::string>&,
+                                      const std::string&) {
     std::abort();
 }
 
@@ -87,8 +88,8 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     folder.write("b.exr", "");
     const std::string path = folder.write("volume.json", json);
     fuzz::accepts([&] {
-        const Volume volume = read_exr(path);
-        check_volume(volume, path, ErrorKind::failure);
+        const Volume volume = io::read_exr(path);
+        io::check_volume(volume, path, ErrorKind::failure);
     });
     return 0;
 }

@@ -18,10 +18,11 @@
 namespace lpvbake {
 namespace {
 
-constexpr ShConvention conventions[] = {ShConvention::radiance, ShConvention::irradiance,
-                                        ShConvention::lpv,      ShConvention::godot,
-                                        ShConvention::unity,    ShConvention::unreal};
-constexpr Axes axes[] = {Axes::gltf, Axes::unity, Axes::unreal, Axes::blender};
+constexpr volume::ShConvention conventions[] = {
+    volume::ShConvention::radiance, volume::ShConvention::irradiance, volume::ShConvention::lpv,
+    volume::ShConvention::godot,    volume::ShConvention::unity,      volume::ShConvention::unreal};
+constexpr volume::Axes axes[] = {volume::Axes::gltf, volume::Axes::unity, volume::Axes::unreal,
+                                 volume::Axes::blender};
 
 using fuzz::require;
 
@@ -57,9 +58,9 @@ openvdb::GridBase::Ptr grid_from(FuzzedDataProvider& data, glm::ivec3 dims) {
 }
 
 /// A file's content: mostly what a volume has, each part now and then missing or of another kind.
-VdbContent content_from(FuzzedDataProvider& data) {
+io::VdbContent content_from(FuzzedDataProvider& data) {
     const auto odd = [&] { return data.ConsumeIntegralInRange(0, 31) == 31; };
-    VdbContent content{std::make_shared<openvdb::MetaMap>(), {}, {}};
+    io::VdbContent content{std::make_shared<openvdb::MetaMap>(), {}, {}};
     openvdb::MetaMap& metadata = *content.metadata;
     const glm::ivec3 dims(size_from(data), size_from(data), size_from(data));
     const int order = data.ConsumeIntegralInRange(odd() ? -1 : 0, odd() ? 9 : 4);
@@ -75,8 +76,9 @@ VdbContent content_from(FuzzedDataProvider& data) {
         metadata.insertMeta("lpv:sh_order", openvdb::FloatMetadata(1.0f));
     else
         metadata.insertMeta("lpv:sh_order", openvdb::Int32Metadata(order));
-    const Encoding encoding{data.PickValueInArray(conventions), data.PickValueInArray(axes)};
-    for (const auto& [key, value] : field_facts(encoding))
+    const volume::Encoding encoding{data.PickValueInArray(conventions),
+                                    data.PickValueInArray(axes)};
+    for (const auto& [key, value] : io::field_facts(encoding))
         metadata.insertMeta("lpv:" + key, openvdb::StringMetadata(odd() ? "else" : value));
     metadata.insertMeta("lpv:_" + data.ConsumeRandomLengthString(16),
                         openvdb::StringMetadata(data.ConsumeRandomLengthString(16)));
@@ -90,10 +92,10 @@ VdbContent content_from(FuzzedDataProvider& data) {
         grids[name]->setName(name);
     };
     for (int k = 0; k < std::min((order + 1) * (order + 1), 25); ++k)
-        add(std::string("sh_") + coefficient_name(k), true);
+        add(std::string("sh_") + volume::coefficient_name(k), true);
     if (data.ConsumeBool())
         for (int k = 0; k < 4; ++k)
-            add(std::string("occlusion_") + coefficient_name(k), false);
+            add(std::string("occlusion_") + volume::coefficient_name(k), false);
     if (data.ConsumeBool())
         add("validity", false);
     for (int k = data.ConsumeIntegralInRange(0, 3); k-- > 0;)
@@ -109,15 +111,16 @@ VdbContent content_from(FuzzedDataProvider& data) {
 }
 
 void use(const Volume& volume, FuzzedDataProvider& data) {
-    half_misfit(volume);
-    require(std::isfinite(total_energy(volume)), "the energy of a valid volume is finite");
+    io::half_misfit(volume);
+    fuzz::require(std::isfinite(volume::total_energy(volume)),
+                  "the energy of a valid volume is finite");
     const glm::ivec3 dims = volume.grid.dims;
     const int sliced = data.ConsumeIntegralInRange(0, 2);
     if (std::max({dims.x, dims.y, dims.z}) < 64) {
-        const float white = slice_white(volume, sliced, dims[sliced] - 1);
-        require(std::isfinite(white) && white > 0, "white is above 0");
+        const float white = io::slice_white(volume, sliced, dims[sliced] - 1);
+        fuzz::require(std::isfinite(white) && white > 0, "white is above 0");
         if (data.ConsumeIntegralInRange(0, 15) == 0)
-            slice_picture(volume, sliced, dims[sliced] - 1);
+            io::slice_picture(volume, sliced, dims[sliced] - 1);
     }
     const glm::dvec3 point = volume.grid.center({0, 0, 0})
                              + volume.grid.cell
@@ -127,20 +130,20 @@ void use(const Volume& volume, FuzzedDataProvider& data) {
         for (int axis = 0; axis < 3; ++axis) {
             glm::dvec3 normal(0.0);
             normal[axis] = 1;
-            const CellWeights weights = weights_at(volume, point, normal, reading);
+            const volume::CellWeights weights = volume::weights_at(volume, point, normal, reading);
             for (int i = 0; i < 8; ++i)
-                require(weights.weight[i] == 0 || weights.cell[i] < volume.grid.size(),
-                        "weights belong to cells");
+                fuzz::require(weights.weight[i] == 0 || weights.cell[i] < volume.grid.size(),
+                              "weights belong to cells");
             read_irradiance(volume, point, normal, reading);
         }
-    const Comparison same = compare(volume, volume, {{0.1}, 3});
-    require(same.identical && same.max == 0, "a volume is what it is");
+    const volume::Comparison same = volume::compare(volume, volume, {{0.1}, 3});
+    fuzz::require(same.identical && same.max == 0, "a volume is what it is");
     Volume other = volume;
     for (glm::vec3& value : other.sh[0])
         value *= 2.0f;
     fuzz::accepts([&] {
-        compare(other, volume, {{0.1}, 3});
-        difference(other, volume);
+        volume::compare(other, volume, {{0.1}, 3});
+        volume::difference(other, volume);
     });
 }
 
@@ -151,14 +154,14 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* bytes, size_t size) {
     using namespace lpvbake;
     static const tbb::global_control one_thread(tbb::global_control::max_allowed_parallelism, 1);
     FuzzedDataProvider data(bytes, size);
-    const VdbContent content = content_from(data);
+    const io::VdbContent content = content_from(data);
     if (const auto dims = content.metadata->getMetadata<openvdb::Vec3IMetadata>("lpv:grid_dims"))
         if (const openvdb::Vec3i d = dims->value();
             double(d.x()) * d.y() * d.z() > 1e5 && double(d.x()) * d.y() * d.z() < 1e12)
             return 0; // how much memory the machine has is not at stake here
     fuzz::accepts([&] {
-        const Volume volume = volume_of(content, "file.vdb");
-        check_volume(volume, "file.vdb", ErrorKind::invalid);
+        const Volume volume = io::volume_of(content, "file.vdb");
+        io::check_volume(volume, "file.vdb", ErrorKind::invalid);
         use(volume, data);
     });
     return 0;

@@ -78,7 +78,7 @@ TEST_F(Api, BakesASceneOfItsOwn) {
     const Scene scene = floor_with_light();
     EXPECT_EQ(bounds_of(scene).hi, glm::dvec3(1, 0, 1));
     const BakeForecast expected = forecast(scene, coarse(), device()->info());
-    const Baked baked = bake(scene, coarse(), *device());
+    const Baked baked = bake_volume(scene, coarse(), *device());
     const Volume& volume = baked.volume;
     EXPECT_EQ(volume.grid, expected.grid);
     EXPECT_EQ(volume.metadata.at("choice"), expected.choice);
@@ -105,7 +105,7 @@ TEST_F(Api, FilesGiveBackWhatWasWritten) {
     const std::filesystem::path folder =
         std::filesystem::temp_directory_path() / ("lpvbake-api-" + std::to_string(getpid()));
     std::filesystem::create_directory(folder);
-    const Volume volume = bake(floor_with_light(), coarse(), *device()).volume;
+    const Volume volume = bake_volume(floor_with_light(), coarse(), *device()).volume;
     const WriteReport report = write_volume(folder / "a.vdb", volume);
     ASSERT_EQ(report.files.size(), 1u);
     EXPECT_EQ(report.files[0].bytes, std::filesystem::file_size(folder / "a.vdb"));
@@ -168,7 +168,7 @@ TEST_F(Api, ScenesThatLeadNowhereAreRefused) {
                             ErrorKind kind = ErrorKind::argument) {
         Scene scene = floor_with_light();
         change(scene);
-        expect_error(kind, part, [&] { bake(scene, coarse(), *device()); });
+        expect_error(kind, part, [&] { bake_volume(scene, coarse(), *device()); });
     };
     constexpr float nan = std::numeric_limits<float>::quiet_NaN();
     refuses("meshes[0].triangles", [](Scene& s) { s.meshes[0].triangles[1].y = 4; });
@@ -199,7 +199,7 @@ TEST_F(Api, ProgressEndsABake) {
         }
     } impatient;
     expect_error(ErrorKind::interrupted, "enough",
-                 [&] { bake(floor_with_light(), coarse(), *device(), impatient); });
+                 [&] { bake_volume(floor_with_light(), coarse(), *device(), impatient); });
 }
 
 } // namespace

@@ -23,19 +23,19 @@ namespace {
 
 class Bake : public testing::DeviceTest {
 protected:
-    BakePlan plan_of(const Scene& scene, const BakeSettings& settings) {
-        return plan_bake(survey(scene), settings, device().info());
+    bake::BakePlan plan_of(const Scene& scene, const bake::BakeSettings& settings) {
+        return bake::plan_bake(bake::survey(scene), settings, device().info());
     }
-    Baked run(const Scene& scene, const BakeSettings& settings) {
+    Baked run(const Scene& scene, const bake::BakeSettings& settings) {
         Progress silent;
-        return bake(scene, plan_of(scene, settings), device(), silent);
+        return bake::bake(scene, plan_of(scene, settings), device(), silent);
     }
     /// One reflection.
-    static BakeSettings coarse(int resolution = 12, const char* solver = "lpv") {
-        BakeSettings settings(*find_solver(solver));
+    static bake::BakeSettings coarse(int resolution = 12, const char* solver = "lpv") {
+        bake::BakeSettings settings(*bake::find_solver(solver));
         settings.bounces = 1;
         settings.grid.resolution = resolution;
-        if (find_parameter(settings.solver.kind(), "rsm-size"))
+        if (solver::find_parameter(settings.solver.kind(), "rsm-size"))
             settings.solver.set("rsm-size", 128);
         return settings;
     }
@@ -65,7 +65,7 @@ TEST_F(Bake, CornellBoxIsLitAndItsWallsBleed) {
         return c.x / c.y;
     };
     EXPECT_GT(ratio({-0.85, 1.0, 0.2}), 1.2f * ratio({0.85, 1.0, 0.2}));
-    EXPECT_GT(total_energy(volume), 0.0);
+    EXPECT_GT(volume::total_energy(volume), 0.0);
     EXPECT_TRUE(baked.warnings.empty());
 }
 
@@ -82,7 +82,7 @@ TEST_F(Bake, ASealedBoxOfAnyOrientationLetsNothingOut) {
         scenes::add_box(scene, scenes::add_material(scene, glm::vec3(0.8f)), glm::vec3(-1.0f),
                         glm::vec3(1.0f), scenes::Facing::inward, turn);
         scene.lights.push_back(scenes::point_light({0.1, 0.2, -0.1}, 100.0));
-        BakeSettings settings = coarse(20);
+        bake::BakeSettings settings = coarse(20);
         settings.bounds = Bounds{glm::dvec3(-2.0), glm::dvec3(2.0)};
         settings.solver.set("iterations", 200);
         const Baked baked = run(scene, settings);
@@ -105,7 +105,7 @@ TEST_F(Bake, ASealedBoxOfAnyOrientationLetsNothingOut) {
 
 TEST_F(Bake, PowerDoesNotDependOnTheSizeOfTheMap) {
     Scene scene = scenes::cornell_box_with_sun();
-    BakeSettings settings = coarse();
+    bake::BakeSettings settings = coarse();
     settings.solver.set("iterations", 1);
     settings.solver.set("rsm-size", 1024);
     const double reference = injected(run(scene, settings));
@@ -117,7 +117,7 @@ TEST_F(Bake, PowerDoesNotDependOnTheSizeOfTheMap) {
 
 TEST_F(Bake, FieldFallsWithTheSquareOfTheScaleWhereverTheSceneStands) {
     const Baked reference = run(scenes::cornell_box_with_point(), coarse());
-    const double energy = total_energy(reference.volume);
+    const double energy = volume::total_energy(reference.volume);
     struct Place {
         double scale, offset;
     };
@@ -132,18 +132,21 @@ TEST_F(Bake, FieldFallsWithTheSquareOfTheScaleWhereverTheSceneStands) {
             light.position = glm::dvec3(move * glm::dvec4(light.position, 1.0));
         const Baked baked = run(scene, coarse());
         EXPECT_EQ(baked.volume.grid.dims, reference.volume.grid.dims);
-        EXPECT_NEAR(total_energy(baked.volume) * place.scale * place.scale / energy, 1.0, 0.02)
+        EXPECT_NEAR(volume::total_energy(baked.volume) * place.scale * place.scale / energy, 1.0,
+                    0.02)
             << place.scale << ' ' << place.offset;
         expect_finite(baked.volume);
     }
 }
 
 TEST_F(Bake, IsLinearInItsLights) {
-    const double energy = total_energy(run(scenes::cornell_box_with_point(1.0), coarse()).volume);
+    const double energy =
+        volume::total_energy(run(scenes::cornell_box_with_point(1.0), coarse()).volume);
     for (const double candela : {1e-9, 1e9})
-        EXPECT_NEAR(total_energy(run(scenes::cornell_box_with_point(candela), coarse()).volume)
-                        / (energy * candela),
-                    1.0, 1e-4);
+        EXPECT_NEAR(
+            volume::total_energy(run(scenes::cornell_box_with_point(candela), coarse()).volume)
+                / (energy * candela),
+            1.0, 1e-4);
 }
 
 TEST_F(Bake, GivesTheSameBitsRunAfterRun) {
@@ -156,30 +159,31 @@ TEST_F(Bake, GivesTheSameBitsRunAfterRun) {
 
 TEST_F(Bake, OcclusionModesDifferAsTheyShould) {
     const Scene scene = scenes::cornell_box_with_point();
-    BakeSettings settings = coarse();
+    bake::BakeSettings settings = coarse();
     double energy[3];
-    for (const Occlusion mode : {Occlusion::none, Occlusion::sh, Occlusion::face}) {
+    for (const solver::lpv::Occlusion mode :
+         {solver::lpv::Occlusion::none, solver::lpv::Occlusion::sh, solver::lpv::Occlusion::face}) {
         settings.solver.set("occlusion", double(mode));
         settings.solver.set("iterations", 40);
         const Baked baked = run(scene, settings);
-        energy[int(mode)] = total_energy(baked.volume);
-        EXPECT_EQ(baked.volume.occlusion.size(), mode == Occlusion::none ? 0u : 4u);
+        energy[int(mode)] = volume::total_energy(baked.volume);
+        EXPECT_EQ(baked.volume.occlusion.size(), mode == solver::lpv::Occlusion::none ? 0u : 4u);
     }
-    EXPECT_GT(energy[int(Occlusion::none)], energy[int(Occlusion::sh)]);
-    EXPECT_GT(energy[int(Occlusion::none)], energy[int(Occlusion::face)]);
+    EXPECT_GT(energy[int(solver::lpv::Occlusion::none)], energy[int(solver::lpv::Occlusion::sh)]);
+    EXPECT_GT(energy[int(solver::lpv::Occlusion::none)], energy[int(solver::lpv::Occlusion::face)]);
 }
 
 TEST_F(Bake, EmittersAloneAreLightEnough) {
     const Scene scene = scenes::furnace(2.0f, 0.5f, 100.0f);
     // pi L A over the six walls, L = Le (1 + rho + rho^2 + ...).
     const double emitted = 3 * glm::pi<double>() * 100.0 * 24.0;
-    BakeSettings settings = coarse();
+    bake::BakeSettings settings = coarse();
     EXPECT_NEAR(injected(run(scene, settings)) / emitted, 1.5, 2e-3);
     settings.bounces = 0;
     EXPECT_NEAR(injected(run(scene, settings)) / emitted, 1.0, 1e-4);
     settings.bounces = std::nullopt;
     EXPECT_NEAR(injected(run(scene, settings)) / emitted, 2.0, 4e-3);
-    BakeSettings without = coarse();
+    bake::BakeSettings without = coarse();
     without.emitters = false;
     EXPECT_THROW(run(scene, without), Error);
 }
@@ -187,7 +191,7 @@ TEST_F(Bake, EmittersAloneAreLightEnough) {
 TEST_F(Bake, ReflectionsAddUpWhereverTheyComeFrom) {
     // The first reflection from maps and the others from patches, or all from patches: the same.
     const Scene scene = scenes::cornell_box_with_point();
-    BakeSettings settings = coarse();
+    bake::BakeSettings settings = coarse();
     const double once = injected(run(scene, settings));
     settings.bounces = 2;
     const double twice = injected(run(scene, settings));
@@ -198,12 +202,13 @@ TEST_F(Bake, ReflectionsAddUpWhereverTheyComeFrom) {
     EXPECT_GT(all, 1.1 * twice);
 
     Progress silent;
-    const BakePlan plan = plan_of(scene, settings);
-    const Visibility visibility(scene, plan.frame);
-    LightingSettings lighting;
+    const bake::BakePlan plan = plan_of(scene, settings);
+    const visibility::Visibility visibility(scene, plan.frame);
+    surface::LightingSettings lighting;
     lighting.bounces = std::nullopt;
     double power = 0.0;
-    const LitSurfaces lit = light_surfaces(scene, visibility, plan.frame, lighting, silent);
+    const surface::LitSurfaces lit =
+        surface::light_surfaces(scene, visibility, plan.frame, lighting, silent);
     for (size_t i = 0; i < lit.luminance.size(); ++i) {
         const glm::vec3 l = lit.luminance[i];
         power += double(l.x + l.y + l.z) * double(lit.patches[i / 2].area);
@@ -214,10 +219,10 @@ TEST_F(Bake, ReflectionsAddUpWhereverTheyComeFrom) {
 TEST_F(Bake, ASkyAloneIsLightEnough) {
     Scene scene = scenes::floor_quad(4.0f, glm::vec3(0.5f));
     scene.sky.luminance = glm::vec3(50.0f);
-    BakeSettings settings = coarse();
-    settings.solver.set("occlusion", double(Occlusion::none));
+    bake::BakeSettings settings = coarse();
+    settings.solver.set("occlusion", double(solver::lpv::Occlusion::none));
     const Baked baked = run(scene, settings);
-    EXPECT_GT(total_energy(baked.volume), 0.0);
+    EXPECT_GT(volume::total_energy(baked.volume), 0.0);
     expect_finite(baked.volume);
 }
 
@@ -230,15 +235,15 @@ Sky sky_with_sun(float sun) {
             texels.push_back(glm::vec3(10.0f, 20.0f, 40.0f)
                              * (1.0f + std::cos(6.2832f * float(column) / width)));
     texels[size_t(32 * width + 100)] += glm::vec3(sun);
-    return make_sky(width, height, texels, 0.0);
+    return scene::make_sky(width, height, texels, 0.0);
 }
 
 TEST_F(Bake, AnEvenPictureIsAsGoodAsAnEvenSky) {
     Scene even = scenes::floor_quad(4.0f, glm::vec3(0.5f)), picture = even;
     even.sky.luminance = {1.0f, 2.0f, 4.0f};
-    picture.sky = make_sky(8, 4, std::vector<glm::vec3>(32, even.sky.luminance), 0.0);
+    picture.sky = scene::make_sky(8, 4, std::vector<glm::vec3>(32, even.sky.luminance), 0.0);
     for (const char* solver : {"lpv", "sn", "gather"}) {
-        const BakeSettings settings = coarse(8, solver);
+        const bake::BakeSettings settings = coarse(8, solver);
         const Volume a = run(even, settings).volume, b = run(picture, settings).volume;
         for (size_t k = 0; k < a.sh.size(); ++k)
             for (size_t cell = 0; cell < a.grid.size(); ++cell)
@@ -260,14 +265,15 @@ TEST_F(Bake, AnOpenCellHoldsTheProjectedPicture) {
                               std::sin(polar) * std::sin(around));
             const double weight = 2 * glm::pi<double>() * glm::pi<double>() * std::sin(polar)
                                   / (double(width) * height);
-            const ShValues y = sh_basis(2, w);
+            const volume::ShValues y = volume::sh_basis(2, w);
             for (size_t k = 0; k < 9; ++k)
-                expected[k] += weight * double(y[k]) * glm::dvec3(sky_luminance(scene.sky, w));
+                expected[k] +=
+                    weight * double(y[k]) * glm::dvec3(scene::sky_luminance(scene.sky, w));
         }
-    BakeSettings settings = coarse(6);
+    bake::BakeSettings settings = coarse(6);
     settings.bounds = Bounds{glm::dvec3(-1, 0.1, -1), glm::dvec3(1, 2, 1)};
     for (const char* solver : {"sn", "gather"}) {
-        settings.solver = SolverSettings(*find_solver(solver));
+        settings.solver = solver::SolverSettings(*bake::find_solver(solver));
         const Volume volume = run(scene, settings).volume;
         // A direction of sn stands for 7 degrees around it, a sample of gather's bins for 1.7.
         const double near = solver == std::string("sn") ? 0.08 : 0.015;
@@ -284,17 +290,17 @@ TEST_F(Bake, ASmallSunOfAPictureLightsAsTheReferenceSays) {
     const int wall = scenes::add_material(scene, {0.8f, 0.4f, 0.2f}, glm::vec3(0.0f), true);
     scenes::add_quad(scene, wall, {-1, 0, 1}, {1.5f, 0, -1}, {0, 1.2f, 0});
     scene.sky = sky_with_sun(3e5f);
-    BakeSettings settings = coarse(10);
+    bake::BakeSettings settings = coarse(10);
     settings.bounces = 1;
-    ReferenceSettings truth;
+    reference::ReferenceSettings truth;
     truth.sh_order = 2;
     truth.rays = 2048;
     const Grid grid = plan_of(scene, settings).grid;
     Progress silent;
-    const Reference reference = make_reference(scene, grid, truth, silent);
+    const reference::Reference reference = reference::make_reference(scene, grid, truth, silent);
     EXPECT_LT(reference.noise, 0.03);
     for (const char* solver : {"sn", "gather"}) {
-        settings.solver = SolverSettings(*find_solver(solver));
+        settings.solver = solver::SolverSettings(*bake::find_solver(solver));
         const Volume volume = run(scene, settings).volume;
         double error = 0.0, all = 0.0, energy = 0.0;
         for (size_t cell = 0; cell < grid.size(); ++cell) {
@@ -313,7 +319,7 @@ TEST_F(Bake, ASmallSunOfAPictureLightsAsTheReferenceSays) {
 
 TEST_F(Bake, ExactSolversReadAFurnaceOfAllBounces) {
     for (const char* solver : {"sn", "gather"}) {
-        BakeSettings settings = coarse(12, solver);
+        bake::BakeSettings settings = coarse(12, solver);
         settings.bounces = settings.solver.kind().default_bounces;
         const Baked baked = run(scenes::furnace(2.0f, 0.5f, 100.0f), settings);
         const Volume& volume = baked.volume;
@@ -335,28 +341,28 @@ TEST_F(Bake, ExactSolversReadAFurnaceOfAllBounces) {
 
 TEST_F(Bake, ThePlanSaysWhatIsNotNeeded) {
     const auto planned = [&](const Scene& scene, const char* solver, std::optional<int> bounces) {
-        BakeSettings settings = coarse(12, solver);
+        bake::BakeSettings settings = coarse(12, solver);
         settings.bounces = bounces;
         return plan_of(scene, settings);
     };
-    const auto skips = [](const BakePlan& plan, const std::string& name) {
-        return std::ranges::count(plan.skipped, name, &SkippedStage::name) == 1;
+    const auto skips = [](const bake::BakePlan& plan, const std::string& name) {
+        return std::ranges::count(plan.skipped, name, &solver::SkippedStage::name) == 1;
     };
-    const auto runs = [](const BakePlan& plan, const std::string& name) {
+    const auto runs = [](const bake::BakePlan& plan, const std::string& name) {
         return std::ranges::count(plan.stages, name, &StageReport::name) == 1;
     };
     Scene scene = scenes::cornell_box_with_point();
-    const BakePlan once = planned(scene, "gather", 1);
+    const bake::BakePlan once = planned(scene, "gather", 1);
     for (const char* name : {"sky", "emitters", "rsm", "light between patches"})
         EXPECT_TRUE(skips(once, name)) << name;
     EXPECT_FALSE(skips(planned(scene, "gather", {}), "light between patches"));
-    const BakePlan maps = planned(scene, "lpv", 1);
+    const bake::BakePlan maps = planned(scene, "lpv", 1);
     EXPECT_TRUE(skips(maps, "lighting"));
     EXPECT_FALSE(runs(maps, "lighting"));
     EXPECT_TRUE(runs(maps, "rsm"));
     // Once it is there it is no longer left out.
     scene.sky.luminance = glm::vec3(1.0f);
-    const BakePlan sky = planned(scene, "lpv", 1);
+    const bake::BakePlan sky = planned(scene, "lpv", 1);
     EXPECT_FALSE(skips(sky, "sky"));
     EXPECT_TRUE(runs(sky, "lighting"));
     scene.lights.clear();
@@ -369,60 +375,61 @@ TEST_F(Bake, ThePlanSaysWhatIsNotNeeded) {
 
 TEST_F(Bake, AWishIsMetByTheFastestOrTheMostAccurate) {
     const Scene scene = scenes::cornell_box_with_point();
-    BakeSettings base = coarse(32);
+    bake::BakeSettings base = coarse(32);
     base.bounces = std::nullopt;
-    const auto choose = [&](Wish wish) {
-        const Choice choice = choose_settings(survey(scene), base, wish, device().info());
+    const auto choose = [&](bake::Wish wish) {
+        const bake::Choice choice =
+            bake::choose_settings(bake::survey(scene), base, wish, device().info());
         EXPECT_EQ(choice.plan.seconds, plan_of(scene, choice.plan.settings).seconds);
-        EXPECT_EQ(choice.error, expected_error(choice.plan.settings));
+        EXPECT_EQ(choice.error, bake::expected_error(choice.plan.settings));
         return choice;
     };
     double seconds = 0.0;
     for (const double error : {1.0, 0.1, 0.04, 0.025, 0.015}) {
-        Wish wish;
+        bake::Wish wish;
         wish.error = error;
-        const Choice choice = choose(wish);
+        const bake::Choice choice = choose(wish);
         EXPECT_LE(choice.error, error);
         EXPECT_TRUE(choice.warnings.empty());
         EXPECT_GE(choice.plan.seconds, seconds);
         seconds = choice.plan.seconds;
         // With that time, the error is as low.
-        Wish budget;
+        bake::Wish budget;
         budget.seconds = choice.plan.seconds;
         if (choice.solver().order() > 1)
             budget.order = choice.solver().order();
         EXPECT_LE(choose(budget).error, choice.error);
         EXPECT_LE(choose(budget).plan.seconds, choice.plan.seconds);
     }
-    Wish fixed;
+    bake::Wish fixed;
     fixed.error = 0.02;
-    fixed.solvers = {find_solver("gather")};
+    fixed.solvers = {bake::find_solver("gather")};
     fixed.order = 4;
     fixed.given = {{"vpls", 500}};
     EXPECT_EQ(choose(fixed).solver()["vpls"], 500);
     EXPECT_EQ(choose(fixed).solver().order(), 4);
-    Wish hopeless;
+    bake::Wish hopeless;
     hopeless.error = 1e-4;
     hopeless.seconds = 1e-4;
     EXPECT_EQ(choose(hopeless).warnings.size(), 2u);
-    EXPECT_EQ(choose(Wish{}).solver().kind().name, std::string("sn"));
+    EXPECT_EQ(choose(bake::Wish{}).solver().kind().name, std::string("sn"));
 }
 
 TEST_F(Bake, DirectionsAreThoseThatAreSolved) {
-    BakeSettings settings = coarse(6, "sn"), rounded = settings;
+    bake::BakeSettings settings = coarse(6, "sn"), rounded = settings;
     settings.solver.set("directions", 100);
     rounded.solver.set("directions", 144);
     const Scene scene = scenes::cornell_box_with_point();
     EXPECT_EQ(plan_of(scene, settings).seconds, plan_of(scene, rounded).seconds);
-    EXPECT_EQ(expected_error(settings), expected_error(rounded));
+    EXPECT_EQ(bake::expected_error(settings), bake::expected_error(rounded));
     EXPECT_EQ(run(scene, settings).volume.metadata.at("directions"), "144");
 }
 
 TEST_F(Bake, ExactSolversNeedNoMaps) {
     const Scene scene = scenes::cornell_box_with_point();
     for (const char* solver : {"sn", "gather"}) {
-        const BakeSettings settings = coarse(12, solver);
-        const BakePlan plan = plan_of(scene, settings);
+        const bake::BakeSettings settings = coarse(12, solver);
+        const bake::BakePlan plan = plan_of(scene, settings);
         EXPECT_EQ(plan.maps.count, 0);
         EXPECT_TRUE(plan.lit);
         for (const StageReport& stage : run(scene, settings).stages)
@@ -435,7 +442,7 @@ TEST_F(Bake, ExactSolversNeedNoMaps) {
 
 TEST_F(Bake, DiscsOfTheMapsBringNoMoreAndNoLessThanClusters) {
     Scene scene = scenes::cornell_box_with_point();
-    BakeSettings settings = coarse(12, "gather");
+    bake::BakeSettings settings = coarse(12, "gather");
     for (const std::optional<int> bounces : {std::optional(1), std::optional<int>()}) {
         settings.bounces = bounces;
         settings.solver.set("rsm-samples", 0);
@@ -445,7 +452,8 @@ TEST_F(Bake, DiscsOfTheMapsBringNoMoreAndNoLessThanClusters) {
         const Baked discs = run(scene, settings);
         EXPECT_EQ(discs.stages.end()[-2].name, "discs");
         EXPECT_EQ(discs.volume.metadata.at("content"), clusters.metadata.at("content"));
-        EXPECT_NEAR(total_energy(discs.volume) / total_energy(clusters), 1.0, 0.015);
+        EXPECT_NEAR(volume::total_energy(discs.volume) / volume::total_energy(clusters), 1.0,
+                    0.015);
     }
 }
 
@@ -485,14 +493,14 @@ TEST_F(Bake, HardCasesEndInFiniteNumbers) {
     }
     for (const auto& [name, scene] : cases) {
         SCOPED_TRACE(name);
-        BakeSettings settings = coarse();
+        bake::BakeSettings settings = coarse();
         settings.solver.set("iterations", 1000);
         expect_finite(run(scene, settings).volume);
     }
 }
 
 TEST_F(Bake, SaysWhatIsWrong) {
-    const auto fails = [&](const Scene& scene, const BakeSettings& settings, ErrorKind kind,
+    const auto fails = [&](const Scene& scene, const bake::BakeSettings& settings, ErrorKind kind,
                            const char* word) {
         try {
             run(scene, settings);
@@ -504,23 +512,23 @@ TEST_F(Bake, SaysWhatIsWrong) {
     };
     fails(scenes::cornell_box(), coarse(), ErrorKind::invalid, "`lights`");
     fails(Scene{}, coarse(), ErrorKind::invalid, "no triangles");
-    BakeSettings huge = coarse(1200);
+    bake::BakeSettings huge = coarse(1200);
     fails(scenes::cornell_box_with_point(), huge, ErrorKind::memory, "`resolution`");
 }
 
 TEST_F(Bake, TheResolutionThatItNamesFits) {
-    const SceneFacts facts = survey(scenes::cornell_box_with_point());
+    const bake::SceneFacts facts = bake::survey(scenes::cornell_box_with_point());
     gpu::DeviceInfo small = device().info();
     small.memory = 8 << 20;
     try {
-        plan_bake(facts, coarse(200), small);
+        bake::plan_bake(facts, coarse(200), small);
         ADD_FAILURE();
     } catch (const Error& error) {
         const std::string text = error.what();
         const int named = std::stoi(text.substr(text.rfind(' ')));
         EXPECT_GT(named, 10);
-        EXPECT_NO_THROW(plan_bake(facts, coarse(named), small));
-        EXPECT_THROW(plan_bake(facts, coarse(named + 1), small), Error);
+        EXPECT_NO_THROW(bake::plan_bake(facts, coarse(named), small));
+        EXPECT_THROW(bake::plan_bake(facts, coarse(named + 1), small), Error);
     }
 }
 
@@ -532,7 +540,7 @@ TEST_F(Bake, WarnsOfEmptyBoundsAndOfBacks) {
                         glm::translate(glm::dmat4(1.0), glm::dvec3(2.0 * i, 0, 0)));
     scenes::add_quad(town, material, {-1000, 0, -1000}, {0, 0, 2000}, {2000, 0, 0});
     town.lights.push_back(scenes::sun({0.2, -1, 0.1}, 1e5));
-    const BakePlan plan = plan_of(town, coarse());
+    const bake::BakePlan plan = plan_of(town, coarse());
     ASSERT_EQ(plan.warnings.size(), 1u);
     EXPECT_NE(plan.warnings[0].find("`bounds`"), std::string::npos);
 
@@ -548,11 +556,11 @@ TEST_F(Bake, WarnsOfEmptyBoundsAndOfBacks) {
 TEST_F(Bake, AFitShowsSurfacesToItsReaderAndSaysHowWell) {
     const Scene scene = scenes::cornell_box_with_point();
     for (const char* solver : {"sn", "lpv"}) { // all surfaces lit, or maps alone
-        BakeSettings settings = coarse(16, solver);
+        bake::BakeSettings settings = coarse(16, solver);
         const Baked plain = run(scene, settings);
         EXPECT_EQ(plain.volume.metadata.count("fit"), 0u);
         settings.fit = readers::reader_named("unity");
-        const BakePlan plan = plan_of(scene, settings);
+        const bake::BakePlan plan = plan_of(scene, settings);
         EXPECT_EQ(plan.stages.back().name, "fit");
         const Baked fitted = run(scene, settings);
         EXPECT_EQ(fitted.stages.back().name, "fit");

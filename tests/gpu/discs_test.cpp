@@ -23,22 +23,23 @@ const double pi = glm::pi<double>();
 class Discs : public testing::DeviceTest {
 protected:
     Volume gather(const Scene& scene, const Grid& grid, int samples, int map_size = 256) {
-        const Frame frame{grid.origin, grid.cell, glm::dvec3(grid.dims)};
-        const Visibility visibility(scene, frame);
+        const scene::Frame frame{grid.origin, grid.cell, glm::dvec3(grid.dims)};
+        const visibility::Visibility visibility(scene, frame);
         Volume volume;
         volume.grid = grid;
         volume.sh_order = 2;
         volume.sh.assign(9, std::vector<glm::vec3>(grid.size(), glm::vec3(0.0f)));
-        volume.validity = trace_validity(visibility, grid.dims);
+        volume.validity = visibility::trace_validity(visibility, grid.dims);
         Progress silent;
-        gather_discs(device(), scene, frame, visibility, {samples, map_size}, volume, silent);
+        solver::gather::gather_discs(device(), scene, frame, visibility, {samples, map_size},
+                                     volume, silent);
         return volume;
     }
 };
 
 Grid fit(const Scene& scene, int resolution) {
     const Bounds box = bounds_of(scene);
-    return fit_grid(box.lo, box.hi, {resolution});
+    return volume::fit_grid(box.lo, box.hi, {resolution});
 }
 
 /// Sums over valid cells of the difference of L0 and of b's, green.
@@ -92,15 +93,17 @@ TEST_F(Discs, AgreeWithClusters) {
     for (const Scene& scene : {scenes::cornell_box_with_point(), scenes::cornell_box_with_sun()}) {
         const Grid grid = fit(scene, 8);
         const Volume discs = gather(scene, grid, 1024, 512);
-        const Frame frame{grid.origin, grid.cell, glm::dvec3(grid.dims)};
-        const Visibility visibility(scene, frame);
+        const scene::Frame frame{grid.origin, grid.cell, glm::dvec3(grid.dims)};
+        const visibility::Visibility visibility(scene, frame);
         Progress silent;
-        const LitSurfaces lit = light_surfaces(scene, visibility, frame, {}, silent);
+        const surface::LitSurfaces lit =
+            surface::light_surfaces(scene, visibility, frame, {}, silent);
         Volume clusters = discs;
-        GatherSettings settings;
+        solver::gather::GatherSettings settings;
         settings.vpls = 2000;
         settings.tolerance = 0.0f;
-        GatherProgram(device(), settings).gather(lit, scene.sky, visibility, clusters, silent);
+        solver::gather::GatherProgram(device(), settings)
+            .gather(lit, scene.sky, visibility, clusters, silent);
         double ratio = 0.0;
         EXPECT_LT(difference(discs, clusters, ratio), 0.05);
         EXPECT_NEAR(ratio, 1.0, 0.015);

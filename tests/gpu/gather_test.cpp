@@ -24,8 +24,8 @@ const double constant = std::sqrt(4.0 * pi); ///< c_0 of luminance 1 from everyw
 struct Setting {
     Scene scene;
     Grid grid;
-    Frame frame;
-    Visibility visibility;
+    scene::Frame frame;
+    visibility::Visibility visibility;
 
     Setting(Scene scene_in, const Grid& grid_in)
         : scene(std::move(scene_in)),
@@ -36,21 +36,22 @@ struct Setting {
     Volume volume() const {
         Volume v;
         v.grid = grid;
-        v.validity = trace_validity(visibility, grid.dims);
+        v.validity = visibility::trace_validity(visibility, grid.dims);
         return v;
     }
 };
 
 Grid fit(const Scene& scene, int resolution) {
     const Bounds box = bounds_of(scene);
-    return fit_grid(box.lo, box.hi, {resolution});
+    return volume::fit_grid(box.lo, box.hi, {resolution});
 }
 
-LitSurfaces light(const Setting& setting, std::optional<int> bounces) {
-    LightingSettings settings;
+surface::LitSurfaces light(const Setting& setting, std::optional<int> bounces) {
+    surface::LightingSettings settings;
     settings.bounces = bounces;
     Progress silent;
-    return light_surfaces(setting.scene, setting.visibility, setting.frame, settings, silent);
+    return surface::light_surfaces(setting.scene, setting.visibility, setting.frame, settings,
+                                   silent);
 }
 
 /// Two rooms, [0, 2]^3 and what lies beyond a wall of 5 cm; a lamp in the first.
@@ -65,12 +66,12 @@ Scene two_rooms(float door) {
 
 /// A square of side `edge` in the plane z = 0 around (x, x), cut into unit squares of two patches
 /// each; shines to +z.
-LitSurfaces square(float x, int edge, glm::vec3 luminance) {
-    LitSurfaces lit;
+surface::LitSurfaces square(float x, int edge, glm::vec3 luminance) {
+    surface::LitSurfaces lit;
     for (int i = 0; i < edge; ++i)
         for (int j = 0; j < edge; ++j)
             for (const float turn : {1.0f, -1.0f}) {
-                Patch patch;
+                surface::Patch patch;
                 const glm::vec3 middle{x + float(i) + 0.5f - 0.5f * float(edge),
                                        x + float(j) + 0.5f - 0.5f * float(edge), 0.0f};
                 patch.edge_u = {turn, 0.0f, 0.0f};
@@ -85,8 +86,8 @@ LitSurfaces square(float x, int edge, glm::vec3 luminance) {
     return lit;
 }
 
-GatherSettings everywhere(int order) {
-    GatherSettings settings;
+solver::gather::GatherSettings everywhere(int order) {
+    solver::gather::GatherSettings settings;
     settings.order = order;
     settings.tolerance = 0.0f;
     return settings;
@@ -94,10 +95,11 @@ GatherSettings everywhere(int order) {
 
 class Gather : public testing::DeviceTest {
 protected:
-    GatherReport run(const Setting& setting, const LitSurfaces& lit, Volume& volume,
-                     const GatherSettings& settings, uint64_t window = 0) {
+    solver::gather::GatherReport run(const Setting& setting, const surface::LitSurfaces& lit,
+                                     Volume& volume, const solver::gather::GatherSettings& settings,
+                                     uint64_t window = 0) {
         Progress silent;
-        return GatherProgram(device(), settings, window)
+        return solver::gather::GatherProgram(device(), settings, window)
             .gather(lit, setting.scene.sky, setting.visibility, volume, silent);
     }
 };
@@ -105,7 +107,7 @@ protected:
 TEST_F(Gather, HasTheFormFactorOfASquareAtEveryDistance) {
     const Setting empty({}, {glm::dvec3(0.0), 1.0, {9, 9, 60}});
     for (const int edge : {1, 4}) {
-        const LitSurfaces lit = square(4.5f, edge, {1.0f, 2.0f, 3.0f});
+        const surface::LitSurfaces lit = square(4.5f, edge, {1.0f, 2.0f, 3.0f});
         Volume volume;
         volume.grid = empty.grid;
         volume.validity.assign(volume.grid.size(), 1.0f);
@@ -136,8 +138,8 @@ TEST_F(Gather, HasTheFormFactorOfASquareAtEveryDistance) {
 
 TEST_F(Gather, SeesNothingFromBehind) {
     const Setting empty({}, {glm::dvec3(0.0, 0.0, -8.0), 1.0, {9, 9, 8}});
-    LitSurfaces lit = square(4.5f, 3, glm::vec3(1.0f));
-    for (Patch& patch : lit.patches)
+    surface::LitSurfaces lit = square(4.5f, 3, glm::vec3(1.0f));
+    for (surface::Patch& patch : lit.patches)
         patch.position.z += 8.0f;
     Volume volume;
     volume.grid = empty.grid;
@@ -151,24 +153,24 @@ TEST_F(Gather, SeesNothingFromBehind) {
 TEST_F(Gather, AgreesWithBruteForce) {
     const Scene scene = scenes::cornell_box_with_point();
     const Setting setting(scene, fit(scene, 10));
-    const LitSurfaces lit = light(setting, 1);
+    const surface::LitSurfaces lit = light(setting, 1);
     std::vector<oracle::Triangle> triangles;
     for (size_t i = 0; i < lit.patches.size(); ++i) {
-        const Patch& p = lit.patches[i];
+        const surface::Patch& p = lit.patches[i];
         triangles.push_back(
             {p.at({0, 0}), p.at({1, 0}), p.at({0, 1}), p.normal, glm::dvec3(lit.luminance[2 * i])});
     }
     const oracle::Sees sees = [&](glm::dvec3 from, glm::dvec3 to) {
         return setting.visibility.transmittance({glm::vec3(from), glm::vec3(to - from)}) > 0.0f;
     };
-    GatherSettings fine = everywhere(4);
+    solver::gather::GatherSettings fine = everywhere(4);
     fine.vpls = 2000;
     fine.kappa = 3.0f;
-    GatherSettings usual;
+    solver::gather::GatherSettings usual;
     usual.order = 4;
     usual.tolerance = 0.1f;
     Volume accurate = setting.volume(), quick = setting.volume();
-    const GatherReport all = run(setting, lit, accurate, fine);
+    const solver::gather::GatherReport all = run(setting, lit, accurate, fine);
     run(setting, lit, quick, usual);
     EXPECT_EQ(all.interpolated, 0u);
     std::array<double, 5> off_fine{}, off_usual{}, size{};
@@ -207,12 +209,12 @@ TEST_F(Gather, AgreesWithBruteForce) {
 TEST_F(Gather, FurnaceIsOneEverywhereAndInAllDirections) {
     const Scene scene = scenes::furnace(2.0f, 0.5f, 1.0f);
     const Setting setting(scene, fit(scene, 20));
-    const LitSurfaces lit = light(setting, 0);
+    const surface::LitSurfaces lit = light(setting, 0);
     for (const float tolerance : {0.0f, 0.3f}) {
-        GatherSettings settings;
+        solver::gather::GatherSettings settings;
         settings.tolerance = tolerance;
         Volume volume = setting.volume();
-        const GatherReport report = run(setting, lit, volume, settings);
+        const solver::gather::GatherReport report = run(setting, lit, volume, settings);
         EXPECT_EQ(report.interpolated > 0, tolerance > 0.0f);
         for (int z = 1; z < 19; ++z)
             for (int y = 1; y < 19; ++y)
@@ -258,7 +260,7 @@ TEST_F(Gather, LightComesThroughADoor) {
 TEST_F(Gather, SameBitsForAnyNumberOfThreadsAndAnyWindow) {
     const Scene scene = scenes::cornell_box_with_point();
     const Setting setting(scene, fit(scene, 14));
-    const LitSurfaces lit = light(setting, 1);
+    const surface::LitSurfaces lit = light(setting, 1);
     Volume first = setting.volume();
     run(setting, lit, first, {});
     Volume again = setting.volume();
@@ -276,11 +278,11 @@ TEST_F(Gather, SameBitsForAnyNumberOfThreadsAndAnyWindow) {
 TEST_F(Gather, IsLinearOverEighteenOrdersOfMagnitude) {
     const Scene scene = scenes::cornell_box_with_point();
     const Setting setting(scene, fit(scene, 12));
-    const LitSurfaces lit = light(setting, 1);
+    const surface::LitSurfaces lit = light(setting, 1);
     Volume one = setting.volume(), other = setting.volume();
     run(setting, lit, one, everywhere(2));
     for (const float scale : {1e-9f, 1e9f}) {
-        LitSurfaces scaled = lit;
+        surface::LitSurfaces scaled = lit;
         for (glm::vec3& luminance : scaled.luminance)
             luminance *= scale;
         run(setting, scaled, other, everywhere(2));
@@ -292,9 +294,9 @@ TEST_F(Gather, IsLinearOverEighteenOrdersOfMagnitude) {
 TEST_F(Gather, NoLightCostsNothing) {
     const Scene scene = scenes::cornell_box();
     const Setting setting(scene, fit(scene, 12));
-    for (const LitSurfaces& lit : {LitSurfaces{}, light(setting, 1)}) {
+    for (const surface::LitSurfaces& lit : {surface::LitSurfaces{}, light(setting, 1)}) {
         Volume volume = setting.volume();
-        const GatherReport report = run(setting, lit, volume, {});
+        const solver::gather::GatherReport report = run(setting, lit, volume, {});
         EXPECT_EQ(report.rays, 0u);
         EXPECT_EQ(report.solved, 0u);
         ASSERT_EQ(volume.sh.size(), 9u);
@@ -336,7 +338,7 @@ TEST_F(Gather, GroundHidesHalfOfTheSky) {
 }
 
 TEST_F(Gather, TakesTheSameDeviceMemoryWhateverTheGrid) {
-    EXPECT_LT(gather_device_bytes({}), uint64_t(128) << 20);
+    EXPECT_LT(solver::gather::gather_device_bytes({}), uint64_t(128) << 20);
 }
 
 } // namespace

@@ -18,24 +18,24 @@ using Words = std::vector<uint32_t>;
 
 class GpuTest : public testing::DeviceTest {
 protected:
-    static Program affine(uint32_t factor) {
-        constexpr std::array bindings{Binding::storage, Binding::storage};
-        return Program(device(), shaders::affine_comp, bindings, 8,
-                       std::array<uint32_t, 2>{64, factor});
+    static gpu::Program affine(uint32_t factor) {
+        constexpr std::array bindings{gpu::Binding::storage, gpu::Binding::storage};
+        return gpu::Program(device(), shaders::affine_comp, bindings, 8,
+                            std::array<uint32_t, 2>{64, factor});
     }
-    static Buffer filled(const Words& words) {
-        Buffer buffer(device(), words.size() * 4);
-        upload(device(), buffer, 0, std::as_bytes(std::span(words)));
+    static gpu::Buffer filled(const Words& words) {
+        gpu::Buffer buffer(device(), words.size() * 4);
+        gpu::upload(device(), buffer, 0, std::as_bytes(std::span(words)));
         return buffer;
     }
-    static Words contents(const Buffer& buffer) {
+    static Words contents(const gpu::Buffer& buffer) {
         Words words(buffer.bytes() / 4);
-        download(device(), buffer, 0, std::as_writable_bytes(std::span(words)));
+        gpu::download(device(), buffer, 0, std::as_writable_bytes(std::span(words)));
         return words;
     }
-    static Window all(const Buffer& buffer) { return {&buffer, 0, buffer.bytes()}; }
-    static void add(Batch& batch, const Program& program, Window source, Window target,
-                    uint32_t summand) {
+    static gpu::Window all(const gpu::Buffer& buffer) { return {&buffer, 0, buffer.bytes()}; }
+    static void add(gpu::Batch& batch, const gpu::Program& program, gpu::Window source,
+                    gpu::Window target, uint32_t summand) {
         const std::array<uint32_t, 2> push{uint32_t(target.bytes / 4), summand};
         const std::array windows{source, target};
         batch.dispatch(program, windows, std::as_bytes(std::span(push)),
@@ -56,66 +56,67 @@ void expect_error(ErrorKind kind, const std::string& part, F&& f) {
 }
 
 TEST_F(GpuTest, DevicesAreListedAndSelected) {
-    const std::vector<DeviceInfo> devices = list_devices();
+    const std::vector<gpu::DeviceInfo> devices = gpu::list_devices();
     ASSERT_FALSE(devices.empty());
     for (std::size_t i = 0; i < devices.size(); ++i) {
-        const DeviceInfo& info = devices[i];
+        const gpu::DeviceInfo& info = devices[i];
         EXPECT_EQ(info.index, int(i));
         EXPECT_EQ(info.uuid.size(), 36u);
         EXPECT_GT(info.memory, 0u);
         EXPECT_GE(info.max_storage_range, 1u << 27);
         EXPECT_GT(info.window_alignment, 0u);
-        EXPECT_EQ(Device({std::to_string(i)}).info().uuid, info.uuid);
-        EXPECT_EQ(Device({info.uuid}).info().uuid, info.uuid);
+        EXPECT_EQ(gpu::Device({std::to_string(i)}).info().uuid, info.uuid);
+        EXPECT_EQ(gpu::Device({info.uuid}).info().uuid, info.uuid);
     }
-    EXPECT_EQ(Device({devices[0].name.substr(1)}).info().name, devices[0].name);
-    expect_error(ErrorKind::device, devices[0].name, [] { Device({"no such device"}); });
-    expect_error(ErrorKind::device, "'99'", [] { Device({"99"}); });
+    EXPECT_EQ(gpu::Device({devices[0].name.substr(1)}).info().name, devices[0].name);
+    expect_error(ErrorKind::device, devices[0].name, [] { gpu::Device({"no such device"}); });
+    expect_error(ErrorKind::device, "'99'", [] { gpu::Device({"99"}); });
 }
 
 TEST_F(GpuTest, BytesComeBackAsTheyWent) {
     // More than goes through staging at once, and no whole number of words.
-    Buffer buffer(device(), (40u << 20) + 3);
+    gpu::Buffer buffer(device(), (40u << 20) + 3);
     std::vector<std::byte> data(buffer.bytes());
     for (std::size_t i = 0; i < data.size(); ++i)
         data[i] = std::byte((i * 2654435761u) >> 24);
-    upload(device(), buffer, 0, data);
+    gpu::upload(device(), buffer, 0, data);
     std::vector<std::byte> back(data.size());
-    download(device(), buffer, 0, back);
+    gpu::download(device(), buffer, 0, back);
     EXPECT_TRUE(data == back);
 
-    upload(device(), buffer, 1001, std::span(data).first(5));
+    gpu::upload(device(), buffer, 1001, std::span(data).first(5));
     std::vector<std::byte> part(7);
-    download(device(), buffer, 1000, part);
+    gpu::download(device(), buffer, 1000, part);
     EXPECT_EQ(part[0], data[1000]);
     EXPECT_EQ(part[1], data[0]);
     EXPECT_EQ(part[5], data[4]);
     EXPECT_EQ(part[6], data[1006]);
 
-    clear(device(), buffer);
-    download(device(), buffer, 0, back);
+    gpu::clear(device(), buffer);
+    gpu::download(device(), buffer, 0, back);
     EXPECT_TRUE(back == std::vector<std::byte>(back.size()));
 }
 
 TEST_F(GpuTest, CopiesStayInsideTheirBuffer) {
-    Buffer buffer(device(), 64);
+    gpu::Buffer buffer(device(), 64);
     std::vector<std::byte> data(65);
-    expect_error(ErrorKind::failure, "64 bytes", [&] { upload(device(), buffer, 0, data); });
-    expect_error(ErrorKind::failure, "64 bytes", [&] { download(device(), buffer, 64, data); });
+    expect_error(ErrorKind::failure, "64 bytes", [&] { gpu::upload(device(), buffer, 0, data); });
     expect_error(ErrorKind::failure, "64 bytes",
-                 [&] { upload(device(), buffer, ~uint64_t(0), std::span(data).first(4)); });
-    Buffer empty(device(), 0);
-    upload(device(), empty, 0, {});
-    clear(device(), empty);
+                 [&] { gpu::download(device(), buffer, 64, data); });
+    expect_error(ErrorKind::failure, "64 bytes",
+                 [&] { gpu::upload(device(), buffer, ~uint64_t(0), std::span(data).first(4)); });
+    gpu::Buffer empty(device(), 0);
+    gpu::upload(device(), empty, 0, {});
+    gpu::clear(device(), empty);
 }
 
 TEST_F(GpuTest, ProgramsSeeConstantsPushesAndWindows) {
     Words numbers(1000);
     std::iota(numbers.begin(), numbers.end(), 0u);
-    const Buffer source = filled(numbers), target = filled(Words(1000, 7));
-    const Program triple = affine(3);
+    const gpu::Buffer source = filled(numbers), target = filled(Words(1000, 7));
+    const gpu::Program triple = affine(3);
     const uint64_t skip = device().info().window_alignment; // bytes
-    Batch batch(device());
+    gpu::Batch batch(device());
     add(batch, triple, {&source, skip, 4 * 100}, {&target, 2 * skip, 4 * 100}, 5);
     batch.run();
     const Words result = contents(target);
@@ -127,20 +128,21 @@ TEST_F(GpuTest, ProgramsSeeConstantsPushesAndWindows) {
 }
 
 TEST_F(GpuTest, TexelWindowsAreReadAsFloats) {
-    constexpr std::array bindings{Binding::texels_r32, Binding::texels_rgba32, Binding::storage};
-    const Program sum(device(), shaders::texels_comp, bindings, 0, {});
+    constexpr std::array bindings{gpu::Binding::texels_r32, gpu::Binding::texels_rgba32,
+                                  gpu::Binding::storage};
+    const gpu::Program sum(device(), shaders::texels_comp, bindings, 0, {});
     const uint64_t skip = device().info().window_alignment;
     std::vector<float> numbers(512);
     std::iota(numbers.begin(), numbers.end(), 0.0f);
-    Buffer source(device(), numbers.size() * 4), target(device(), 16 * 4);
-    upload(device(), source, 0, std::as_bytes(std::span(numbers)));
-    Batch batch(device());
-    const std::array windows{Window{&source, skip, 16 * 4}, Window{&source, 2 * skip, 16 * 16},
-                             all(target)};
+    gpu::Buffer source(device(), numbers.size() * 4), target(device(), 16 * 4);
+    gpu::upload(device(), source, 0, std::as_bytes(std::span(numbers)));
+    gpu::Batch batch(device());
+    const std::array windows{gpu::Window{&source, skip, 16 * 4},
+                             gpu::Window{&source, 2 * skip, 16 * 16}, all(target)};
     batch.dispatch(sum, windows, {}, {});
     batch.run();
     std::vector<float> result(16);
-    download(device(), target, 0, std::as_writable_bytes(std::span(result)));
+    gpu::download(device(), target, 0, std::as_writable_bytes(std::span(result)));
     for (int i = 0; i < 16; ++i) {
         const float one = float(skip) / 4 + float(i), first = float(skip) / 2 + 4 * float(i);
         EXPECT_EQ(result[i], 1000 * one + 4 * first + 6) << i;
@@ -148,12 +150,12 @@ TEST_F(GpuTest, TexelWindowsAreReadAsFloats) {
 }
 
 TEST_F(GpuTest, StepsOfABatchRunInOrder) {
-    const Program twice = affine(2), once = affine(1);
+    const gpu::Program twice = affine(2), once = affine(1);
     const Words start{1, 2, 3, 4};
-    Buffer a = filled(start), b(device(), 16), c(device(), 16);
-    Batch batch(device());
+    gpu::Buffer a = filled(start), b(device(), 16), c(device(), 16);
+    gpu::Batch batch(device());
     for (int round = 0; round < 2; ++round) { // the second with the pools of the first
-        upload(device(), a, 0, std::as_bytes(std::span(start)));
+        gpu::upload(device(), a, 0, std::as_bytes(std::span(start)));
         Words expected = start;
         for (uint32_t step = 0; step < 700; ++step) {
             add(batch, step % 3 ? once : twice, all(a), all(b), step);
@@ -171,10 +173,10 @@ TEST_F(GpuTest, StepsOfABatchRunInOrder) {
 }
 
 TEST_F(GpuTest, BatchesRefuseWhatDoesNotFit) {
-    const Program program = affine(1);
-    Buffer buffer(device(), 1024), other(device(), 1024);
-    Batch batch(device());
-    const auto run = [&](Window window) { add(batch, program, window, all(other), 0); };
+    const gpu::Program program = affine(1);
+    gpu::Buffer buffer(device(), 1024), other(device(), 1024);
+    gpu::Batch batch(device());
+    const auto run = [&](gpu::Window window) { add(batch, program, window, all(other), 0); };
     expect_error(ErrorKind::failure, "window", [&] { run({&buffer, 0, 1028}); });
     expect_error(ErrorKind::failure, "window", [&] { run({&buffer, 1024, 4}); });
     expect_error(ErrorKind::failure, "window", [&] { run({&buffer, 0, 0}); });
@@ -194,33 +196,33 @@ TEST_F(GpuTest, BatchesRefuseWhatDoesNotFit) {
     });
     const uint64_t range = device().info().max_storage_range;
     if (device().is_cpu() && range < device().info().max_allocation) {
-        Buffer large(device(), range + 4);
+        gpu::Buffer large(device(), range + 4);
         expect_error(ErrorKind::failure, "allows", [&] { run(all(large)); });
     }
     batch.run();
 }
 
 TEST_F(GpuTest, MemoryRunsOutWithItsOwnError) {
-    expect_error(ErrorKind::memory, "allows", [] { Buffer(device(), uint64_t(1) << 50); });
-    expect_error(ErrorKind::memory, "allows", [] { Buffer(device(), ~uint64_t(0)); });
+    expect_error(ErrorKind::memory, "allows", [] { gpu::Buffer(device(), uint64_t(1) << 50); });
+    expect_error(ErrorKind::memory, "allows", [] { gpu::Buffer(device(), ~uint64_t(0)); });
     if (!device().is_cpu())
         return; // takes all of a shared device
     const uint64_t size = device().info().memory / 4 + 1;
     for (int round = 0; round < 2; ++round) { // what was freed is there again
-        std::vector<Buffer> buffers;
+        std::vector<gpu::Buffer> buffers;
         expect_error(ErrorKind::memory, "are left", [&] {
             for (int i = 0; i < 5; ++i)
                 buffers.emplace_back(device(), size);
         });
         EXPECT_EQ(buffers.size(), 3u);
         buffers[0] = std::move(buffers[2]);
-        buffers[1] = Buffer(device(), size);
+        buffers[1] = gpu::Buffer(device(), size);
     }
 }
 
 TEST_F(GpuTest, ValidationMessagesBecomeErrors) {
-    Buffer buffer(device(), 64);
-    Batch batch(device());
+    gpu::Buffer buffer(device(), 64);
+    gpu::Batch batch(device());
     batch.copy({&buffer, 0, 32}, {&buffer, 16, 32}); // overlaps, which Vulkan forbids
     batch.run();
     expect_error(ErrorKind::failure, "vkCmdCopyBuffer", [] { device().check_validation(); });

@@ -60,8 +60,8 @@ std::array<oracle::Field, 3> random_emitters(const Grid& grid, int count, uint32
     return fields;
 }
 
-Injection injection_of(const std::array<oracle::Field, 3>& fields) {
-    Injection injection;
+solver::lpv::Injection injection_of(const std::array<oracle::Field, 3>& fields) {
+    solver::lpv::Injection injection;
     injection.coefficients.resize(12 * fields[0].size());
     for (size_t channel = 0; channel < 3; ++channel) {
         for (size_t cell = 0; cell < fields[channel].size(); ++cell)
@@ -99,8 +99,9 @@ double difference(const std::vector<float>& ours, const std::array<oracle::Field
     return off / largest;
 }
 
-LpvSettings steps(int iterations, Occlusion occlusion = Occlusion::none) {
-    LpvSettings settings;
+solver::lpv::LpvSettings steps(int iterations,
+                               solver::lpv::Occlusion occlusion = solver::lpv::Occlusion::none) {
+    solver::lpv::LpvSettings settings;
     settings.iterations = iterations;
     settings.occlusion = occlusion;
     return settings;
@@ -108,11 +109,11 @@ LpvSettings steps(int iterations, Occlusion occlusion = Occlusion::none) {
 
 class Lpv : public testing::DeviceTest {
 protected:
-    LpvField run(const Grid& grid, const Injection& injection,
-                 const std::vector<float>& transmittance, const LpvSettings& settings,
-                 uint64_t window = 0) {
+    solver::lpv::LpvField run(const Grid& grid, const solver::lpv::Injection& injection,
+                              const std::vector<float>& transmittance,
+                              const solver::lpv::LpvSettings& settings, uint64_t window = 0) {
         Progress silent;
-        return LpvProgram(device(), grid, settings.occlusion, window)
+        return solver::lpv::LpvProgram(device(), grid, settings.occlusion, window)
             .propagate(injection, transmittance, settings, silent);
     }
 };
@@ -129,14 +130,16 @@ TEST_F(Lpv, AgreesWithTheOracleInEveryMode) {
          {glm::ivec3(13, 7, 5), glm::ivec3(3, 18, 9), glm::ivec3(1, 1, 6)}) {
         const Grid grid = grid_of(dims);
         const auto fields = random_emitters(grid, 9, 1);
-        const Injection injection = injection_of(fields);
+        const solver::lpv::Injection injection = injection_of(fields);
         const std::vector<float> links = random_transmittance(3 * grid.size(), 2);
         const std::vector<float> faces = random_transmittance(30 * grid.size(), 3);
-        for (const Occlusion mode : {Occlusion::none, Occlusion::face, Occlusion::sh}) {
+        for (const solver::lpv::Occlusion mode :
+             {solver::lpv::Occlusion::none, solver::lpv::Occlusion::face,
+              solver::lpv::Occlusion::sh}) {
             const oracle::Transmittance tau = [&](glm::ivec3 s, glm::ivec3 d, glm::ivec3 n) {
-                if (mode == Occlusion::none)
+                if (mode == solver::lpv::Occlusion::none)
                     return 1.0;
-                if (mode == Occlusion::face) {
+                if (mode == solver::lpv::Occlusion::face) {
                     const glm::ivec3 low = glm::min(s, s + d);
                     return double(links[3 * grid.index(low) + axis_index(d) / 2]);
                 }
@@ -145,16 +148,17 @@ TEST_F(Lpv, AgreesWithTheOracleInEveryMode) {
                 const size_t face = next == 0 ? 0 : 2 * next - 1 + axis_index(n) % 2;
                 return double(faces[30 * grid.index(s) + 5 * axis_index(d) + face]);
             };
-            const LpvField ours = run(grid, injection,
-                                      mode == Occlusion::none   ? std::vector<float>{}
-                                      : mode == Occlusion::face ? links
-                                                                : faces,
-                                      steps(7, mode));
+            const solver::lpv::LpvField ours =
+                run(grid, injection,
+                    mode == solver::lpv::Occlusion::none   ? std::vector<float>{}
+                    : mode == solver::lpv::Occlusion::face ? links
+                                                           : faces,
+                    steps(7, mode));
             std::array<oracle::Field, 3> theirs;
             double front = 0.0;
             for (size_t channel = 0; channel < 3; ++channel) {
-                const oracle::Propagated p =
-                    oracle::propagate(dims, fields[channel], 7, tau, mode == Occlusion::sh);
+                const oracle::Propagated p = oracle::propagate(dims, fields[channel], 7, tau,
+                                                               mode == solver::lpv::Occlusion::sh);
                 theirs[channel] = p.sum;
                 front += oracle::power(p.front);
             }
@@ -174,10 +178,10 @@ TEST_F(Lpv, ConservesPowerInEmptySpaceUntilItLeaves) {
         fields[channel][grid.index({12, 12, 12})] = {
             0.25 / pi, tilt[channel] / pi * glm::normalize(glm::dvec3(1, 2, 3))};
     }
-    const Injection injection = injection_of(fields);
+    const solver::lpv::Injection injection = injection_of(fields);
     double before = power_of(injection.coefficients);
     for (int n = 1; n <= 11; ++n) {
-        const LpvField field = run(grid, injection, {}, steps(n));
+        const solver::lpv::LpvField field = run(grid, injection, {}, steps(n));
         EXPECT_NEAR(field.residual, 1.0, 1e-5 * n);
         const double after = power_of(field.coefficients);
         EXPECT_NEAR((after - before) / injection.power, 1.0, 1e-5) << n;
@@ -187,15 +191,17 @@ TEST_F(Lpv, ConservesPowerInEmptySpaceUntilItLeaves) {
 
 TEST_F(Lpv, IsLinearOverEighteenOrdersOfMagnitude) {
     const Grid grid = grid_of({9, 8, 7});
-    const Injection injection = injection_of(random_emitters(grid, 5, 4));
+    const solver::lpv::Injection injection = injection_of(random_emitters(grid, 5, 4));
     const std::vector<float> links = random_transmittance(3 * grid.size(), 5);
-    const LpvField one = run(grid, injection, links, steps(20, Occlusion::face));
+    const solver::lpv::LpvField one =
+        run(grid, injection, links, steps(20, solver::lpv::Occlusion::face));
     for (const float scale : {1e-9f, 1e9f}) {
-        Injection scaled = injection;
+        solver::lpv::Injection scaled = injection;
         for (float& c : scaled.coefficients)
             c *= scale;
         scaled.power *= double(scale);
-        const LpvField field = run(grid, scaled, links, steps(20, Occlusion::face));
+        const solver::lpv::LpvField field =
+            run(grid, scaled, links, steps(20, solver::lpv::Occlusion::face));
         EXPECT_NEAR(field.residual, one.residual, 1e-5);
         for (size_t i = 0; i < field.coefficients.size(); ++i)
             ASSERT_NEAR(field.coefficients[i] / scale, one.coefficients[i],
@@ -227,9 +233,10 @@ TEST_F(Lpv, TurnsWithItsGrid) {
                     turned_links[3 * turned.index(t - glm::ivec3(1, 0, 0))] = links[3 * i + 1];
                 turned_links[3 * j + 2] = links[3 * i + 2];
             }
-    const LpvField a = run(grid, injection_of(fields), links, steps(12, Occlusion::face));
-    const LpvField b =
-        run(turned, injection_of(turned_fields), turned_links, steps(12, Occlusion::face));
+    const solver::lpv::LpvField a =
+        run(grid, injection_of(fields), links, steps(12, solver::lpv::Occlusion::face));
+    const solver::lpv::LpvField b = run(turned, injection_of(turned_fields), turned_links,
+                                        steps(12, solver::lpv::Occlusion::face));
     std::array<oracle::Field, 3> expected;
     for (size_t channel = 0; channel < 3; ++channel) {
         expected[channel].resize(grid.size());
@@ -246,8 +253,8 @@ TEST_F(Lpv, TurnsWithItsGrid) {
 
 TEST_F(Lpv, DecaysOverAThousandIterations) {
     const Grid grid = grid_of({12, 12, 12});
-    const Injection injection = injection_of(random_emitters(grid, 5, 8));
-    const LpvField field = run(grid, injection, {}, steps(1000));
+    const solver::lpv::Injection injection = injection_of(random_emitters(grid, 5, 8));
+    const solver::lpv::LpvField field = run(grid, injection, {}, steps(1000));
     EXPECT_LT(field.residual, 1e-12);
     for (const float c : field.coefficients)
         ASSERT_TRUE(std::isfinite(c));
@@ -259,7 +266,8 @@ TEST_F(Lpv, DecaysOverAThousandIterations) {
                 for (int axis = 0; axis < 3; ++axis)
                     if (glm::ivec3(x, y, z)[axis] == 5)
                         links[3 * grid.index({x, y, z}) + size_t(axis)] = 0.0f;
-    const LpvField half = run(grid, injection, links, steps(1000, Occlusion::face));
+    const solver::lpv::LpvField half =
+        run(grid, injection, links, steps(1000, solver::lpv::Occlusion::face));
     EXPECT_LT(half.residual, 1e-6);
     EXPECT_TRUE(std::all_of(half.coefficients.begin(), half.coefficients.end(),
                             [](float c) { return std::isfinite(c); }));
@@ -267,12 +275,12 @@ TEST_F(Lpv, DecaysOverAThousandIterations) {
 
 TEST_F(Lpv, StopsWhenTheFrontIsSpent) {
     const Grid grid = grid_of({10, 10, 10});
-    const Injection injection = injection_of(random_emitters(grid, 5, 9));
-    LpvSettings settings = steps(0);
+    const solver::lpv::Injection injection = injection_of(random_emitters(grid, 5, 9));
+    solver::lpv::LpvSettings settings = steps(0);
     settings.tolerance = 1e-2f;
-    const LpvField loose = run(grid, injection, {}, settings);
+    const solver::lpv::LpvField loose = run(grid, injection, {}, settings);
     settings.tolerance = 1e-5f;
-    const LpvField tight = run(grid, injection, {}, settings);
+    const solver::lpv::LpvField tight = run(grid, injection, {}, settings);
     EXPECT_LT(loose.residual, 1e-2);
     EXPECT_LT(tight.residual, 1e-5);
     EXPECT_GT(tight.iterations, loose.iterations);
@@ -282,23 +290,27 @@ TEST_F(Lpv, StopsWhenTheFrontIsSpent) {
 
 TEST_F(Lpv, DarkInputCostsNoIteration) {
     const Grid grid = grid_of({4, 4, 4});
-    Injection dark;
+    solver::lpv::Injection dark;
     dark.coefficients.assign(12 * grid.size(), 0.0f);
-    const LpvField field = run(grid, dark, {}, steps(0));
+    const solver::lpv::LpvField field = run(grid, dark, {}, steps(0));
     EXPECT_EQ(field.iterations, 0);
     EXPECT_EQ(power_of(field.coefficients), 0.0);
 }
 
 TEST_F(Lpv, GivesTheSameBitsRunAfterRunAndWindowByWindow) {
     const Grid grid = grid_of({21, 17, 23});
-    const Injection injection = injection_of(random_emitters(grid, 20, 10));
-    for (const Occlusion mode : {Occlusion::none, Occlusion::face, Occlusion::sh}) {
+    const solver::lpv::Injection injection = injection_of(random_emitters(grid, 20, 10));
+    for (const solver::lpv::Occlusion mode :
+         {solver::lpv::Occlusion::none, solver::lpv::Occlusion::face, solver::lpv::Occlusion::sh}) {
         const std::vector<float> tau = random_transmittance(
-            mode == Occlusion::none ? 0 : (mode == Occlusion::face ? 3 : 30) * grid.size(), 11);
-        const LpvField whole = run(grid, injection, tau, steps(9, mode));
+            mode == solver::lpv::Occlusion::none
+                ? 0
+                : (mode == solver::lpv::Occlusion::face ? 3 : 30) * grid.size(),
+            11);
+        const solver::lpv::LpvField whole = run(grid, injection, tau, steps(9, mode));
         EXPECT_EQ(run(grid, injection, tau, steps(9, mode)).coefficients, whole.coefficients);
         // Windows of a few layers stand for buffers larger than a binding may be.
-        const LpvField slabs = run(grid, injection, tau, steps(9, mode), 300'000);
+        const solver::lpv::LpvField slabs = run(grid, injection, tau, steps(9, mode), 300'000);
         EXPECT_EQ(slabs.coefficients, whole.coefficients);
         EXPECT_NEAR(slabs.residual, whole.residual, 1e-6); // its partial sums are cut otherwise
     }
@@ -307,19 +319,20 @@ TEST_F(Lpv, GivesTheSameBitsRunAfterRunAndWindowByWindow) {
 TEST(ToLuminance, AUniformCellReadsItsIntensityOverItsMeanProjectedArea) {
     Volume volume;
     volume.grid = {glm::dvec3(0.0), 0.5, {1, 1, 1}};
-    LpvField field;
+    solver::lpv::LpvField field;
     field.coefficients.resize(12);
     put(field.coefficients, 0, 0, {3.0, glm::dvec3(0.0)});
     put(field.coefficients, 0, 1, {1.0, {1, 0, 0}}); // travels towards +x
-    to_luminance(field, volume);
+    solver::lpv::to_luminance(field, volume);
     const double area = 1.5 * 0.5 * 0.5;
-    EXPECT_NEAR(double(volume.sh[0][0].r) * double(sh_y0), 3.0 / area, 1e-4);
+    EXPECT_NEAR(double(volume.sh[0][0].r) * double(volume::sh_y0), 3.0 / area, 1e-4);
     // It arrives from -x: a plane that faces -x is the brighter one.
     std::array<float, 4> green;
     for (size_t k = 0; k < 4; ++k)
         green[k] = volume.sh[k][0].g;
-    EXPECT_GT(sh_irradiance(green, {-1, 0, 0}), sh_irradiance(green, {1, 0, 0}));
-    EXPECT_NEAR(double(sh_irradiance(green, {-1, 0, 0})), (pi + 2.0 * pi / 3.0) / area, 1e-4);
+    EXPECT_GT(volume::sh_irradiance(green, {-1, 0, 0}), volume::sh_irradiance(green, {1, 0, 0}));
+    EXPECT_NEAR(double(volume::sh_irradiance(green, {-1, 0, 0})), (pi + 2.0 * pi / 3.0) / area,
+                1e-4);
 }
 
 } // namespace

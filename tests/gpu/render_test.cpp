@@ -33,12 +33,12 @@ Volume constant_volume(float nits) {
     return volume;
 }
 
-glm::dvec3 pixel(const Pixels& picture, int column, int row) {
+glm::dvec3 pixel(const image::Pixels& picture, int column, int row) {
     const auto at = 3 * (std::size_t(row) * std::size_t(picture.width) + std::size_t(column));
     return {picture.samples[at], picture.samples[at + 1], picture.samples[at + 2]};
 }
 
-glm::dvec3 middle(const Pixels& picture) {
+glm::dvec3 middle(const image::Pixels& picture) {
     return pixel(picture, picture.width / 2, picture.height / 2);
 }
 
@@ -49,8 +49,9 @@ void expect_near(glm::dvec3 found, glm::dvec3 expected, double relative) {
             << "channel " << channel;
 }
 
-ViewSettings view(Camera camera, Show show, int samples = 1, glm::ivec2 size = glm::ivec2(33)) {
-    ViewSettings settings;
+render::ViewSettings view(Camera camera, render::Show show, int samples = 1,
+                          glm::ivec2 size = glm::ivec2(33)) {
+    render::ViewSettings settings;
     settings.camera = camera;
     settings.size = size;
     settings.samples = samples;
@@ -59,35 +60,38 @@ ViewSettings view(Camera camera, Show show, int samples = 1, glm::ivec2 size = g
 }
 
 Camera from(glm::dvec3 eye, glm::dvec3 target, double degrees = 45) {
-    return look_at(eye, target, glm::radians(degrees));
+    return render::look_at(eye, target, glm::radians(degrees));
 }
 
 class Render : public testing::DeviceTest {
 protected:
-    Pixels draw(const Scene& scene, const Volume& volume, const ViewSettings& settings,
-                Reading reading = Reading::facing) {
-        return draw(
-            scene, volume, settings,
-            readers::Reader{
-                .name = "", .lookup = reading, .highest_order = sh_max_order, .clamped = true});
+    image::Pixels draw(const Scene& scene, const Volume& volume,
+                       const render::ViewSettings& settings, Reading reading = Reading::facing) {
+        return draw(scene, volume, settings,
+                    readers::Reader{.name = "",
+                                    .lookup = reading,
+                                    .highest_order = volume::sh_max_order,
+                                    .clamped = true});
     }
-    Pixels draw(const Scene& scene, const Volume& volume, const ViewSettings& settings,
-                const readers::Reader& reader) {
-        const Frame frame = frame_of(volume.grid);
-        const Visibility visibility(scene, frame);
-        const Paths paths(scene, visibility, frame, {});
-        const Raster raster(device(), scene, frame);
+    image::Pixels draw(const Scene& scene, const Volume& volume,
+                       const render::ViewSettings& settings, const readers::Reader& reader) {
+        const scene::Frame frame = scene::frame_of(volume.grid);
+        const visibility::Visibility visibility(scene, frame);
+        const reference::Paths paths(scene, visibility, frame, {});
+        const raster::Raster raster(device(), scene, frame);
         Progress silent;
-        return render({scene, frame, visibility, paths}, volume, raster, reader, settings, silent)
+        return render::render({scene, frame, visibility, paths}, volume, raster, reader, settings,
+                              silent)
             .picture;
     }
-    static Rendering trace(const Scene& scene, const Volume& volume, const ViewSettings& settings,
-                           const PathRules& rules) {
-        const Frame frame = frame_of(volume.grid);
-        const Visibility visibility(scene, frame);
-        const Paths paths(scene, visibility, frame, rules);
+    static render::Rendering trace(const Scene& scene, const Volume& volume,
+                                   const render::ViewSettings& settings,
+                                   const reference::PathRules& rules) {
+        const scene::Frame frame = scene::frame_of(volume.grid);
+        const visibility::Visibility visibility(scene, frame);
+        const reference::Paths paths(scene, visibility, frame, rules);
         Progress silent;
-        return trace_picture({scene, frame, visibility, paths}, settings, silent);
+        return render::trace_picture({scene, frame, visibility, paths}, settings, silent);
     }
 };
 
@@ -96,8 +100,8 @@ TEST_F(Render, SunAndPointLightAFloorAsLambertSays) {
     Scene scene = scenes::floor_quad(4, glm::vec3(albedo));
     scene.lights = {scenes::sun(travel, 1000, {1, 0.5, 0.25})};
     const double cosine = 1 / glm::length(travel);
-    const Pixels sunny =
-        draw(scene, constant_volume(0), view(from({0.5, 2, 1}, {0, 0, 0}), Show::final, 4));
+    const image::Pixels sunny =
+        draw(scene, constant_volume(0), view(from({0.5, 2, 1}, {0, 0, 0}), render::Show::final, 4));
     for (int row = 4; row < 29; row += 4)
         for (int column = 4; column < 29; column += 4)
             expect_near(pixel(sunny, column, row),
@@ -105,8 +109,8 @@ TEST_F(Render, SunAndPointLightAFloorAsLambertSays) {
 
     // 2 m above the floor, 1 m and 1.8 m aside: E = I cos / d^2.
     scene.lights = {scenes::point_light({1, 2, 2}, 90)};
-    const Pixels lamp =
-        draw(scene, constant_volume(0), view(from({-1, 2, 0}, {0, 0, 0.2}), Show::direct));
+    const image::Pixels lamp =
+        draw(scene, constant_volume(0), view(from({-1, 2, 0}, {0, 0, 0.2}), render::Show::direct));
     const double square = 1 + 4 + 1.8 * 1.8;
     expect_near(middle(lamp), albedo * (90 * 2 / (square * std::sqrt(square))) / pi, 1e-5);
 }
@@ -116,21 +120,22 @@ TEST_F(Render, AShadowIsBlackAndNothingElse) {
     scenes::add_quad(scene, 0, {-0.5, 1, 0.5}, {1, 0, 0}, {0, 0, -1});
     scene.lights = {scenes::sun({0, -1, 0}, pi)};
     for (const double x : {0.0, 0.45, -0.45, 0.55, -0.55, 1.0}) {
-        const Pixels picture =
-            draw(scene, constant_volume(0), view(from({x, 0.5, 1.5}, {x, 0, 0}), Show::final));
+        const image::Pixels picture = draw(
+            scene, constant_volume(0), view(from({x, 0.5, 1.5}, {x, 0, 0}), render::Show::final));
         expect_near(middle(picture), glm::dvec3(std::abs(x) < 0.5 ? 0.0 : 0.5), 1e-6);
     }
 }
 
 TEST_F(Render, AConstantFieldShowsTheReflectance) {
     const Scene scene = scenes::cornell_box();
-    const ViewSettings indirect = view(from({0.3, 1.2, 3.5}, {0, 1, 0}), Show::indirect, 2);
-    ViewSettings albedo = indirect;
-    albedo.show = Show::albedo;
+    const render::ViewSettings indirect =
+        view(from({0.3, 1.2, 3.5}, {0, 1, 0}), render::Show::indirect, 2);
+    render::ViewSettings albedo = indirect;
+    albedo.show = render::Show::albedo;
     const Volume volume = constant_volume(7);
     for (const Reading reading : {Reading::facing, Reading::trilinear}) {
-        const Pixels lit = draw(scene, volume, indirect, reading);
-        const Pixels reflectance = draw(scene, volume, albedo, reading);
+        const image::Pixels lit = draw(scene, volume, indirect, reading);
+        const image::Pixels reflectance = draw(scene, volume, albedo, reading);
         double seen = 0;
         for (std::size_t i = 0; i < lit.samples.size(); ++i) {
             EXPECT_NEAR(lit.samples[i], 7 * reflectance.samples[i], 1e-4);
@@ -148,8 +153,8 @@ TEST_F(Render, APointIsWhereAPinholeShowsIt) {
                      {0, 0.04f, 0});
     const glm::ivec2 size(120, 80);
     const auto brightest = [&](const Camera& camera) {
-        const Pixels picture =
-            draw(scene, constant_volume(0), view(camera, Show::albedo, 16, size));
+        const image::Pixels picture =
+            draw(scene, constant_volume(0), view(camera, render::Show::albedo, 16, size));
         glm::dvec2 sum(0);
         double weight = 0;
         for (int row = 0; row < size.y; ++row)
@@ -186,18 +191,19 @@ TEST_F(Render, NormalsAreTheFilesTurnedWithTheInstance) {
     glm::dvec3 n = glm::normalize(glm::cross(u, v));
     const Camera above = from({0.3, 3, 0.4}, {0, 0, 0});
     n = n.y < 0 ? -n : n;
-    expect_near(middle(draw(scene, constant_volume(0), view(above, Show::normal))), n, 1e-5);
+    expect_near(middle(draw(scene, constant_volume(0), view(above, render::Show::normal))), n,
+                1e-5);
     expect_near(middle(draw(scene, constant_volume(0),
-                            view(from({0.3, -3, 0.4}, {0, 0, 0}), Show::normal))),
+                            view(from({0.3, -3, 0.4}, {0, 0, 0}), render::Show::normal))),
                 -n, 1e-5);
 
     // Between the corners' normals: in the middle of this floor the mean of two opposite ones.
     scene = scenes::floor_quad(2, glm::vec3(0.5f));
     scene.meshes[0].normals = {{0.6f, 0.8f, 0}, {0, 1, 0}, {0, 0.8f, 0.6f}, {0, 1, 0}};
-    expect_near(middle(draw(scene, constant_volume(0), view(above, Show::normal))),
+    expect_near(middle(draw(scene, constant_volume(0), view(above, render::Show::normal))),
                 glm::normalize(glm::dvec3(0.6, 1.6, 0.6)), 1e-3);
     scene.meshes[0].normals.clear();
-    expect_near(middle(draw(scene, constant_volume(0), view(above, Show::normal))),
+    expect_near(middle(draw(scene, constant_volume(0), view(above, render::Show::normal))),
                 glm::dvec3(0, 1, 0), 1e-6);
 }
 
@@ -205,7 +211,7 @@ TEST_F(Render, BacksAreOnlyThereOnBothSides) {
     Scene scene = scenes::floor_quad(2, glm::vec3(0.5f));
     scene.sky.luminance = {1, 2, 3};
     scene.lights = {scenes::sun({0, 1, 0}, pi)};
-    const ViewSettings below = view(from({0, -2, 0.1}, {0, 0, 0}), Show::final);
+    const render::ViewSettings below = view(from({0, -2, 0.1}, {0, 0, 0}), render::Show::final);
     expect_near(middle(draw(scene, constant_volume(0), below)), {1, 2, 3}, 1e-6);
     expect_near(middle(trace(scene, constant_volume(0), below, {}).picture), {1, 2, 3}, 1e-6);
     scene.materials[0].double_sided = true;
@@ -224,11 +230,13 @@ TEST_F(Render, MaskAndBlendCoverTheirShare) {
     material.alpha_mode = AlphaMode::blend;
     for (const float alpha : {0.25f, 0.7f}) {
         material.base_color.a = alpha;
-        const Pixels albedo = draw(scene, constant_volume(0), view(above, Show::albedo, 32));
-        const Pixels light = draw(scene, constant_volume(0), view(above, Show::final, 32));
-        const Pixels path =
-            trace(scene, constant_volume(0), view(above, Show::final, 4096, {1, 1}), {0, false})
-                .picture;
+        const image::Pixels albedo =
+            draw(scene, constant_volume(0), view(above, render::Show::albedo, 32));
+        const image::Pixels light =
+            draw(scene, constant_volume(0), view(above, render::Show::final, 32));
+        const image::Pixels path = trace(scene, constant_volume(0),
+                                         view(above, render::Show::final, 4096, {1, 1}), {0, false})
+                                       .picture;
         double mean = 0;
         for (int row = 8; row < 25; ++row)
             for (int column = 8; column < 25; ++column) {
@@ -243,7 +251,7 @@ TEST_F(Render, MaskAndBlendCoverTheirShare) {
     material.alpha_mode = AlphaMode::mask;
     for (const auto& [alpha, seen] : {std::pair(0.4f, 0.2), std::pair(0.6f, 0.8)}) {
         material.base_color.a = alpha;
-        expect_near(middle(draw(scene, constant_volume(0), view(above, Show::albedo))),
+        expect_near(middle(draw(scene, constant_volume(0), view(above, render::Show::albedo))),
                     glm::dvec3(seen), 1e-6);
     }
 }
@@ -266,10 +274,11 @@ TEST_F(Render, OnlyTrilinearReadsWhatIsBehindAWall) {
                 if (!inside)
                     volume.sh[0][i] = glm::vec3(1000);
             }
-    const ViewSettings settings = view(from({0.9, 0.8, 0.9}, {-1, -1, -1}, 90), Show::final, 4);
+    const render::ViewSettings settings =
+        view(from({0.9, 0.8, 0.9}, {-1, -1, -1}, 90), render::Show::final, 4);
     for (const float sample : draw(scene, volume, settings).samples)
         EXPECT_EQ(sample, 0);
-    EXPECT_GT(mean_luminance(draw(scene, volume, settings, Reading::trilinear)), 1.0);
+    EXPECT_GT(render::mean_luminance(draw(scene, volume, settings, Reading::trilinear)), 1.0);
 }
 
 TEST_F(Render, ShowsWhatAProgramReads) {
@@ -280,7 +289,8 @@ TEST_F(Render, ShowsWhatAProgramReads) {
             for (int x = 0; x < volume.grid.dims.x; ++x)
                 volume.sh[0][volume.grid.index({x, y, z})] =
                     glm::vec3(float(volume.grid.center({x, y, z}).y / double(y0)));
-    const ViewSettings settings = view(from({0.6, 3, 0.3}, {0.6, 0, 0.3}), Show::irradiance);
+    const render::ViewSettings settings =
+        view(from({0.6, 3, 0.3}, {0.6, 0, 0.3}), render::Show::irradiance);
     const auto shown = [&](const char* name) {
         return middle(draw(scene, volume, settings, *readers::reader_named(name)));
     };
@@ -296,28 +306,31 @@ TEST_F(Render, ShowsCellsValidityAndOcclusion) {
     const Scene scene = scenes::floor_quad(4, glm::vec3(0.5f));
     Volume volume = constant_volume(0);
     const Camera above = from({0.6, 3, 0.3}, {0.6, 0, 0.3});
-    EXPECT_THROW(draw(scene, volume, view(above, Show::occlusion)), Error);
+    EXPECT_THROW(draw(scene, volume, view(above, render::Show::occlusion)), Error);
     // Half a cell above the floor at (0.6, 0, 0.3): the cell of (0.6, 0.125, 0.3).
     const glm::ivec3 cell(glm::floor((glm::dvec3(0.6, 0.125, 0.3) + 2.25) / 0.25));
     volume.sh[0][volume.grid.index(cell)] = glm::vec3(3 / y0, 2 / y0, 1 / y0);
-    expect_near(middle(draw(scene, volume, view(above, Show::cells))), {3, 2, 1}, 1e-5);
-    expect_near(middle(draw(scene, volume, view(above, Show::validity))), glm::dvec3(1), 1e-6);
+    expect_near(middle(draw(scene, volume, view(above, render::Show::cells))), {3, 2, 1}, 1e-5);
+    expect_near(middle(draw(scene, volume, view(above, render::Show::validity))), glm::dvec3(1),
+                1e-6);
     volume.validity.assign(volume.grid.size(), 0);
-    expect_near(middle(draw(scene, volume, view(above, Show::validity))), {1, 0, 0}, 1e-6);
+    expect_near(middle(draw(scene, volume, view(above, render::Show::validity))), {1, 0, 0}, 1e-6);
     volume.occlusion.assign(4, std::vector<float>(volume.grid.size(), 0));
     volume.occlusion[0].assign(volume.grid.size(), 0.25f / y0);
-    expect_near(middle(draw(scene, volume, view(above, Show::occlusion))), glm::dvec3(0.25), 1e-5);
+    expect_near(middle(draw(scene, volume, view(above, render::Show::occlusion))), glm::dvec3(0.25),
+                1e-5);
 }
 
 TEST_F(Render, PathsSeeWhatTheRasterSees) {
     const Scene scene = scenes::cornell_box_with_point(100);
     const Volume volume = constant_volume(0);
     for (const auto& [show, most] :
-         {std::pair(Show::albedo, 0.02), std::pair(Show::direct, 0.04)}) {
-        const ViewSettings settings = view(from({0.3, 1.2, 3.5}, {0, 1, 0}), show, 256, {24, 20});
-        const Pixels drawn = draw(scene, volume, settings);
-        const Rendering traced = trace(scene, volume, settings, {});
-        const PictureError error = compare_pictures(drawn, traced.picture);
+         {std::pair(render::Show::albedo, 0.02), std::pair(render::Show::direct, 0.04)}) {
+        const render::ViewSettings settings =
+            view(from({0.3, 1.2, 3.5}, {0, 1, 0}), show, 256, {24, 20});
+        const image::Pixels drawn = draw(scene, volume, settings);
+        const render::Rendering traced = trace(scene, volume, settings, {});
+        const render::PictureError error = render::compare_pictures(drawn, traced.picture);
         EXPECT_LT(error.relative, most);
         EXPECT_NEAR(error.ratio, 1, 0.003);
     }
@@ -328,13 +341,15 @@ TEST_F(Render, PathsInAFurnaceCarryAllLight) {
     const Scene scene = scenes::furnace(1, 0.5f, 2);
     Volume volume = constant_volume(0);
     const Camera camera = from({0.2, 0.3, 0.8}, {0.7, 0.5, 0.1});
-    const Rendering all = trace(scene, volume, view(camera, Show::final, 64), {std::nullopt, true});
-    EXPECT_NEAR(mean_luminance(all.picture), 4, 0.02);
-    const Rendering direct = trace(scene, volume, view(camera, Show::final, 64), {0, true});
-    EXPECT_NEAR(mean_luminance(direct.picture), 3, 0.01);
+    const render::Rendering all =
+        trace(scene, volume, view(camera, render::Show::final, 64), {std::nullopt, true});
+    EXPECT_NEAR(render::mean_luminance(all.picture), 4, 0.02);
+    const render::Rendering direct =
+        trace(scene, volume, view(camera, render::Show::final, 64), {0, true});
+    EXPECT_NEAR(render::mean_luminance(direct.picture), 3, 0.01);
     EXPECT_GT(all.noise, 0);
     volume = constant_volume(4); // the field of all bounces
-    for (const float sample : draw(scene, volume, view(camera, Show::final)).samples)
+    for (const float sample : draw(scene, volume, view(camera, render::Show::final)).samples)
         EXPECT_NEAR(sample, 4, 1e-4);
 }
 
@@ -345,23 +360,27 @@ TEST_F(Render, ACornerLitByItsFieldIsThatOfPaths) {
     scenes::add_quad(scene, white, {0, 0, 1}, {1, 0, 0}, {0, 0, -1});
     scenes::add_quad(scene, red, {0, 0, 0}, {0, 1, 0}, {0, 0, 1});
     scene.lights = {scenes::sun({-1, -1, 0.2}, 1000)};
-    ReferenceSettings settings;
+    reference::ReferenceSettings settings;
     settings.paths.bounces = 2;
     settings.sh_order = 4;
     settings.rays = 512;
     Progress silent;
-    GridSettings lattice;
+    volume::GridSettings lattice;
     lattice.resolution = 16;
     const Volume volume =
-        make_reference(scene, fit_grid({0, 0, 0}, {1, 1, 1}, lattice), settings, silent).volume;
+        reference::make_reference(scene, volume::fit_grid({0, 0, 0}, {1, 1, 1}, lattice), settings,
+                                  silent)
+            .volume;
     // A piece of each, off the rims, where the cells are too coarse.
     for (const Camera& camera :
          {from({0.5, 2, 0.6}, {0.5, 0, 0.5}, 14), from({2, 0.5, 0.6}, {0, 0.5, 0.5}, 14)}) {
-        const Pixels drawn = draw(scene, volume, view(camera, Show::indirect, 4, glm::ivec2(12)));
-        const Pixels traced =
-            trace(scene, volume, view(camera, Show::indirect, 1024, glm::ivec2(12)), settings.paths)
+        const image::Pixels drawn =
+            draw(scene, volume, view(camera, render::Show::indirect, 4, glm::ivec2(12)));
+        const image::Pixels traced =
+            trace(scene, volume, view(camera, render::Show::indirect, 1024, glm::ivec2(12)),
+                  settings.paths)
                 .picture;
-        const PictureError error = compare_pictures(drawn, traced);
+        const render::PictureError error = render::compare_pictures(drawn, traced);
         EXPECT_NEAR(error.ratio, 1, 0.08);
         EXPECT_LT(error.relative, 0.2);
     }
@@ -372,7 +391,8 @@ TEST_F(Render, SameBitsForAnyNumberOfThreads) {
     scene.materials[0].alpha_mode = AlphaMode::blend;
     scene.materials[0].base_color.a = 0.5f;
     const Volume volume = constant_volume(3);
-    const ViewSettings settings = view(from({0.3, 1.2, 3.5}, {0, 1, 0}), Show::final, 3);
+    const render::ViewSettings settings =
+        view(from({0.3, 1.2, 3.5}, {0, 1, 0}), render::Show::final, 3);
     std::vector<std::vector<float>> drawn, traced;
     for (const std::size_t threads : {1, 2}) {
         const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
@@ -385,8 +405,9 @@ TEST_F(Render, SameBitsForAnyNumberOfThreads) {
 
 TEST_F(Render, PicturesLargerThanATileHaveNoSeam) {
     const Scene scene = scenes::floor_quad(8, {0.25f, 0.5f, 0.75f});
-    const Pixels picture = draw(scene, constant_volume(1),
-                                view(from({0, 2, 0.1}, {0, 0, 0}, 0.2), Show::final, 1, {1040, 3}));
+    const image::Pixels picture =
+        draw(scene, constant_volume(1),
+             view(from({0, 2, 0.1}, {0, 0, 0}, 0.2), render::Show::final, 1, {1040, 3}));
     for (int column = 0; column < 1040; ++column)
         expect_near(pixel(picture, column, 1), {0.25, 0.5, 0.75}, 1e-4);
 }
@@ -396,7 +417,7 @@ TEST(View, OrbitShowsAllOfTheBoxAndNotMuchMore) {
     for (const double azimuth : {0.0, 0.7, 2.5, -1.0})
         for (const double elevation : {-0.3, 0.4, 1.5}) {
             const double aspect = 1.5, half = std::tan(0.5 * 0.8);
-            const Camera camera = orbit_camera(box, {azimuth, elevation}, 0.8, aspect);
+            const Camera camera = render::orbit_camera(box, {azimuth, elevation}, 0.8, aspect);
             double widest = 0;
             for (int i = 0; i < 8; ++i) {
                 const glm::dvec3 corner(i & 1 ? 5 : -3, i & 2 ? 2 : 0, i & 4 ? 4 : 1);
@@ -408,19 +429,19 @@ TEST(View, OrbitShowsAllOfTheBoxAndNotMuchMore) {
             EXPECT_LE(widest, 1);
             EXPECT_GT(widest, 0.85);
         }
-    const Camera far = orbit_camera(box, {glm::half_pi<double>(), 0, 10}, 0.8, 1);
+    const Camera far = render::orbit_camera(box, {glm::half_pi<double>(), 0, 10}, 0.8, 1);
     EXPECT_NEAR(glm::length(glm::dvec3(far.to_world[3]) - glm::dvec3(11, 1, 2.5)), 0, 1e-9);
 }
 
 TEST(View, RoomsAreSeenFromInside) {
     const auto room = [](const Scene& scene, Bounds box) {
-        const Frame frame{glm::dvec3(-2.25), 0.25, glm::dvec3(18)};
-        const Visibility visibility(scene, frame);
-        const Camera inside = inside_camera(box, visibility, frame, 1.0);
+        const scene::Frame frame{glm::dvec3(-2.25), 0.25, glm::dvec3(18)};
+        const visibility::Visibility visibility(scene, frame);
+        const Camera inside = render::inside_camera(box, visibility, frame, 1.0);
         const glm::dvec3 eye(inside.to_world[3]);
         EXPECT_TRUE(glm::all(glm::lessThan(eye, box.hi))
                     && glm::all(glm::greaterThan(eye, box.lo)));
-        return is_room(box, visibility, frame);
+        return render::is_room(box, visibility, frame);
     };
     EXPECT_TRUE(room(scenes::furnace(1, 0.5f, 1), {{0, 0, 0}, {1, 1, 1}}));
     EXPECT_FALSE(room(scenes::cornell_box(), {{-1, 0, -1}, {1, 2, 1}}));
@@ -433,48 +454,55 @@ TEST(View, RoomsAreSeenFromInside) {
 TEST(Display, NeutralToneMapKeepsBaseColoursAndCompressesTheRest) {
     // Worked out by hand from the specification: an offset of x - 6.25 x^2 below 0.08, else 0.04;
     // from 0.76 on 1 - 0.24^2 / (p + 0.24 - 0.76), blended with its grey by 1 - 1 / (0.15 d + 1).
-    expect_near(neutral_tone_map(glm::dvec3(0.5)), glm::dvec3(0.46), 1e-12);
-    expect_near(neutral_tone_map({0.7, 0.04, 0.3}), {0.67, 0.01, 0.27}, 1e-12);
-    expect_near(neutral_tone_map(glm::dvec3(2)), glm::dvec3(0.96), 1e-12);
-    expect_near(neutral_tone_map({4.04, 0.04, 0.04}), {0.983496, 0.308763, 0.308763}, 1e-5);
-    EXPECT_EQ(neutral_tone_map(glm::dvec3(0)), glm::dvec3(0));
+    expect_near(render::neutral_tone_map(glm::dvec3(0.5)), glm::dvec3(0.46), 1e-12);
+    expect_near(render::neutral_tone_map({0.7, 0.04, 0.3}), {0.67, 0.01, 0.27}, 1e-12);
+    expect_near(render::neutral_tone_map(glm::dvec3(2)), glm::dvec3(0.96), 1e-12);
+    expect_near(render::neutral_tone_map({4.04, 0.04, 0.04}), {0.983496, 0.308763, 0.308763}, 1e-5);
+    EXPECT_EQ(render::neutral_tone_map(glm::dvec3(0)), glm::dvec3(0));
 }
 
 TEST(Display, ExposureIsACamerasAndShowsTheMedianAsGrey) {
-    EXPECT_DOUBLE_EQ(exposure_scale(3), 1 / 9.6);
-    Pixels picture{5, 1, 3, {}};
+    EXPECT_DOUBLE_EQ(render::exposure_scale(3), 1 / 9.6);
+    image::Pixels picture{5, 1, 3, {}};
     for (const float nits : {0.0f, 20.0f, 50.0f, 100.0f, 7000.0f})
         picture.samples.insert(picture.samples.end(), 3, nits);
-    const double ev = automatic_exposure(picture, Show::final);
-    EXPECT_NEAR(100 * exposure_scale(ev), 0.18, 0.18 * 0.04); // to a tenth of an EV
-    EXPECT_EQ(automatic_exposure(Pixels{1, 1, 3, {0, 0, 0}}, Show::final), 0);
+    const double ev = render::automatic_exposure(picture, render::Show::final);
+    EXPECT_NEAR(100 * render::exposure_scale(ev), 0.18, 0.18 * 0.04); // to a tenth of an EV
+    EXPECT_EQ(render::automatic_exposure(image::Pixels{1, 1, 3, {0, 0, 0}}, render::Show::final),
+              0);
 
     // 100 nits at 0.18: sRGB of 0.18 - 0.04 with the tone map, of 0.18 without.
     const double grey = std::log2(100 / (1.2 * 0.18));
     const auto srgb = [](double x) { return 1.055 * std::pow(x, 1 / 2.4) - 0.055; };
-    EXPECT_NEAR(to_display(picture, Show::final, grey, ToneMap::neutral).samples[9], srgb(0.14),
-                1e-6);
-    EXPECT_NEAR(to_display(picture, Show::final, grey, ToneMap::none).samples[9], srgb(0.18), 1e-6);
-    EXPECT_NEAR(to_display(picture, Show::irradiance, grey, ToneMap::none).samples[9],
+    EXPECT_NEAR(
+        render::to_display(picture, render::Show::final, grey, render::ToneMap::neutral).samples[9],
+        srgb(0.14), 1e-6);
+    EXPECT_NEAR(
+        render::to_display(picture, render::Show::final, grey, render::ToneMap::none).samples[9],
+        srgb(0.18), 1e-6);
+    EXPECT_NEAR(render::to_display(picture, render::Show::irradiance, grey, render::ToneMap::none)
+                    .samples[9],
                 srgb(0.18 / pi), 1e-6);
-    const Pixels data{1, 1, 3, {-1, 0, 0.5f}};
-    EXPECT_EQ(to_display(data, Show::normal, 9, ToneMap::neutral).samples,
+    const image::Pixels data{1, 1, 3, {-1, 0, 0.5f}};
+    EXPECT_EQ(render::to_display(data, render::Show::normal, 9, render::ToneMap::neutral).samples,
               (std::vector<float>{0, 0.5f, 0.75f}));
-    EXPECT_NEAR(to_display(data, Show::albedo, 9, ToneMap::neutral).samples[2], srgb(0.5), 1e-6);
+    EXPECT_NEAR(
+        render::to_display(data, render::Show::albedo, 9, render::ToneMap::neutral).samples[2],
+        srgb(0.5), 1e-6);
 }
 
 TEST(Display, PicturesAreComparedByRootMeanSquare) {
-    const Pixels a{2, 1, 3, {1, 2, 3, 4, 5, 6}}, b{2, 1, 3, {1, 2, 3, 4, 5, 3}};
-    const PictureError error = compare_pictures(a, b);
+    const image::Pixels a{2, 1, 3, {1, 2, 3, 4, 5, 6}}, b{2, 1, 3, {1, 2, 3, 4, 5, 3}};
+    const render::PictureError error = render::compare_pictures(a, b);
     EXPECT_DOUBLE_EQ(error.rmse, std::sqrt(9.0 / 6));
     EXPECT_DOUBLE_EQ(error.relative, std::sqrt(9.0 / 6) / 3);
     EXPECT_DOUBLE_EQ(error.ratio, 21.0 / 18);
-    EXPECT_EQ(compare_pictures(a, a).rmse, 0);
+    EXPECT_EQ(render::compare_pictures(a, a).rmse, 0);
 }
 
 TEST(Flip, IsWhatItsPaperSays) {
     const auto picture = [](glm::ivec2 size, const std::function<glm::vec3(int, int)>& colour) {
-        Pixels pixels{size.x, size.y, 3, {}};
+        image::Pixels pixels{size.x, size.y, 3, {}};
         for (int y = 0; y < size.y; ++y)
             for (int x = 0; x < size.x; ++x) {
                 const glm::vec3 c = colour(x, y);
@@ -483,20 +511,21 @@ TEST(Flip, IsWhatItsPaperSays) {
         return pixels;
     };
     const auto plain = [&](glm::vec3 c) { return picture({5, 4}, [c](int, int) { return c; }); };
-    EXPECT_EQ(flip(plain({0.2f, 0.5f, 0.7f}), plain({0.2f, 0.5f, 0.7f})), 0);
-    EXPECT_NEAR(flip(plain({0, 1, 0}), plain({0, 0, 1})), 1, 1e-9); // the largest difference
-    EXPECT_NEAR(flip(plain({0, 0, 0}), plain({1, 1, 1})), 0.9673798, 1e-5);
+    EXPECT_EQ(render::flip(plain({0.2f, 0.5f, 0.7f}), plain({0.2f, 0.5f, 0.7f})), 0);
+    EXPECT_NEAR(render::flip(plain({0, 1, 0}), plain({0, 0, 1})), 1,
+                1e-9); // the largest difference
+    EXPECT_NEAR(render::flip(plain({0, 0, 0}), plain({1, 1, 1})), 0.9673798, 1e-5);
     // Patterns, by the formulas written out in another language.
-    const Pixels a = picture({24, 20}, [](int x, int y) {
+    const image::Pixels a = picture({24, 20}, [](int x, int y) {
         return glm::vec3(float((x * 7 + y * 3) % 11) / 10, float((x * 5 + y * 2) % 7) / 6,
                          float((x + y * 4) % 5) / 4);
     });
-    const Pixels b = picture({24, 20}, [](int x, int y) {
+    const image::Pixels b = picture({24, 20}, [](int x, int y) {
         return glm::vec3(0.8f * float((x * 7 + y * 3) % 11) / 10,
                          float((x * 5 + y * 2 + (x > 10)) % 7) / 6, float((x + y * 4) % 5) / 4);
     });
-    EXPECT_NEAR(flip(a, b), 0.3703654, 1e-5);
-    EXPECT_NEAR(flip(b, a), flip(a, b), 1e-12);
+    EXPECT_NEAR(render::flip(a, b), 0.3703654, 1e-5);
+    EXPECT_NEAR(render::flip(b, a), render::flip(a, b), 1e-12);
 }
 
 } // namespace

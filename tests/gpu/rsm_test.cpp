@@ -25,13 +25,14 @@ protected:
         glm::dvec3 power{0.0};
         std::size_t texels = 0;
         std::size_t lit = 0;
-        std::vector<Rsm> tiles;
+        std::vector<solver::vpl::Rsm> tiles;
     };
 
-    static Seen render(const Scene& scene, const Frame& frame, const Light& light, int size) {
+    static Seen render(const Scene& scene, const scene::Frame& frame, const Light& light,
+                       int size) {
         Seen seen;
-        RsmPass pass(device(), scene, frame);
-        pass.render(light, size, [&](const Rsm& rsm) {
+        solver::vpl::RsmPass pass(device(), scene, frame);
+        pass.render(light, size, [&](const solver::vpl::Rsm& rsm) {
             EXPECT_LE(rsm.width, 1024);
             EXPECT_LE(rsm.height, 1024);
             const std::size_t texels = std::size_t(rsm.width) * rsm.height;
@@ -52,14 +53,15 @@ protected:
         return seen;
     }
 
-    static glm::dvec3 power(const Scene& scene, const Frame& frame, const Light& light, int size) {
+    static glm::dvec3 power(const Scene& scene, const scene::Frame& frame, const Light& light,
+                            int size) {
         return render(scene, frame, light, size).power;
     }
 
     /// A frame of cells of `unit` metres around the scene, some cells to spare.
-    static Frame frame_around(const Scene& scene, double unit) {
+    static scene::Frame frame_around(const Scene& scene, double unit) {
         const Bounds bounds = bounds_of(scene);
-        Frame frame;
+        scene::Frame frame;
         frame.unit = unit;
         frame.origin = bounds.lo - 2 * unit;
         frame.extent = glm::ceil((bounds.hi - bounds.lo) / unit) + 4.0;
@@ -84,7 +86,7 @@ Scene room(glm::vec3 albedo) {
 
 TEST_F(RsmTest, DirectionalPowerIsIlluminanceTimesProjectedArea) {
     const Scene scene = scenes::floor_quad(3, tinted);
-    const Frame frame = frame_around(scene, 0.1);
+    const scene::Frame frame = frame_around(scene, 0.1);
     // The floor fills the map exactly where the sun stands in the plane of two axes.
     const Light light = scenes::sun({0.0, -2.0, -1.0}, 1000, {1.0f, 0.9f, 0.5f});
     const double incident = 1000 * 9 * 2 / std::sqrt(5.0);
@@ -98,7 +100,7 @@ TEST_F(RsmTest, DirectionalPowerOnATiltedPlane) {
     const glm::dmat4 turned = glm::rotate(glm::dmat4(1.0), 0.7, glm::dvec3(1, 2, 3));
     scenes::add_quad(scene, scenes::add_material(scene, grey), {-1, 0, 1}, {2, 0, 0}, {0, 0, -3},
                      turned);
-    const Frame frame = frame_around(scene, 0.2);
+    const scene::Frame frame = frame_around(scene, 0.2);
     const glm::dvec3 travel = glm::normalize(glm::dvec3(0.3, -1, 0.1));
     const glm::dvec3 normal = glm::dmat3(turned) * glm::dvec3(0, 1, 0);
     const double expected = 0.5 * 800 * 6 * -glm::dot(normal, travel);
@@ -111,7 +113,7 @@ TEST_F(RsmTest, DirectionalPowerOnATiltedPlane) {
 
 TEST_F(RsmTest, PointPowerInAClosedRoom) {
     const Scene scene = room(tinted);
-    const Frame frame = frame_around(scene, 0.15);
+    const scene::Frame frame = frame_around(scene, 0.15);
     const Light light = scenes::point_light({0.3, -0.4, 1.1}, 50);
     for (const int size : {64, 256, 1024, 4096}) {
         const Seen seen = render(scene, frame, light, size);
@@ -123,7 +125,7 @@ TEST_F(RsmTest, PointPowerInAClosedRoom) {
 
 TEST_F(RsmTest, TilesMakeUpTheWholeMap) {
     const Scene scene = room(grey);
-    const Frame frame = frame_around(scene, 0.3);
+    const scene::Frame frame = frame_around(scene, 0.3);
     const Seen seen = render(scene, frame, scenes::point_light({0, 0, 0}, 1), 1500);
     EXPECT_EQ(seen.tiles.size(), 24u);
     EXPECT_EQ(seen.lit, 6u * 1500 * 1500);
@@ -132,7 +134,7 @@ TEST_F(RsmTest, TilesMakeUpTheWholeMap) {
 
 TEST_F(RsmTest, HardSpotPowerIsThatOfItsCone) {
     const Scene scene = room(grey);
-    const Frame frame = frame_around(scene, 0.15);
+    const scene::Frame frame = frame_around(scene, 0.15);
     for (const double angle : {0.02, 0.5, 1.2, 1.39})
         for (const int size : {64, 256, 1024, 4096}) {
             const Light light = scenes::spot_light({0.3, -0.4, 1.1}, {1, -2, 3}, 70, angle, angle);
@@ -144,7 +146,7 @@ TEST_F(RsmTest, HardSpotPowerIsThatOfItsCone) {
 
 TEST_F(RsmTest, SoftSpotPowerIsTheIntegralOfItsRamp) {
     const Scene scene = room(grey);
-    const Frame frame = frame_around(scene, 0.15);
+    const scene::Frame frame = frame_around(scene, 0.15);
     for (const auto& [inner, outer] :
          {std::pair(0.0, 0.6), std::pair(0.4, 0.5), std::pair(0.2, 1.3)})
         for (const int size : {64, 256, 1024, 4096}) {
@@ -160,7 +162,7 @@ TEST_F(RsmTest, SoftSpotPowerIsTheIntegralOfItsRamp) {
 
 TEST_F(RsmTest, WideSpotsAreSeenThroughACube) {
     const Scene scene = room(grey);
-    const Frame frame = frame_around(scene, 0.15);
+    const scene::Frame frame = frame_around(scene, 0.15);
     for (const double outer : {1.45, pi / 2})
         for (const double inner : {0.3, outer}) {
             const Light light = scenes::spot_light({0.3, -0.4, 1.1}, {1, -2, 3}, 70, inner, outer);
@@ -176,7 +178,7 @@ TEST_F(RsmTest, RangeFadesByTheFourthPower) {
     Scene scene;
     scenes::add_box(scene, scenes::add_material(scene, grey), {-1, -1, -1}, {1, 1, 1},
                     scenes::Facing::inward);
-    const Frame frame = frame_around(scene, 0.1);
+    const scene::Frame frame = frame_around(scene, 0.1);
     Light light = scenes::point_light({0, 0, 0}, 10);
     for (const double range : {0.9, 1.3, 2.0, 10.0}) {
         light.range = range;
@@ -214,11 +216,11 @@ TEST_F(RsmTest, PowerOfASmallSquareFallsWithItsDistanceSquared) {
 
 TEST_F(RsmTest, PositionsLieOnTheSurfaceAndNormalsFaceTheLight) {
     Scene scene = room(grey);
-    const Frame frame = frame_around(scene, 0.1);
+    const scene::Frame frame = frame_around(scene, 0.1);
     const Seen seen = render(scene, frame, scenes::point_light({1.9, 0.9, 2.9}, 1), 128);
     const glm::dvec3 light = frame.from_world({1.9, 0.9, 2.9});
     const glm::vec3 lo(frame.from_world({-1, -2, -1.5})), hi(frame.from_world({2, 1, 3}));
-    for (const Rsm& rsm : seen.tiles)
+    for (const solver::vpl::Rsm& rsm : seen.tiles)
         for (std::size_t i = 0; i < rsm.position.size(); ++i) {
             const glm::vec3 p = rsm.position[i], n = rsm.normal[i];
             ASSERT_NEAR(glm::length(n), 1, 1e-6);
@@ -407,7 +409,7 @@ TEST_F(RsmTest, WhatStandsOutsideTheGridShadows) {
     Scene scene = scenes::floor_quad(4, grey);
     const int roof = scenes::add_material(scene, glm::vec3(0.0f));
     scenes::add_quad(scene, roof, {-2, 500, 2}, {2, 0, 0}, {0, 0, -4});
-    Frame frame;
+    scene::Frame frame;
     frame.origin = {-2.5, -0.5, -2.5};
     frame.unit = 0.1;
     frame.extent = glm::dvec3(50);
@@ -451,7 +453,7 @@ TEST_F(RsmTest, HardCasesStayFinite) {
     degenerate.triangles = {{0, 1, 2}, {3, 3, 3}, {0, 0, 1}};
     scene.meshes.push_back(degenerate);
     scene.instances.push_back({int(scene.meshes.size()) - 1, glm::dmat4(1.0)});
-    const Frame frame = frame_around(scene, 0.07);
+    const scene::Frame frame = frame_around(scene, 0.07);
     const Light lights[] = {scenes::point_light({0, 0, 0}, 1e9),
                             scenes::point_light({-1, 1, 0}, 1e-9),
                             scenes::point_light({-0.35, 0.3, -0.3}, 1),
@@ -467,12 +469,12 @@ TEST_F(RsmTest, HardCasesStayFinite) {
 }
 
 TEST_F(RsmTest, NothingIsSeenOfNothing) {
-    const Frame frame;
+    const scene::Frame frame;
     EXPECT_EQ(power(Scene(), frame, noon, 64), glm::dvec3(0));
     EXPECT_EQ(power(Scene(), frame, scenes::point_light({0, 0, 0}, 1), 64), glm::dvec3(0));
     const Scene floor = scenes::floor_quad(1, grey); // on edge towards the sun
     EXPECT_EQ(power(floor, frame_around(floor, 0.1), scenes::sun({1, 0, 0}, 1), 64), glm::dvec3(0));
-    Frame elsewhere;
+    scene::Frame elsewhere;
     elsewhere.origin = glm::dvec3(100);
     EXPECT_EQ(power(floor, elsewhere, noon, 64), glm::dvec3(0));
 }
@@ -481,7 +483,7 @@ TEST_F(RsmTest, RunsAreAlikeToTheBit) {
     Scene scene = scenes::cornell_box();
     scene.materials[0].alpha_mode = AlphaMode::blend;
     scene.materials[0].base_color.a = 0.5f;
-    const Frame frame = frame_around(scene, 0.07);
+    const scene::Frame frame = frame_around(scene, 0.07);
     const Light light = scenes::point_light({0, 1.8, 0}, 10);
     const Seen once = render(scene, frame, light, 200), again = render(scene, frame, light, 200);
     ASSERT_EQ(once.tiles.size(), again.tiles.size());

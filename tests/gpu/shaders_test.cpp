@@ -30,7 +30,7 @@ struct Irradiances {
 
 struct Texture {
     vk::raii::Image image{nullptr};
-    Memory memory;
+    gpu::Memory memory;
     vk::raii::ImageView view{nullptr};
 };
 
@@ -50,9 +50,9 @@ const std::array<Shader, 4> all_shaders{
 class ShadersTest : public testing::DeviceTest {
 protected:
     template <class T>
-    static Buffer filled(const std::vector<T>& values) {
-        Buffer buffer(device(), values.size() * sizeof(T));
-        upload(device(), buffer, 0, std::as_bytes(std::span(values)));
+    static gpu::Buffer filled(const std::vector<T>& values) {
+        gpu::Buffer buffer(device(), values.size() * sizeof(T));
+        gpu::upload(device(), buffer, 0, std::as_bytes(std::span(values)));
         return buffer;
     }
 
@@ -61,8 +61,8 @@ protected:
         std::vector<glm::vec4> texels(grid.size());
         for (std::size_t i = 0; i < texels.size(); ++i)
             texels[i] = value(i);
-        const Buffer source = filled(texels);
-        Device::Impl& d = device().impl();
+        const gpu::Buffer source = filled(texels);
+        gpu::Device::Impl& d = device().impl();
         const vk::Extent3D extent(uint32_t(grid.dims.x), uint32_t(grid.dims.y),
                                   uint32_t(grid.dims.z));
         const vk::Format format = vk::Format::eR32G32B32A32Sfloat;
@@ -77,7 +77,7 @@ protected:
                        vk::SampleCountFlagBits::e1,
                        vk::ImageTiling::eOptimal,
                        vk::ImageUsageFlagBits::eSampled | vk::ImageUsageFlagBits::eTransferDst});
-        made.memory = d.allocate(made.image.getMemoryRequirements(), Placement::device);
+        made.memory = d.allocate(made.image.getMemoryRequirements(), gpu::Placement::device);
         made.image.bindMemory(*made.memory.handle(), 0);
         const vk::ImageSubresourceRange range(vk::ImageAspectFlagBits::eColor, 0, 1, 0, 1);
         d.submit_now([&](const vk::raii::CommandBuffer& commands) {
@@ -106,9 +106,9 @@ protected:
 
     static std::vector<Irradiances> run(const Shader& shader, const Volume& volume,
                                         const std::vector<Surface>& surfaces) {
-        Device::Impl& d = device().impl();
+        gpu::Device::Impl& d = device().impl();
         std::vector<Texture> textures; // the coefficients, the validity, the walls
-        for (int k = 0; k < sh_count(shader.order); ++k)
+        for (int k = 0; k < volume::sh_count(shader.order); ++k)
             textures.push_back(texture(volume.grid, [&](std::size_t i) {
                 return glm::vec4(volume.sh[std::size_t(k)][i], 1.0f);
             }));
@@ -118,7 +118,7 @@ protected:
             textures.push_back(texture(volume.grid, [&](std::size_t i) {
                 return volume.walls.empty() ? glm::vec4(0.0f) : glm::vec4(volume.walls[k][i], 0.0f);
             }));
-        const auto coefficients = uint32_t(sh_count(shader.order));
+        const auto coefficients = uint32_t(volume::sh_count(shader.order));
         const vk::raii::Sampler sampler(d.handle, {{},
                                                    vk::Filter::eLinear,
                                                    vk::Filter::eLinear,
@@ -126,8 +126,8 @@ protected:
                                                    vk::SamplerAddressMode::eClampToEdge,
                                                    vk::SamplerAddressMode::eClampToEdge,
                                                    vk::SamplerAddressMode::eClampToEdge});
-        const Buffer source = filled(surfaces);
-        const Buffer target = filled(std::vector<Irradiances>(surfaces.size()));
+        const gpu::Buffer source = filled(surfaces);
+        const gpu::Buffer target = filled(std::vector<Irradiances>(surfaces.size()));
 
         const vk::DescriptorType image = shader.hlsl ? vk::DescriptorType::eSampledImage
                                                      : vk::DescriptorType::eCombinedImageSampler;
@@ -180,10 +180,10 @@ protected:
             commands.bindDescriptorSets(vk::PipelineBindPoint::eCompute, *layout, 0, set, {});
             commands.pushConstants<Push>(*layout, stage, 0, push);
             commands.dispatch(uint32_t(surfaces.size() + 63) / 64, 1, 1);
-            full_barrier(commands);
+            gpu::full_barrier(commands);
         });
         std::vector<Irradiances> result(surfaces.size());
-        download(device(), target, 0, std::as_writable_bytes(std::span(result)));
+        gpu::download(device(), target, 0, std::as_writable_bytes(std::span(result)));
         return result;
     }
 };
@@ -205,7 +205,7 @@ std::vector<Surface> random_surfaces(const Grid& grid, std::size_t count, unsign
 
 Volume of_order(Volume volume, int order) {
     volume.sh_order = order;
-    volume.sh.resize(std::size_t(sh_count(order)));
+    volume.sh.resize(std::size_t(volume::sh_count(order)));
     return volume;
 }
 
@@ -250,8 +250,8 @@ TEST_F(ShadersTest, ReadWhatTheSamplerReads) {
                 for (int axis = 0; axis < 3; ++axis)
                     ASSERT_NEAR(expected[axis], got[axis], tolerance) << i << ' ' << axis;
             };
-            const CellWeights weights = weights_at(held, p, n, Reading::facing);
-            walled += weights.weight != weights_at(first, p, n, Reading::facing).weight;
+            const volume::CellWeights weights = volume::weights_at(held, p, n, Reading::facing);
+            walled += weights.weight != volume::weights_at(first, p, n, Reading::facing).weight;
             const glm::dvec3 facing = read_irradiance(first, p, n, Reading::facing);
             dark += facing == glm::dvec3(0);
             if (shader.order == 1)

@@ -25,7 +25,7 @@ const double pi = glm::pi<double>();
 /// All directions of a set, by permutation and sign.
 std::vector<glm::dvec3> all_directions(int count) {
     std::vector<glm::dvec3> all;
-    for (const glm::dvec2 xy : sn_base_directions(count)) {
+    for (const glm::dvec2 xy : solver::sn::sn_base_directions(count)) {
         const double value[] = {xy.x, xy.y, std::sqrt(1.0 - xy.x * xy.x - xy.y * xy.y)};
         for (int first = 0; first < 3; ++first)
             for (const int turn : {1, 2})
@@ -64,28 +64,28 @@ void turn(Scene& scene) {
 struct Setting {
     Scene scene;
     Grid grid;
-    Frame frame;
-    Visibility visibility;
-    LitSurfaces lit;
+    scene::Frame frame;
+    visibility::Visibility visibility;
+    surface::LitSurfaces lit;
     std::vector<float> validity;
 
-    Setting(Scene scene_in, const Grid& grid_in, LightingSettings lighting = {})
+    Setting(Scene scene_in, const Grid& grid_in, surface::LightingSettings lighting = {})
         : scene(std::move(scene_in)),
           grid(grid_in),
           frame{grid.origin, grid.cell, glm::dvec3(grid.dims)},
           visibility(scene, frame),
           lit(light(lighting)),
-          validity(trace_validity(visibility, grid.dims)) {}
-    Setting(Scene scene_in, int resolution, LightingSettings lighting = {})
+          validity(visibility::trace_validity(visibility, grid.dims)) {}
+    Setting(Scene scene_in, int resolution, surface::LightingSettings lighting = {})
         : Setting(scene_in, grid_around(scene_in, resolution), lighting) {}
 
     static Grid grid_around(const Scene& scene, int resolution) {
         const Bounds box = bounds_of(scene);
-        return fit_grid(box.lo, box.hi, {resolution});
+        return volume::fit_grid(box.lo, box.hi, {resolution});
     }
-    LitSurfaces light(const LightingSettings& lighting) const {
+    surface::LitSurfaces light(const surface::LightingSettings& lighting) const {
         Progress silent;
-        return light_surfaces(scene, visibility, frame, lighting, silent);
+        return surface::light_surfaces(scene, visibility, frame, lighting, silent);
     }
     glm::ivec3 cell(size_t index) const {
         const size_t nx = size_t(grid.dims.x), ny = size_t(grid.dims.y);
@@ -93,29 +93,31 @@ struct Setting {
     }
 };
 
-LightingSettings emission_only() {
-    LightingSettings lighting;
+surface::LightingSettings emission_only() {
+    surface::LightingSettings lighting;
     lighting.bounces = 0;
     return lighting;
 }
 
 class Sn : public testing::DeviceTest {
 protected:
-    Volume run(const Setting& setting, const SnSettings& settings, uint64_t window = 0) {
+    Volume run(const Setting& setting, const solver::sn::SnSettings& settings,
+               uint64_t window = 0) {
         Volume volume = empty(setting);
-        const SnProgram program(device(), setting.grid, settings, window);
+        const solver::sn::SnProgram program(device(), setting.grid, settings, window);
         const float limit = program.gather_peaks(setting.lit, setting.visibility, setting.scene.sky,
                                                  silent, volume);
         program.sweep(setting.lit, setting.visibility, setting.scene.sky, limit, silent, volume);
         return volume;
     }
     /// Without a gather.
-    Volume sweep(const Setting& setting, const SnSettings& settings, float limit = HUGE_VALF) {
+    Volume sweep(const Setting& setting, const solver::sn::SnSettings& settings,
+                 float limit = HUGE_VALF) {
         Volume volume = empty(setting);
         volume.sh_order = settings.order;
-        volume.sh.assign(size_t(sh_count(settings.order)),
+        volume.sh.assign(size_t(volume::sh_count(settings.order)),
                          std::vector<glm::vec3>(setting.grid.size(), glm::vec3(0.0f)));
-        SnProgram(device(), setting.grid, settings)
+        solver::sn::SnProgram(device(), setting.grid, settings)
             .sweep(setting.lit, setting.visibility, setting.scene.sky, limit, silent, volume);
         return volume;
     }
@@ -123,7 +125,7 @@ protected:
     std::pair<Volume, float> peaks(const Setting& setting) {
         Volume volume = empty(setting);
         const float limit =
-            SnProgram(device(), setting.grid, {})
+            solver::sn::SnProgram(device(), setting.grid, {})
                 .gather_peaks(setting.lit, setting.visibility, setting.scene.sky, silent, volume);
         return {std::move(volume), limit};
     }
@@ -138,7 +140,8 @@ protected:
 };
 
 /// What the oracle has to know of a setting.
-oracle::SnWorld world_of(const Setting& setting, const Occupancy& occupancy, float limit) {
+oracle::SnWorld world_of(const Setting& setting, const solver::sn::Occupancy& occupancy,
+                         float limit) {
     oracle::SnWorld world;
     world.dims = setting.grid.dims;
     world.surface_between = [&occupancy](glm::ivec3 a, glm::ivec3 b) {
@@ -146,9 +149,9 @@ oracle::SnWorld world_of(const Setting& setting, const Occupancy& occupancy, flo
     };
     world.seen = [&setting, limit](glm::ivec3 cell, glm::dvec3 d) {
         const glm::vec3 towards(-d);
-        const Hit hit =
+        const visibility::Hit hit =
             setting.visibility.closest({glm::vec3(cell) + 0.5f, towards, 0.0f, HUGE_VALF});
-        if (hit.instance == no_hit)
+        if (hit.instance == visibility::no_hit)
             return limit < 2.0f ? glm::dvec3(0.0) : glm::dvec3(setting.scene.sky.luminance);
         const glm::dvec3 all(setting.lit.leaving(hit, towards));
         return all * std::min(1.0, 3.0 * double(limit) / (all.x + all.y + all.z + 1e-30));
@@ -159,11 +162,11 @@ oracle::SnWorld world_of(const Setting& setting, const Occupancy& occupancy, flo
 TEST(SnDirections, IntegrateHarmonicsExactly) {
     const glm::dvec3 poles[] = {
         glm::normalize(glm::dvec3(1, 2, 3)), glm::normalize(glm::dvec3(-5, 1, 2)), {0, 0, 1}};
-    for (const int count : sn_direction_counts()) {
+    for (const int count : solver::sn::sn_direction_counts()) {
         const std::vector<glm::dvec3> all = all_directions(count);
         ASSERT_EQ(int(all.size()), count);
-        EXPECT_GE(sn_exact_band(count), 7);
-        for (int l = 1; l <= sn_exact_band(count); ++l)
+        EXPECT_GE(solver::sn::sn_exact_band(count), 7);
+        for (int l = 1; l <= solver::sn::sn_exact_band(count); ++l)
             for (const glm::dvec3& pole : poles) {
                 double mean = 0.0;
                 for (const glm::dvec3& d : all)
@@ -174,9 +177,9 @@ TEST(SnDirections, IntegrateHarmonicsExactly) {
 }
 
 TEST(SnDirections, OfAnOctantAreAllPermutations) {
-    for (const int count : sn_direction_counts()) {
+    for (const int count : solver::sn::sn_direction_counts()) {
         glm::dvec3 sum{0.0};
-        const std::vector<glm::dvec3> octant = sn_octant_directions(count);
+        const std::vector<glm::dvec3> octant = solver::sn::sn_octant_directions(count);
         EXPECT_EQ(int(octant.size()) * 8, count);
         for (const glm::dvec3& d : octant) {
             EXPECT_NEAR(glm::length(d), 1.0, 1e-14);
@@ -186,20 +189,22 @@ TEST(SnDirections, OfAnOctantAreAllPermutations) {
         EXPECT_NEAR(sum.x, sum.y, 1e-12);
         EXPECT_NEAR(sum.x, sum.z, 1e-12);
     }
-    EXPECT_EQ(sn_direction_count(1), 48);
-    EXPECT_EQ(sn_direction_count(192), 192);
-    EXPECT_EQ(sn_direction_count(193), 240);
-    EXPECT_EQ(sn_direction_count(1 << 20), sn_direction_counts().back());
+    EXPECT_EQ(solver::sn::sn_direction_count(1), 48);
+    EXPECT_EQ(solver::sn::sn_direction_count(192), 192);
+    EXPECT_EQ(solver::sn::sn_direction_count(193), 240);
+    EXPECT_EQ(solver::sn::sn_direction_count(1 << 20), solver::sn::sn_direction_counts().back());
 }
 
 TEST(SnOccupancy, OccupiedCubesAreThoseThatHoldASurface) {
     Scene scene = scenes::cornell_box();
     turn(scene);
     const Setting setting(scene, 12, emission_only());
-    const Occupancy occupancy = find_occupied(setting.lit.patches, setting.grid.dims);
+    const solver::sn::Occupancy occupancy =
+        solver::sn::find_occupied(setting.lit.patches, setting.grid.dims);
     // Points all over the surfaces.
-    std::vector<float> nearest(occupancy.occupied.size(), 1e9f); // to a cube's centre, greatest axis
-    for (const Patch& patch : setting.lit.patches)
+    std::vector<float> nearest(occupancy.occupied.size(),
+                               1e9f); // to a cube's centre, greatest axis
+    for (const surface::Patch& patch : setting.lit.patches)
         for (int i = 0; i <= 40; ++i)
             for (int j = 0; j <= 40 - i; ++j) {
                 const glm::vec3 p = patch.at(glm::vec2(i, j) / 40.0f);
@@ -248,17 +253,18 @@ TEST_F(Sn, AgreesWithTheOracle) {
     for (const glm::ivec3 dims : {glm::ivec3(7, 5, 4), glm::ivec3(3, 5, 4), glm::ivec3(4, 3, 5)}) {
         const glm::dvec3 origin = around.origin + around.cell * (dims.x > 5 ? 1.0 : 3.0);
         const Setting setting(scene, Grid{origin, around.cell, dims}, emission_only());
-        const Occupancy occupancy = find_occupied(setting.lit.patches, setting.grid.dims);
+        const solver::sn::Occupancy occupancy =
+            solver::sn::find_occupied(setting.lit.patches, setting.grid.dims);
         for (const auto& [directions, order, limit] :
              {std::tuple{48, 2, HUGE_VALF}, {96, 1, 1.5f}, {96, 4, 3.0f}}) {
             const Volume ours = sweep(setting, {directions, order}, limit);
-            ASSERT_EQ(int(ours.sh.size()), sh_count(order));
+            ASSERT_EQ(int(ours.sh.size()), volume::sh_count(order));
             const oracle::SnWorld world = world_of(setting, occupancy, limit);
             std::vector<std::vector<glm::dvec3>> theirs(
-                size_t(sh_count(order)), std::vector<glm::dvec3>(setting.grid.size()));
+                size_t(volume::sh_count(order)), std::vector<glm::dvec3>(setting.grid.size()));
             for (const glm::dvec3& d : all_directions(directions)) {
                 oracle::SnDirection along(world, d);
-                const ShValues basis = sh_basis(order, glm::vec3(-d));
+                const volume::ShValues basis = volume::sh_basis(order, glm::vec3(-d));
                 for (size_t i = 0; i < setting.grid.size(); ++i) {
                     const glm::dvec3 luminance = along.at(setting.cell(i));
                     for (size_t k = 0; k < theirs.size(); ++k)
@@ -385,7 +391,7 @@ TEST_F(Sn, GivesTheSameBitsRunAfterRunAndWindowByWindow) {
     Scene scene = scenes::cornell_box_with_point();
     turn(scene);
     const Setting setting(scene, 14);
-    for (const SnSettings settings : {SnSettings{144, 2}, {144, 1}}) {
+    for (const solver::sn::SnSettings settings : {solver::sn::SnSettings{144, 2}, {144, 1}}) {
         const Volume whole = run(setting, settings);
         EXPECT_EQ(run(setting, settings).sh, whole.sh);
         // Windows of a few layers and a few fronts stand for buffers beyond what binds.
@@ -529,25 +535,25 @@ TEST_F(Sn, ComesCloseToPathTracedIrradiance) {
                 keys.push_back(cell);
             }
         }
-        ReferenceSettings truth;
+        reference::ReferenceSettings truth;
         truth.sh_order = 2;
         truth.rays = 2048;
-        const ProbeField probes =
-            trace_probes(setting.scene, setting.visibility, setting.frame, points, keys, truth,
-                         silent, {neighbour_normals(), {}});
+        const reference::ProbeField probes =
+            reference::trace_probes(setting.scene, setting.visibility, setting.frame, points, keys,
+                                    truth, silent, {volume::neighbour_normals(), {}});
         const Volume volume = run(setting, {144, 2});
         const auto irradiance = [](const auto& sh, size_t i, int channel, glm::dvec3 normal) {
             std::array<float, 9> c;
             for (size_t k = 0; k < 9; ++k)
                 c[k] = sh[k][i][channel];
-            return std::max(0.0, double(sh_irradiance(c, glm::vec3(normal))));
+            return std::max(0.0, double(volume::sh_irradiance(c, glm::vec3(normal))));
         };
         double off = 0.0, sum = 0.0, is = 0.0, ought = 0.0;
         for (size_t i = 0; i < points.size(); ++i)
             for (int channel = 0; channel < 3; ++channel) {
                 is += double(volume.sh[0][keys[i]][channel]);
                 ought += double(probes.sh[0][i][channel]);
-                for (const glm::dvec3& n : neighbour_normals()) {
+                for (const glm::dvec3& n : volume::neighbour_normals()) {
                     const double exact = irradiance(probes.sh, i, channel, n);
                     off += std::abs(irradiance(volume.sh, keys[i], channel, n) - exact);
                     sum += exact;

@@ -20,29 +20,33 @@ namespace {
 
 constexpr int toy_orders[] = {1, 2};
 
-constexpr Parameter toy_parameters[] = {
+constexpr solver::Parameter toy_parameters[] = {
     {.name = "samples",
-     .kind = ValueKind::whole,
+     .kind = solver::ValueKind::whole,
      .lo = 1,
      .hi = 64,
      .usual = 16,
      .unit = "samples",
      .help = "more are slower and better",
      .round = [](double value) { return value < 16 ? value : 16 * std::ceil(value / 16); }},
-    {.name = "glow", .kind = ValueKind::real, .hi = 100, .usual = 1, .help = "nits, everywhere"},
+    {.name = "glow",
+     .kind = solver::ValueKind::real,
+     .hi = 100,
+     .usual = 1,
+     .help = "nits, everywhere"},
 };
 
-constexpr Rung toy_ladder[] = {
-    {Quality::fast, 1 << 10, {{{"samples", 4}}}},
-    {Quality::balanced, 1 << 10, {{{"samples", 16}}}},
-    {Quality::accurate, 1 << 12, {{{"samples", 64}}}},
+constexpr solver::Rung toy_ladder[] = {
+    {solver::Quality::fast, 1 << 10, {{{"samples", 4}}}},
+    {solver::Quality::balanced, 1 << 10, {{{"samples", 16}}}},
+    {solver::Quality::accurate, 1 << 12, {{{"samples", 64}}}},
 };
 
 /// The same luminance in every cell.
-class ToySolver final : public Solver {
+class ToySolver final : public solver::Solver {
 public:
-    explicit ToySolver(const SolverSettings& settings) : settings_(settings) {}
-    void solve(const Inputs& inputs, Stages& stages, Volume& volume) override {
+    explicit ToySolver(const solver::SolverSettings& settings) : settings_(settings) {}
+    void solve(const solver::Inputs& inputs, solver::Stages& stages, Volume& volume) override {
         stages.begin("glow", 1);
         volume.sh_order = settings_.order();
         const auto bands = std::size_t(volume.sh_order + 1);
@@ -57,36 +61,38 @@ public:
     }
 
 private:
-    SolverSettings settings_;
+    solver::SolverSettings settings_;
 };
 
-constinit const SolverKind toy_kind{
+constinit const solver::SolverKind toy_kind{
     .name = "toy",
     .help = "an even glow",
     .orders = toy_orders,
     .default_bounces = 3,
     .parameters = toy_parameters,
     .ladder = toy_ladder,
-    .map_size = [](const Grid&, const SolverSettings&) { return 0; },
-    .expected_error = [](const SolverSettings& settings,
+    .map_size = [](const Grid&, const solver::SolverSettings&) { return 0; },
+    .expected_error = [](const solver::SolverSettings& settings,
                          bool) { return 0.4 / settings["samples"]; },
-    .device_bytes = [](const Grid& grid, const SolverSettings&) { return uint64_t(grid.size()); },
+    .device_bytes = [](const Grid& grid,
+                       const solver::SolverSettings&) { return uint64_t(grid.size()); },
     .cost =
-        [](const Workload& work, const SolverSettings& settings) {
-            return Cost{{{"glow", settings["samples"] * 1e-3, "an even glow"}},
-                        {{"shadows", "a glow has none"}},
-                        work.grid.size()};
+        [](const solver::Workload& work, const solver::SolverSettings& settings) {
+            return solver::Cost{{{"glow", settings["samples"] * 1e-3, "an even glow"}},
+                                {{"shadows", "a glow has none"}},
+                                work.grid.size()};
         },
-    .make = [](const gpu::Device&, const Grid&, const SolverSettings& settings)
-        -> std::unique_ptr<Solver> { return std::make_unique<ToySolver>(settings); },
+    .make = [](const gpu::Device&, const Grid&, const solver::SolverSettings& settings)
+        -> std::unique_ptr<solver::Solver> { return std::make_unique<ToySolver>(settings); },
 };
 
 // ---------------------------------------------------------------- and its line in the list
 
-constexpr std::array<const SolverKind*, 1> toys{&toy_kind};
+constexpr std::array<const solver::SolverKind*, 1> toys{&toy_kind};
 
-std::vector<const SolverKind*> with_toy() {
-    std::vector<const SolverKind*> kinds(solver_kinds().begin(), solver_kinds().end());
+std::vector<const solver::SolverKind*> with_toy() {
+    std::vector<const solver::SolverKind*> kinds(bake::solver_kinds().begin(),
+                                                 bake::solver_kinds().end());
     kinds.push_back(&toy_kind);
     return kinds;
 }
@@ -94,26 +100,26 @@ std::vector<const SolverKind*> with_toy() {
 class ToySolverTest : public testing::DeviceTest {
 protected:
     const Scene scene = scenes::cornell_box_with_point();
-    const SceneFacts facts = survey(scene);
+    const bake::SceneFacts facts = bake::survey(scene);
 
-    static BakeSettings coarse() {
-        BakeSettings settings(toy_kind);
+    static bake::BakeSettings coarse() {
+        bake::BakeSettings settings(toy_kind);
         settings.grid.resolution = 8;
         return settings;
     }
-    Choice choose(const Wish& wish) {
-        return choose_settings(facts, coarse(), wish, device().info());
+    bake::Choice choose(const bake::Wish& wish) {
+        return bake::choose_settings(facts, coarse(), wish, device().info());
     }
 };
 
 TEST_F(ToySolverTest, IsFoundByItsName) {
-    EXPECT_EQ(find_solver("toy", toys), &toy_kind);
-    EXPECT_EQ(find_solver("toy"), nullptr);
-    EXPECT_EQ(find_solver("sn", toys), nullptr);
+    EXPECT_EQ(bake::find_solver("toy", toys), &toy_kind);
+    EXPECT_EQ(bake::find_solver("toy"), nullptr);
+    EXPECT_EQ(bake::find_solver("sn", toys), nullptr);
 }
 
 TEST_F(ToySolverTest, ItsSettingsAreWhatCanBeSolved) {
-    SolverSettings settings(toy_kind);
+    solver::SolverSettings settings(toy_kind);
     EXPECT_EQ(settings["samples"], 16);
     EXPECT_EQ(settings["glow"], 1);
     EXPECT_EQ(settings.order(), 2);
@@ -123,7 +129,7 @@ TEST_F(ToySolverTest, ItsSettingsAreWhatCanBeSolved) {
     EXPECT_EQ(settings.order(), 1);
     settings.set("samples", 17);
     EXPECT_EQ(settings["samples"], 32);
-    settings.set(Quality::accurate);
+    settings.set(solver::Quality::accurate);
     EXPECT_EQ(settings["samples"], 64);
     EXPECT_EQ(settings.lighting_rays(), 1u << 12);
     EXPECT_THROW(settings.set("samples", 65), Error);
@@ -133,16 +139,16 @@ TEST_F(ToySolverTest, ItsSettingsAreWhatCanBeSolved) {
 }
 
 TEST_F(ToySolverTest, IsPlannedAndBaked) {
-    BakeSettings settings = coarse();
+    bake::BakeSettings settings = coarse();
     EXPECT_EQ(settings.bounces, 3);
     settings.solver.set("glow", 7);
-    const BakePlan plan = plan_bake(facts, settings, device().info());
+    const bake::BakePlan plan = bake::plan_bake(facts, settings, device().info());
     EXPECT_TRUE(plan.lit);
     EXPECT_EQ(plan.device_bytes, plan.grid.size());
     EXPECT_EQ(plan.stages.end()[-2].name, "glow");
     EXPECT_EQ(plan.skipped.end()[-2].name, "shadows"); // and then the fit
     Progress silent;
-    const Baked baked = bake(scene, plan, device(), silent);
+    const Baked baked = bake::bake(scene, plan, device(), silent);
     EXPECT_EQ(baked.volume.sh[0].front(), glm::vec3(7.0f));
     EXPECT_EQ(baked.volume.metadata.at("solver"), "toy");
     EXPECT_EQ(baked.volume.metadata.at("samples"), "16");
@@ -152,13 +158,13 @@ TEST_F(ToySolverTest, IsPlannedAndBaked) {
 }
 
 TEST_F(ToySolverTest, IsChosenByItsModels) {
-    Wish wish;
+    bake::Wish wish;
     wish.solvers = with_toy();
     wish.seconds = 1.0;
     wish.error = 0.021;
     wish.given = {{"glow", 3}, {"vpls", 99}}; // the latter is none of it
     // The others need longer on this grid, or err by more.
-    const Choice choice = choose(wish);
+    const bake::Choice choice = choose(wish);
     EXPECT_EQ(&choice.solver().kind(), &toy_kind);
     EXPECT_EQ(choice.text, "toy, order 2, 64 samples");
     EXPECT_EQ(choice.solver()["glow"], 3);
@@ -168,21 +174,21 @@ TEST_F(ToySolverTest, IsChosenByItsModels) {
 
     wish.solvers = {&toy_kind};
     wish.error.reset();
-    wish.seconds = plan_bake(facts, coarse(), device().info()).seconds;
+    wish.seconds = bake::plan_bake(facts, coarse(), device().info()).seconds;
     EXPECT_EQ(choose(wish).text, "toy, order 2, 16 samples");
     wish.seconds.reset();
     EXPECT_EQ(choose(wish).text, "toy, order 2, 16 samples");
 }
 
 TEST_F(ToySolverTest, IsSweptOver) {
-    const std::vector<const SolverKind*> kinds = with_toy();
-    const std::vector<std::string> options = sweep_options(kinds);
+    const std::vector<const solver::SolverKind*> kinds = with_toy();
+    const std::vector<std::string> options = report::sweep_options(kinds);
     EXPECT_TRUE(std::ranges::count(options, "glow"));
-    EXPECT_FALSE(std::ranges::count(sweep_options(), "glow"));
-    EXPECT_NO_THROW(check_sweep_value("glow", "2.5", kinds));
-    EXPECT_THROW(check_sweep_value("glow", "2.5"), Error);
-    EXPECT_THROW(check_sweep_value("glow", "200", kinds), Error);
-    const std::vector<SweepRow> rows = sweep_rows(
+    EXPECT_FALSE(std::ranges::count(report::sweep_options(), "glow"));
+    EXPECT_NO_THROW(report::check_sweep_value("glow", "2.5", kinds));
+    EXPECT_THROW(report::check_sweep_value("glow", "2.5"), Error);
+    EXPECT_THROW(report::check_sweep_value("glow", "200", kinds), Error);
+    const std::vector<report::SweepRow> rows = report::sweep_rows(
         {{{"glow", {"2"}}, {"samples", {"4", "33"}}}, {{"solver", {"sn", "toy"}}, {"glow", {"9"}}}},
         {}, kinds);
     ASSERT_EQ(rows.size(), 4u);
@@ -195,10 +201,10 @@ TEST_F(ToySolverTest, IsSweptOver) {
 }
 
 TEST_F(ToySolverTest, IsOneOfASuitesSolvers) {
-    const std::vector<SuiteSolver> solvers = suite_solvers(device(), toys);
+    const std::vector<report::SuiteSolver> solvers = report::suite_solvers(device(), toys);
     ASSERT_EQ(solvers.size(), 1u);
     EXPECT_EQ(solvers[0].name, "toy");
-    SuiteOptions options;
+    report::SuiteOptions options;
     options.resolution = 8;
     Progress silent;
     EXPECT_EQ(solvers[0].bake(scene, options, silent).metadata.at("solver"), "toy");

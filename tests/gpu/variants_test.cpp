@@ -82,14 +82,14 @@ std::vector<float> transformed(std::vector<float> uv) {
 
 /// Gives a document material 0, with opaque texels of 16 x 16 colours.
 void add_material(GltfDocument& document) {
-    Pixels pixels{16, 16, 4, {}};
+    image::Pixels pixels{16, 16, 4, {}};
     std::mt19937 random(1);
     for (int i = 0; i < 16 * 16; ++i) {
         for (int k = 0; k < 3; ++k)
             pixels.samples.push_back(0.3f + 0.6f * float(random() % 1000) / 1000.0f);
         pixels.samples.push_back(1.0f);
     }
-    const std::vector<unsigned char> file = encode_png(pixels, "image");
+    const std::vector<unsigned char> file = image::encode_png(pixels, "image");
     document.append("images", {{"uri", "data:image/png;base64," + base64(packed(file))}});
     document.append("textures", {{"source", 0}});
     document.append("materials", {{"pbrMetallicRoughness",
@@ -275,13 +275,13 @@ protected:
         std::filesystem::remove(path);
         EXPECT_TRUE(scene.warnings.empty()) << scene.warnings.front();
         scene.lights.push_back(scenes::point_light({0.2, 0.6, -0.1}, 100.0));
-        BakeSettings settings(*find_solver("gather"));
+        bake::BakeSettings settings(*bake::find_solver("gather"));
         settings.grid.resolution = 12;
         settings.solver.set_lighting_rays(1 << 17);
         settings.solver.set("vpls", 4096); // more than there are patches
         Progress silent;
-        const BakePlan plan = plan_bake(survey(scene), settings, device().info());
-        return bake(scene, plan, device(), silent).volume;
+        const bake::BakePlan plan = bake::plan_bake(bake::survey(scene), settings, device().info());
+        return bake::bake(scene, plan, device(), silent).volume;
     }
 };
 
@@ -290,7 +290,7 @@ TEST_F(Variants, OfOneModelGiveTheSameLight) {
     Model model = untransformed;
     model.uv = transformed(model.uv);
     const Volume expected = baked(plain(model));
-    ASSERT_GT(total_energy(expected), 0.0);
+    ASSERT_GT(volume::total_energy(expected), 0.0);
     const json mirror = {{"scale", {-1, 1, 1}}};
     const struct {
         const char* name;
@@ -304,19 +304,19 @@ TEST_F(Variants, OfOneModelGiveTheSameLight) {
         {"draco", with_draco(model)},
     };
     for (const auto& variant : variants) {
-        const double error = compare(baked(variant.document), expected, {}).relative_l1;
+        const double error = volume::compare(baked(variant.document), expected, {}).relative_l1;
         EXPECT_LT(error, 1e-3) << variant.name;
         RecordProperty(variant.name, std::to_string(error));
     }
     // Corners in another order sample other points of the patches: no better than these.
     const Model empty = room(false);
     const double error =
-        compare(baked(plain(mirrored(empty), mirror)), baked(plain(empty)), {}).relative_l1;
+        volume::compare(baked(plain(mirrored(empty), mirror)), baked(plain(empty)), {}).relative_l1;
     EXPECT_LT(error, 5e-3);
     RecordProperty("negative scale", std::to_string(error));
     // What is not the same model is told apart.
     for (const GltfDocument& other : {plain(model, mirror), plain(untransformed)})
-        EXPECT_GT(compare(baked(other), expected, {}).relative_l1, 2e-2);
+        EXPECT_GT(volume::compare(baked(other), expected, {}).relative_l1, 2e-2);
 }
 
 } // namespace

@@ -78,7 +78,7 @@ struct Writer {
     /// `extra` has what the case says beyond name, reason, scene and limits of lpv.
     void add(const std::string& name, const std::string& reason, const Scene& scene, json extra,
              json lpv, bool cheap) {
-        write_gltf(scene, folder + "/" + name + ".gltf");
+        scenes::write_gltf(scene, folder + "/" + name + ".gltf");
         json c{{"name", name}, {"reason", reason}, {"scene", name + ".gltf"}};
         c.update(extra);
         for (const Held& each : held)
@@ -114,14 +114,14 @@ Scene shifted(const Scene& scene, glm::dvec3 by) {
 /// A square of 1 m in the plane y = 0 that faces up.
 Scene patch(float albedo, float emission) {
     Scene scene;
-    add_quad(scene, add_material(scene, glm::vec3(albedo), glm::vec3(emission)), {-0.5f, 0, 0.5f},
-             {1, 0, 0}, {0, 0, -1});
+    scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(albedo), glm::vec3(emission)),
+                     {-0.5f, 0, 0.5f}, {1, 0, 0}, {0, 0, -1});
     return scene;
 }
 
 Scene sunlit_patch(double elevation) {
     Scene scene = patch(0.8f, 0.0f);
-    scene.lights.push_back(sun({std::cos(elevation), -std::sin(elevation), 0.0}, 1000.0));
+    scene.lights.push_back(scenes::sun({std::cos(elevation), -std::sin(elevation), 0.0}, 1000.0));
     return scene;
 }
 
@@ -145,24 +145,24 @@ json square_truth(double half, double luminance) {
 
 /// The Cornell box closed, with a hole of 0.6 m in its ceiling, and a sun above it.
 Scene sun_through_opening() {
-    Scene scene = cornell_box();
+    Scene scene = scenes::cornell_box();
     scene.instances.erase(scene.instances.begin() + 1); // the ceiling
     constexpr int white = 0;
-    add_quad(scene, white, {1, 0, 1}, {-2, 0, 0}, {0, 2, 0}); // front, faces -Z
+    scenes::add_quad(scene, white, {1, 0, 1}, {-2, 0, 0}, {0, 2, 0}); // front, faces -Z
     for (const auto& [x0, x1, z0, z1] :
          {std::array{-1.0f, 1.0f, -1.0f, -0.3f}, std::array{-1.0f, 1.0f, 0.3f, 1.0f},
           std::array{-1.0f, -0.3f, -0.3f, 0.3f}, std::array{0.3f, 1.0f, -0.3f, 0.3f}})
-        add_quad(scene, white, {x0, 2, z0}, {x1 - x0, 0, 0}, {0, 0, z1 - z0});
-    scene.lights.push_back(sun({0.3, -1.0, 0.25}, 10000.0));
+        scenes::add_quad(scene, white, {x0, 2, z0}, {x1 - x0, 0, 0}, {0, 0, z1 - z0});
+    scene.lights.push_back(scenes::sun({0.3, -1.0, 0.25}, 10000.0));
     return scene;
 }
 
 /// A room of 4 x 2 x 2 m with a light left of x = 0.
 Scene long_room() {
     Scene scene;
-    add_box(scene, add_material(scene, glm::vec3(0.7f), glm::vec3(0.0f)), {-2, 0, -1}, {2, 2, 1},
-            Facing::inward);
-    scene.lights.push_back(point_light({-1.1, 1.6, 0.3}, 100.0));
+    scenes::add_box(scene, scenes::add_material(scene, glm::vec3(0.7f), glm::vec3(0.0f)),
+                    {-2, 0, -1}, {2, 2, 1}, scenes::Facing::inward);
+    scene.lights.push_back(scenes::point_light({-1.1, 1.6, 0.3}, 100.0));
     return scene;
 }
 
@@ -171,42 +171,44 @@ Scene two_rooms(bool door) {
     Scene scene = long_room();
     const glm::vec3 lo(-0.025f, 0, -1), hi(0.025f, 2, 1);
     if (!door) {
-        add_box(scene, 0, lo, hi, Facing::outward);
+        scenes::add_box(scene, 0, lo, hi, scenes::Facing::outward);
         return scene;
     }
-    add_box(scene, 0, lo, {hi.x, hi.y, -0.4f}, Facing::outward);
-    add_box(scene, 0, {lo.x, lo.y, 0.4f}, hi, Facing::outward);
-    add_box(scene, 0, {lo.x, 1.6f, -0.4f}, {hi.x, hi.y, 0.4f}, Facing::outward);
+    scenes::add_box(scene, 0, lo, {hi.x, hi.y, -0.4f}, scenes::Facing::outward);
+    scenes::add_box(scene, 0, {lo.x, lo.y, 0.4f}, hi, scenes::Facing::outward);
+    scenes::add_box(scene, 0, {lo.x, 1.6f, -0.4f}, {hi.x, hi.y, 0.4f}, scenes::Facing::outward);
     return scene;
 }
 
 /// A sheet without thickness, a third of a cell off the middle.
 Scene thin_wall() {
     Scene scene = long_room();
-    add_quad(scene, add_material(scene, glm::vec3(0.7f), glm::vec3(0.0f), true), {0.09f, 0, 1},
-             {0, 0, -2}, {0, 2, 0});
+    scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.7f), glm::vec3(0.0f), true),
+                     {0.09f, 0, 1}, {0, 0, -2}, {0, 2, 0});
     return scene;
 }
 
 /// A closed hollow box, turned, in a lit room.
 Scene sealed_box() {
     Scene scene;
-    const int grey = add_material(scene, glm::vec3(0.7f));
-    add_box(scene, grey, glm::vec3(-1), glm::vec3(1), Facing::inward);
-    add_box(scene, grey, glm::vec3(-0.5f), glm::vec3(0.5f), Facing::outward, odd_turn());
-    add_box(scene, grey, glm::vec3(-0.47f), glm::vec3(0.47f), Facing::inward, odd_turn());
-    scene.lights.push_back(point_light({-0.8, 0.8, 0.7}, 100.0));
+    const int grey = scenes::add_material(scene, glm::vec3(0.7f));
+    scenes::add_box(scene, grey, glm::vec3(-1), glm::vec3(1), scenes::Facing::inward);
+    scenes::add_box(scene, grey, glm::vec3(-0.5f), glm::vec3(0.5f), scenes::Facing::outward,
+                    odd_turn());
+    scenes::add_box(scene, grey, glm::vec3(-0.47f), glm::vec3(0.47f), scenes::Facing::inward,
+                    odd_turn());
+    scene.lights.push_back(scenes::point_light({-0.8, 0.8, 0.7}, 100.0));
     return scene;
 }
 
 Scene canyon() {
     Scene scene;
-    const int asphalt = add_material(scene, glm::vec3(0.2f));
-    const int brick = add_material(scene, {0.6f, 0.35f, 0.25f});
-    add_quad(scene, asphalt, {-5, 0, 8}, {10, 0, 0}, {0, 0, -16});
-    add_box(scene, brick, {-5, 0, -8}, {-2, 6, 8}, Facing::outward);
-    add_box(scene, brick, {2, 0, -8}, {5, 6, 8}, Facing::outward);
-    scene.lights.push_back(sun({0.6, -1.0, 0.3}, 50000.0));
+    const int asphalt = scenes::add_material(scene, glm::vec3(0.2f));
+    const int brick = scenes::add_material(scene, {0.6f, 0.35f, 0.25f});
+    scenes::add_quad(scene, asphalt, {-5, 0, 8}, {10, 0, 0}, {0, 0, -16});
+    scenes::add_box(scene, brick, {-5, 0, -8}, {-2, 6, 8}, scenes::Facing::outward);
+    scenes::add_box(scene, brick, {2, 0, -8}, {5, 6, 8}, scenes::Facing::outward);
+    scene.lights.push_back(scenes::sun({0.6, -1.0, 0.3}, 50000.0));
     return scene;
 }
 
@@ -218,7 +220,7 @@ std::vector<glm::dvec3> dot_corners(double x) {
 Scene dot(double x) {
     Scene scene;
     Mesh mesh;
-    mesh.material = add_material(scene, glm::vec3(0.0f), glm::vec3(1.0f));
+    mesh.material = scenes::add_material(scene, glm::vec3(0.0f), glm::vec3(1.0f));
     for (const glm::dvec3& corner : dot_corners(0.0))
         mesh.positions.push_back(glm::vec3(corner));
     mesh.triangles = {{0, 1, 2}};
@@ -229,18 +231,18 @@ Scene dot(double x) {
 
 /// A closed box in the air of the Cornell box.
 Scene floating_box() {
-    Scene scene = cornell_box_with_point();
-    add_box(scene, 0, {-0.2f, 1.3f, 0.3f}, {0.2f, 1.6f, 0.7f}, Facing::outward);
+    Scene scene = scenes::cornell_box_with_point();
+    scenes::add_box(scene, 0, {-0.2f, 1.3f, 0.3f}, {0.2f, 1.6f, 0.7f}, scenes::Facing::outward);
     return scene;
 }
 
 Scene with_light(Scene scene, glm::dvec3 position) {
-    scene.lights.push_back(point_light(position, 1000.0));
+    scene.lights.push_back(scenes::point_light(position, 1000.0));
     return scene;
 }
 
 Scene with_degenerates() {
-    Scene scene = cornell_box_with_point();
+    Scene scene = scenes::cornell_box_with_point();
     scene.instances.push_back(scene.instances[0]); // the floor twice
     Mesh mesh;
     mesh.positions = {{0, 0.5f, 0}, {0.5f, 0.5f, 0}, {1, 0.5f, 0}, {0, 1, 0.5f}};
@@ -251,7 +253,7 @@ Scene with_degenerates() {
 }
 
 Scene white_cornell_box() {
-    Scene scene = cornell_box_with_point();
+    Scene scene = scenes::cornell_box_with_point();
     for (Material& material : scene.materials)
         material.base_color = glm::vec4(1.0f);
     return scene;
@@ -267,7 +269,7 @@ void add_furnaces(Writer& w) {
          {std::pair{"furnace-0", 0.0f}, std::pair{"furnace-50", 0.5f},
           std::pair{"furnace-80", 0.8f}, std::pair{"furnace-95", 0.95f}})
         w.add(name, "closed and glowing: 1 / (1 - albedo) everywhere, after any number of bounces",
-              furnace(2.0f, albedo, 1.0f),
+              scenes::furnace(2.0f, albedo, 1.0f),
               {{"options", {{"resolution", 16}, {"bounces", "inf"}}},
                {"truth", truth(double(albedo))}},
               lpv_furnace(1.0), albedo == 0.0f);
@@ -276,7 +278,7 @@ void add_furnaces(Writer& w) {
         for (int k = 0; k < 3; ++k)
             stairs += std::abs(odd_turn()[i][k]) / 3.0;
     w.add("furnace-turned", "the same at an odd angle to the grid: no wall lies along it",
-          moved(furnace(2.0f, 0.5f, 1.0f), odd_turn()),
+          moved(scenes::furnace(2.0f, 0.5f, 1.0f), odd_turn()),
           {{"options", {{"resolution", 20}, {"bounces", "inf"}}}, {"truth", truth(0.5)}},
           lpv_furnace(stairs), true);
 }
@@ -303,8 +305,8 @@ void add_patches(Writer& w) {
            {"truth", square_truth(0.5, sunlit_luminance(grazing))},
            {"same_as", {{"case", "patch-lit"}, {"scale", std::sin(grazing) / std::sin(high)}}}},
           lpv, true);
-    Scene flat = floor_quad(2.0f, glm::vec3(0.8f));
-    flat.lights.push_back(sun({std::cos(high), -std::sin(high), 0.0}, 1000.0));
+    Scene flat = scenes::floor_quad(2.0f, glm::vec3(0.8f));
+    flat.lights.push_back(scenes::sun({std::cos(high), -std::sin(high), 0.0}, 1000.0));
     w.add("flat", "a scene without height: bounds of no thickness, cells that lie in the surface",
           flat,
           {{"options", {{"resolution", 16}}}, {"truth", square_truth(1.0, sunlit_luminance(high))}},
@@ -358,7 +360,7 @@ void add_rooms(Writer& w) {
 
 void add_invariances(Writer& w) {
     const json options{{"resolution", 16}};
-    const Scene room = cornell_box_with_point(100.0);
+    const Scene room = scenes::cornell_box_with_point(100.0);
     w.add("cornell-point", "a box with coloured walls: what the next cases have to agree with",
           room, {{"options", options}}, lpv_known(), true);
     const auto same = [&](const char* name, const char* reason, const Scene& scene, double scale,
@@ -389,9 +391,9 @@ void add_invariances(Writer& w) {
     same("scale-1e-4", "a room of 0.2 mm: light falls with the square", scaled(room, 1e-4), 1e8,
          1e-3, options);
     same("scale-1e4", "a room of 20 km", scaled(room, 1e4), 1e-8, 1e-3, options);
-    same("light-1e-9", "a billionth of a candela", cornell_box_with_point(1e-9), 1e-11, 1e-3,
-         options);
-    same("light-1e9", "a billion candela", cornell_box_with_point(1e9), 1e7, 1e-3, options);
+    same("light-1e-9", "a billionth of a candela", scenes::cornell_box_with_point(1e-9), 1e-11,
+         1e-3, options);
+    same("light-1e9", "a billion candela", scenes::cornell_box_with_point(1e9), 1e7, 1e-3, options);
     same("degenerate", "triangles without area, and a floor that is there twice",
          with_degenerates(), 1.0, 1e-3, options);
     json iterations = options;

@@ -115,7 +115,7 @@ class Install(unittest.TestCase):
                     classes.add(f"{space}::{match.group(1)}")
                 elif match := re.match(r"LPVBAKE_API [^(]*?(\w+)\(", line):
                     functions.add(f"{space}::{match.group(1)}")
-        self.assertIn("lpvbake::bake", functions)
+        self.assertIn("lpvbake::bake_volume", functions)
         self.assertIn("lpvbake::gpu::Device", classes)
         shown = run("nm", "-D", "-C", "--defined-only", "--extern-only", "--format=just-symbols",
                     self.prefix / "lib/liblpvbake.so").stdout.splitlines()

@@ -50,7 +50,7 @@ struct Triangle {
 using Sees = std::function<bool(glm::dvec3 from, glm::dvec3 to)>;
 
 /// Adds what arrives at x to `sh`, (order + 1)^2 coefficients.
-inline void arrive(const Triangle& t, glm::dvec3 x, int order, const Sees& sees,
+inline void arrive(const oracle::Triangle& t, glm::dvec3 x, int order, const oracle::Sees& sees,
                    std::vector<glm::dvec3>& sh) {
     if (glm::dot(x - t.a, t.normal) <= 0.0)
         return;
@@ -60,10 +60,10 @@ inline void arrive(const Triangle& t, glm::dvec3 x, int order, const Sees& sees,
         std::max({glm::distance(t.a, t.b), glm::distance(t.b, t.c), glm::distance(t.c, t.a)});
     if (across > 0.25 * distance) {
         const glm::dvec3 ab = 0.5 * (t.a + t.b), bc = 0.5 * (t.b + t.c), ca = 0.5 * (t.c + t.a);
-        arrive({t.a, ab, ca, t.normal, t.luminance}, x, order, sees, sh);
-        arrive({ab, t.b, bc, t.normal, t.luminance}, x, order, sees, sh);
-        arrive({ca, bc, t.c, t.normal, t.luminance}, x, order, sees, sh);
-        arrive({ab, bc, ca, t.normal, t.luminance}, x, order, sees, sh);
+        oracle::arrive({t.a, ab, ca, t.normal, t.luminance}, x, order, sees, sh);
+        oracle::arrive({ab, t.b, bc, t.normal, t.luminance}, x, order, sees, sh);
+        oracle::arrive({ca, bc, t.c, t.normal, t.luminance}, x, order, sees, sh);
+        oracle::arrive({ab, bc, ca, t.normal, t.luminance}, x, order, sees, sh);
         return;
     }
     const double area = 0.5 * glm::length(glm::cross(t.b - t.a, t.c - t.a));
@@ -71,7 +71,7 @@ inline void arrive(const Triangle& t, glm::dvec3 x, int order, const Sees& sees,
         return;
     const glm::dvec3 w = way / distance;
     const double angle = area * -glm::dot(w, t.normal) / (distance * distance);
-    const std::vector<double> y = harmonics(order, w);
+    const std::vector<double> y = oracle::harmonics(order, w);
     for (size_t k = 0; k < y.size(); ++k)
         sh[k] += t.luminance * (angle * y[k]);
 }

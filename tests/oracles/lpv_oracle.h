@@ -17,7 +17,7 @@ struct Lobe {
     glm::dvec3 vector{0.0};
 };
 
-using Field = std::vector<Lobe>;
+using Field = std::vector<oracle::Lobe>;
 
 /// Solid angle of the unit square facing the origin at distance 1.5, half shifted sideways by
 /// (a, b), by midpoint quadrature: what a face subtends from the centre of the source cell.
@@ -40,14 +40,15 @@ using Transmittance = std::function<double(glm::ivec3 source, glm::ivec3 toward,
 /// Returns the light after `steps` steps (injected and all fronts), and the last front's power
 /// (lm).
 struct Propagated {
-    Field sum;
-    Field front;
+    oracle::Field sum;
+    oracle::Field front;
 };
 
-inline Propagated propagate(glm::ivec3 dims, const Field& injected, int steps,
-                            const Transmittance& transmittance, bool first_free = false) {
-    static const double far_angle = solid_angle({1.5, 0, 0}, {0, 1, 0}, {0, 0, 1});
-    static const double side_angle = solid_angle({1, 0.5, 0}, {1, 0, 0}, {0, 0, 1});
+inline oracle::Propagated propagate(glm::ivec3 dims, const oracle::Field& injected, int steps,
+                                    const oracle::Transmittance& transmittance,
+                                    bool first_free = false) {
+    static const double far_angle = oracle::solid_angle({1.5, 0, 0}, {0, 1, 0}, {0, 0, 1});
+    static const double side_angle = oracle::solid_angle({1, 0.5, 0}, {1, 0, 0}, {0, 0, 1});
     const auto at = [&](glm::ivec3 c) {
         return size_t(c.x) + size_t(dims.x) * (size_t(c.y) + size_t(dims.y) * size_t(c.z));
     };
@@ -58,14 +59,14 @@ inline Propagated propagate(glm::ivec3 dims, const Field& injected, int steps,
             d[axis] = sign;
             axes.push_back(d);
         }
-    Propagated result{injected, injected};
+    oracle::Propagated result{injected, injected};
     for (int step = 0; step < steps; ++step) {
-        Field next(injected.size());
+        oracle::Field next(injected.size());
         for (int z = 0; z < dims.z; ++z)
             for (int y = 0; y < dims.y; ++y)
                 for (int x = 0; x < dims.x; ++x) {
                     const glm::ivec3 source{x, y, z};
-                    const Lobe& lobe = result.front[at(source)];
+                    const oracle::Lobe& lobe = result.front[at(source)];
                     const auto flux = [&](glm::ivec3 d, glm::ivec3 n) {
                         const glm::dvec3 w =
                             d == n ? glm::dvec3(d)
@@ -109,9 +110,9 @@ inline Propagated propagate(glm::ivec3 dims, const Field& injected, int steps,
     return result;
 }
 
-inline double power(const Field& field) {
+inline double power(const oracle::Field& field) {
     double sum = 0.0;
-    for (const Lobe& lobe : field)
+    for (const oracle::Lobe& lobe : field)
         sum += 4.0 * M_PI * lobe.constant;
     return sum;
 }

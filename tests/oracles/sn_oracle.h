@@ -22,7 +22,7 @@ struct SnWorld {
 
 class SnDirection {
 public:
-    SnDirection(const SnWorld& world, glm::dvec3 d) : world_(world), d_(d) {
+    SnDirection(const oracle::SnWorld& world, glm::dvec3 d) : world_(world), d_(d) {
         for (int a = 0; a < 3; ++a)
             step_[a] = d[a] > 0.0 ? -1 : 1;
         axis_ = 0;
@@ -63,7 +63,7 @@ private:
         return sum;
     }
 
-    const SnWorld& world_;
+    const oracle::SnWorld& world_;
     glm::dvec3 d_;
     glm::ivec3 step_{0};
     int axis_;

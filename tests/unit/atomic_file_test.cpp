@@ -27,7 +27,7 @@ void in_child(const Act& act) {
 }
 
 void write_whole(const std::string& path, const std::string& bytes) {
-    AtomicFile file(path);
+    io::AtomicFile file(path);
     file.write(bytes);
     EXPECT_EQ(file.seal(), bytes.size());
     file.publish();
@@ -39,7 +39,7 @@ TEST(AtomicFile, AppearsWhenPublished) {
     const TemporaryFolder folder;
     const std::string path = folder / "a.txt";
     spill(path, "old");
-    AtomicFile file(path);
+    io::AtomicFile file(path);
     file.write("new!");
     EXPECT_EQ(slurp(path), "old");
     EXPECT_EQ(folder.count(), 2);
@@ -56,12 +56,12 @@ TEST(AtomicFile, VanishesWhenAbandoned) {
     const std::string path = folder / "a.txt";
     spill(path, "old");
     {
-        AtomicFile file(path);
+        io::AtomicFile file(path);
         file.write("new");
         EXPECT_EQ(std::filesystem::path(file.temporary()).filename().string()[0], '.');
         EXPECT_NE(file.temporary().find("." + std::to_string(getpid()) + "."), std::string::npos);
     }
-    EXPECT_THROW(AtomicFile(path).write([](std::ostream&) { throw std::runtime_error("x"); }),
+    EXPECT_THROW(io::AtomicFile(path).write([](std::ostream&) { throw std::runtime_error("x"); }),
                  std::runtime_error);
     EXPECT_EQ(slurp(path), "old");
     EXPECT_EQ(folder.count(), 1);
@@ -90,9 +90,9 @@ TEST(AtomicFile, RemovesWhatTheKilledLeftBehind) {
     ASSERT_EQ(pipe(ready), 0);
     const pid_t child = fork();
     if (child == 0) {
-        AtomicFile file(path);
+        io::AtomicFile file(path);
         file.write("half done");
-        const AtomicFile other(folder / "b.txt");
+        const io::AtomicFile other(folder / "b.txt");
         const ssize_t told = ::write(ready[1], "x", 1);
         pause();
         _exit(told == 1 ? 0 : 1);
@@ -125,7 +125,7 @@ TEST(AtomicFile, FullDisk) {
         setrlimit(RLIMIT_FSIZE, &limit);
         for (const char* name : {"a.vdb", "a.exr"}) {
             const Error error = error_of(
-                folder / "a", [&] { write_volume(folder / name, volume, Precision::full); });
+                folder / "a", [&] { io::write_volume(folder / name, volume, Precision::full); });
             if (error.kind != ErrorKind::file
                 || std::string(error.what()).find("File too large") == std::string::npos)
                 return false;
@@ -162,11 +162,13 @@ TEST(AtomicFile, FoldersThatRefuse) {
 TEST(AtomicFile, ReadsWholeFiles) {
     const TemporaryFolder folder;
     spill(folder / "a", "12345");
-    EXPECT_EQ(read_file(folder / "a", 5), "12345");
-    EXPECT_EQ(error_of(folder / "a", [&] { read_file(folder / "a", 4); }).kind, ErrorKind::invalid);
-    EXPECT_EQ(error_of(folder / "b", [&] { read_file(folder / "b", 4); }).kind, ErrorKind::file);
-    EXPECT_EQ(error_of(folder / "", [&] { read_file(folder / "", 4); }).kind, ErrorKind::file);
-    EXPECT_EQ(error_of("/dev/zero", [&] { read_file("/dev/zero", 4); }).kind, ErrorKind::file);
+    EXPECT_EQ(io::read_file(folder / "a", 5), "12345");
+    EXPECT_EQ(error_of(folder / "a", [&] { io::read_file(folder / "a", 4); }).kind,
+              ErrorKind::invalid);
+    EXPECT_EQ(error_of(folder / "b", [&] { io::read_file(folder / "b", 4); }).kind,
+              ErrorKind::file);
+    EXPECT_EQ(error_of(folder / "", [&] { io::read_file(folder / "", 4); }).kind, ErrorKind::file);
+    EXPECT_EQ(error_of("/dev/zero", [&] { io::read_file("/dev/zero", 4); }).kind, ErrorKind::file);
 }
 TEST(AtomicFile, LeavesDevicesAndPipesAlone) {
     const TemporaryFolder folder;
@@ -175,7 +177,7 @@ TEST(AtomicFile, LeavesDevicesAndPipesAlone) {
     std::filesystem::create_symlink("/dev/null", folder / "device");
     for (const std::string& target : {pipe, std::string(folder / "device")}) {
         try {
-            AtomicFile file(target);
+            io::AtomicFile file(target);
             ADD_FAILURE() << target;
         } catch (const Error& error) {
             EXPECT_EQ(error.kind, ErrorKind::file);

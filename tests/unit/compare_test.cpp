@@ -70,18 +70,18 @@ Volume uniform(glm::ivec3 dims, glm::vec3 luminance) {
     return volume;
 }
 
-const GridDifference* find(const Comparison& c, const std::string& name) {
-    const auto found = std::ranges::find(c.grids, name, &GridDifference::name);
+const volume::GridDifference* find(const volume::Comparison& c, const std::string& name) {
+    const auto found = std::ranges::find(c.grids, name, &volume::GridDifference::name);
     return found == c.grids.end() ? nullptr : &*found;
 }
 
-void expect_no_nan(const Comparison& c) {
+void expect_no_nan(const volume::Comparison& c) {
     for (const double value : {c.mean_a, c.mean_b, c.relative_l1, c.rms, c.relative_rms,
                                c.percentile95, c.max, c.energy_a, c.energy_b, c.energy_ratio})
         EXPECT_FALSE(std::isnan(value));
     for (const float error : c.cell_error)
         EXPECT_FALSE(std::isnan(error));
-    for (const GridDifference& grid : c.grids)
+    for (const volume::GridDifference& grid : c.grids)
         EXPECT_FALSE(std::isnan(grid.relative));
 }
 
@@ -89,7 +89,7 @@ void expect_no_nan(const Comparison& c) {
 
 TEST(Compare, NormalsAreThe26Neighbours) {
     std::set<std::tuple<int, int, int>> found;
-    for (const glm::dvec3 n : neighbour_normals()) {
+    for (const glm::dvec3 n : volume::neighbour_normals()) {
         EXPECT_NEAR(glm::length(n), 1, 1e-15);
         const double scale = 1 / std::max({std::abs(n.x), std::abs(n.y), std::abs(n.z)});
         found.emplace(int(std::lround(scale * n.x)), int(std::lround(scale * n.y)),
@@ -101,7 +101,7 @@ TEST(Compare, NormalsAreThe26Neighbours) {
 TEST(Compare, AVolumeIsItself) {
     for (int order : {0, 1, 2, 4}) {
         const Volume volume = random_volume({7, 6, 5}, order, true, 3);
-        const Comparison c = compare(volume, volume, {{0.0}, 5});
+        const volume::Comparison c = volume::compare(volume, volume, {{0.0}, 5});
         EXPECT_TRUE(c.identical);
         EXPECT_GT(c.samples, 1000u);
         EXPECT_GT(c.mean_b, 0);
@@ -117,7 +117,7 @@ TEST(Compare, AVolumeIsItself) {
 
 TEST(Compare, UniformLightInClosedForm) {
     const Volume b = uniform({3, 4, 5}, {8, 8, 8}), a = uniform({3, 4, 5}, {10, 10, 10});
-    const Comparison c = compare(a, b, {{0.24, 0.26}, 5});
+    const volume::Comparison c = volume::compare(a, b, {{0.24, 0.26}, 5});
     EXPECT_FALSE(c.identical);
     EXPECT_EQ(c.samples, 3u * 4 * 5 * 26 * 3);
     EXPECT_NEAR(c.mean_a, 10 * pi, 1e-5);
@@ -161,7 +161,7 @@ TEST(Compare, AgreesWithEverySampleTakenByHand) {
             exceeding += d > 0.5 * mean;
         std::ranges::sort(differences);
 
-        const Comparison c = compare(a, b, {{0.5}, 4});
+        const volume::Comparison c = volume::compare(a, b, {{0.5}, 4});
         ASSERT_EQ(c.samples, values.size());
         ASSERT_GT(negative_a, 100u);
         EXPECT_NEAR(c.mean_b, mean, 1e-5 * mean);
@@ -181,7 +181,7 @@ TEST(Compare, AgreesWithEverySampleTakenByHand) {
         std::vector<double> largest = cell_max;
         std::ranges::sort(largest, std::greater());
         for (size_t w = 0; w < 4; ++w) {
-            const IrradianceSample& worst = c.worst[w];
+            const volume::IrradianceSample& worst = c.worst[w];
             const size_t cell = a.grid.index(worst.cell);
             EXPECT_NEAR(worst.difference * mean, largest[w], 1e-5 * largest[w]);
             EXPECT_NEAR(cell_max[cell], largest[w], 1e-5 * largest[w]);
@@ -203,7 +203,7 @@ TEST(Compare, OnePerturbedCoefficientIsFoundAndLocated) {
         for (int channel = 0; channel < 3; ++channel) {
             Volume a = b;
             a.sh[k][i][channel] += 0.5f;
-            const Comparison c = compare(a, b, {{0.0}, 5});
+            const volume::Comparison c = volume::compare(a, b, {{0.0}, 5});
             EXPECT_FALSE(c.identical);
             ASSERT_EQ(c.worst.size(), 1u);
             EXPECT_EQ(c.worst[0].cell, cell);
@@ -233,8 +233,8 @@ TEST(Compare, TheSmallestChangeOfAnyGridCounts) {
     const auto expect_found = [&](const auto& change) {
         Volume a = b;
         change(a);
-        EXPECT_FALSE(compare(a, b, {}).identical);
-        EXPECT_FALSE(compare(b, a, {}).identical);
+        EXPECT_FALSE(volume::compare(a, b, {}).identical);
+        EXPECT_FALSE(volume::compare(b, a, {}).identical);
     };
     for (size_t cell = 0; cell < b.grid.size(); cell += 7) // valid or not
         for (size_t k : {0u, 8u})
@@ -253,7 +253,7 @@ TEST(Compare, TheSmallestChangeOfAnyGridCounts) {
     });
     Volume other = b;
     other.metadata["more"] = "x";
-    EXPECT_TRUE(compare(other, b, {}).identical);
+    EXPECT_TRUE(volume::compare(other, b, {}).identical);
 }
 
 TEST(Compare, OrdersAreComparedWithAllThatTheyHave) {
@@ -261,11 +261,11 @@ TEST(Compare, OrdersAreComparedWithAllThatTheyHave) {
     Volume l1 = l2;
     l1.sh_order = 1;
     l1.sh.resize(4);
-    const Comparison c = compare(l1, l2, {});
+    const volume::Comparison c = volume::compare(l1, l2, {});
     EXPECT_EQ(c.grids.size(), 4u + 1 + 2);
     EXPECT_EQ(c.only_a.size(), 0u);
     EXPECT_EQ(c.only_b.size(), 5u);
-    for (const GridDifference& grid : c.grids)
+    for (const volume::GridDifference& grid : c.grids)
         EXPECT_EQ(grid.cells, 0u);
     EXPECT_GT(c.relative_l1, 0.05) << "band 2 is light too";
     EXPECT_EQ(c.energy_ratio, 1);
@@ -276,7 +276,7 @@ TEST(Compare, OnlyCellsValidInBothAreSampled) {
     a.validity = {1, 1, 0, 0};
     b.validity = {1, 0, 1, 0};
     a.sh[0][1] = a.sh[0][2] = a.sh[0][3] = glm::vec3(1000);
-    const Comparison c = compare(a, b, {});
+    const volume::Comparison c = volume::compare(a, b, {});
     EXPECT_EQ(c.valid_both, 1u);
     EXPECT_EQ(c.valid_only_a, 1u);
     EXPECT_EQ(c.valid_only_b, 1u);
@@ -284,14 +284,14 @@ TEST(Compare, OnlyCellsValidInBothAreSampled) {
     EXPECT_EQ(c.samples, 78u);
     EXPECT_EQ(c.relative_l1, 0);
     EXPECT_EQ(c.energy_ratio, 1);
-    const GridDifference* validity = find(c, "validity");
+    const volume::GridDifference* validity = find(c, "validity");
     ASSERT_TRUE(validity);
     EXPECT_EQ(validity->cells, 2u);
     EXPECT_EQ(validity->cell, glm::ivec3(1, 0, 0));
     EXPECT_EQ(c.grids[0].cells, 3u) << "grids are compared everywhere";
 
     a.validity.clear(); // then all of A is valid
-    const Comparison whole = compare(a, b, {});
+    const volume::Comparison whole = volume::compare(a, b, {});
     EXPECT_EQ(whole.valid_both, 2u);
     EXPECT_EQ(whole.valid_only_a, 2u);
     EXPECT_FALSE(find(whole, "validity"));
@@ -304,7 +304,7 @@ TEST(Compare, GridsAreMeasuredWhereBothAreValid) {
     b.validity = {1, 1, 0, 0};
     Volume a = b;
     a.sh[1][2] = {0, -50, 4};
-    const GridDifference outside = compare(a, b, {}).grids[1];
+    const volume::GridDifference outside = volume::compare(a, b, {}).grids[1];
     EXPECT_EQ(outside.cells, 1u);
     EXPECT_EQ(outside.cells_valid_both, 0u);
     EXPECT_EQ(outside.rms, 0);
@@ -315,7 +315,7 @@ TEST(Compare, GridsAreMeasuredWhereBothAreValid) {
     EXPECT_EQ(outside.a, -50);
 
     a.sh[1][1].b = 10; // a difference of 6 in 2 cells of 3 channels
-    const GridDifference inside = compare(a, b, {}).grids[1];
+    const volume::GridDifference inside = volume::compare(a, b, {}).grids[1];
     EXPECT_EQ(inside.cells, 2u);
     EXPECT_EQ(inside.cells_valid_both, 1u);
     EXPECT_NEAR(inside.rms, 6 / std::sqrt(6.0), 1e-12);
@@ -331,13 +331,14 @@ TEST(Compare, NegativeIrradianceIsClampedAndCounted) {
     Volume a = uniform({2, 1, 1}, {1, 1, 1}), b = a;
     a.sh[1][1] = glm::vec3(100, 0, 0);
     b.sh[1][1] = glm::vec3(200, 0, 0);
-    const Comparison c = compare(a, b, {{0.0}, 1});
+    const volume::Comparison c = volume::compare(a, b, {{0.0}, 1});
     EXPECT_EQ(c.negative_a, 9u);
     EXPECT_EQ(c.negative_b, 9u);
     EXPECT_EQ(c.exceeding[0], 9u) << "both are 0 below";
 
     // Where all is below 0 nothing differs but the coefficients.
-    const Comparison dark = compare(uniform({2, 1, 1}, glm::vec3(-1)), uniform({2, 1, 1}, {}), {});
+    const volume::Comparison dark =
+        volume::compare(uniform({2, 1, 1}, glm::vec3(-1)), uniform({2, 1, 1}, {}), {});
     EXPECT_EQ(dark.negative_a, 2u * 78);
     EXPECT_EQ(dark.negative_b, 0u);
     EXPECT_EQ(dark.relative_l1, 0);
@@ -346,13 +347,13 @@ TEST(Compare, NegativeIrradianceIsClampedAndCounted) {
 
 TEST(Compare, ABlackReferenceGivesZeroOrInfinityNeverNaN) {
     const Volume black = uniform({3, 3, 3}, {}), lit = uniform({3, 3, 3}, {1, 1, 1});
-    const Comparison same = compare(black, black, {{0.0}, 5});
+    const volume::Comparison same = volume::compare(black, black, {{0.0}, 5});
     EXPECT_TRUE(same.identical);
     EXPECT_EQ(same.relative_l1, 0);
     EXPECT_EQ(same.energy_ratio, 1);
     expect_no_nan(same);
 
-    const Comparison c = compare(lit, black, {{0.0, 1e30}, 5});
+    const volume::Comparison c = volume::compare(lit, black, {{0.0, 1e30}, 5});
     for (const double value :
          {c.relative_l1, c.relative_rms, c.percentile95, c.max, c.energy_ratio})
         EXPECT_EQ(value, infinity);
@@ -365,7 +366,7 @@ TEST(Compare, ABlackReferenceGivesZeroOrInfinityNeverNaN) {
 
     Volume spot = black; // one lit cell of 27: the percentile stays at 0, the rest does not
     spot.sh[0][13] = glm::vec3(1);
-    const Comparison few = compare(spot, black, {{0.0}, 5});
+    const volume::Comparison few = volume::compare(spot, black, {{0.0}, 5});
     EXPECT_EQ(few.percentile95, 0);
     EXPECT_EQ(few.max, infinity);
     EXPECT_EQ(few.exceeding[0], 78u);
@@ -374,7 +375,7 @@ TEST(Compare, ABlackReferenceGivesZeroOrInfinityNeverNaN) {
 
     Volume nowhere = lit;
     nowhere.validity.assign(27, 0);
-    const Comparison none = compare(nowhere, nowhere, {{0.0}, 5});
+    const volume::Comparison none = volume::compare(nowhere, nowhere, {{0.0}, 5});
     EXPECT_TRUE(none.identical);
     EXPECT_EQ(none.samples, 0u);
     expect_no_nan(none);
@@ -384,7 +385,7 @@ TEST(Compare, HugeAndTinyValuesStayInRange) {
     for (const float scale : {1e-36f, 1e36f}) {
         const Volume b = uniform({3, 3, 3}, glm::vec3(scale));
         const Volume a = uniform({3, 3, 3}, glm::vec3(2 * scale));
-        const Comparison c = compare(a, b, {{0.5}, 5});
+        const volume::Comparison c = volume::compare(a, b, {{0.5}, 5});
         EXPECT_NEAR(c.relative_l1, 1, 1e-5);
         EXPECT_NEAR(c.relative_rms, 1, 1e-5);
         EXPECT_NEAR(c.percentile95, 1, 1e-5);
@@ -397,8 +398,8 @@ TEST(Compare, AtMostFivePercentLieAboveThe95thPercentile) {
     for (unsigned seed = 0; seed < 5; ++seed) {
         const Volume a = random_volume({5, 5, int(seed) + 2}, 1, false, seed);
         const Volume b = random_volume({5, 5, int(seed) + 2}, 1, false, seed + 100);
-        const double p = compare(a, b, {}).percentile95;
-        const Comparison c = compare(a, b, {{p, p * (1 - 1e-7)}, 0});
+        const double p = volume::compare(a, b, {}).percentile95;
+        const volume::Comparison c = volume::compare(a, b, {{p, p * (1 - 1e-7)}, 0});
         EXPECT_LE(double(c.exceeding[0]), 0.05 * double(c.samples));
         EXPECT_GT(double(c.exceeding[1]), 0.05 * double(c.samples) - 1e-9);
         EXPECT_TRUE(c.worst.empty());
@@ -412,11 +413,11 @@ TEST(Compare, SameBitsForAnyNumberOfThreads) {
     const tbb::global_control more(tbb::global_control::max_allowed_parallelism, 8);
     const auto with_threads = [&](int threads) {
         tbb::task_arena arena(threads);
-        return arena.execute([&] { return compare(a, b, {{0.1}, 9}); });
+        return arena.execute([&] { return volume::compare(a, b, {{0.1}, 9}); });
     };
-    const Comparison one = with_threads(1);
+    const volume::Comparison one = with_threads(1);
     for (int threads : {2, 3, 8}) {
-        const Comparison c = with_threads(threads);
+        const volume::Comparison c = with_threads(threads);
         EXPECT_EQ(c.relative_l1, one.relative_l1);
         EXPECT_EQ(c.rms, one.rms);
         EXPECT_EQ(c.mean_a, one.mean_a);
@@ -435,7 +436,7 @@ TEST(Compare, EqualDifferencesAreListedByIndex) {
     Volume a = b;
     for (glm::ivec3 cell : {glm::ivec3(3, 2, 1), {2, 2, 0}, {1, 0, 1}})
         a.sh[0][a.grid.index(cell)] += glm::vec3(0, 1, 1);
-    const Comparison c = compare(a, b, {{}, 2});
+    const volume::Comparison c = volume::compare(a, b, {{}, 2});
     ASSERT_EQ(c.worst.size(), 2u);
     EXPECT_EQ(c.worst[0].cell, glm::ivec3(2, 2, 0));
     EXPECT_EQ(c.worst[1].cell, glm::ivec3(1, 0, 1));
@@ -447,8 +448,8 @@ TEST(Compare, OtherLatticesAreRefused) {
     const auto refused = [&](const char* text, const Grid& grid) {
         Volume a = uniform(grid.dims, {1, 1, 1});
         a.grid = grid;
-        EXPECT_EQ(error_of(text, [&] { compare(a, b, {}); }).kind, ErrorKind::invalid);
-        EXPECT_EQ(error_of(text, [&] { difference(a, b); }).kind, ErrorKind::invalid);
+        EXPECT_EQ(error_of(text, [&] { volume::compare(a, b, {}); }).kind, ErrorKind::invalid);
+        EXPECT_EQ(error_of(text, [&] { volume::difference(a, b); }).kind, ErrorKind::invalid);
     };
     const Grid& g = b.grid;
     refused("dims: 3 x 4 x 2 and 4 x 3 x 2 cells", {g.origin, g.cell, {3, 4, 2}});
@@ -460,8 +461,8 @@ TEST(Compare, OtherLatticesAreRefused) {
     Volume rounded = b;
     rounded.grid.origin.x += 1e-9;
     rounded.grid.cell *= 1 + 1e-9;
-    EXPECT_FALSE(lattice_difference(rounded.grid, b.grid));
-    EXPECT_TRUE(compare(rounded, b, {}).identical);
+    EXPECT_FALSE(volume::lattice_difference(rounded.grid, b.grid));
+    EXPECT_TRUE(volume::compare(rounded, b, {}).identical);
 }
 
 TEST(Compare, ValuesThatAreNotFiniteAreRefused) {
@@ -469,9 +470,9 @@ TEST(Compare, ValuesThatAreNotFiniteAreRefused) {
     for (const float bad : {float(infinity), -float(infinity), std::nanf("")}) {
         Volume a = b;
         a.sh[0][7].b = bad;
-        EXPECT_EQ(error_of("finite", [&] { compare(b, a, {}); }).kind, ErrorKind::invalid);
+        EXPECT_EQ(error_of("finite", [&] { volume::compare(b, a, {}); }).kind, ErrorKind::invalid);
         a.validity[7] = 0; // there it is only a coefficient that differs
-        EXPECT_FALSE(compare(b, a, {}).identical);
+        EXPECT_FALSE(volume::compare(b, a, {}).identical);
     }
 }
 
@@ -480,7 +481,7 @@ TEST(Compare, TheDifferenceIsAVolume) {
     const Volume b = random_volume({4, 5, 3}, 2, true, 2);
     for (const bool swapped : {false, true}) {
         const Volume &left = swapped ? b : a, &right = swapped ? a : b;
-        const Volume d = difference(left, right);
+        const Volume d = volume::difference(left, right);
         EXPECT_EQ(d.grid, a.grid);
         EXPECT_EQ(d.sh_order, 2);
         ASSERT_EQ(d.sh.size(), 9u);
@@ -498,5 +499,5 @@ TEST(Compare, TheDifferenceIsAVolume) {
     }
     Volume plain = a;
     plain.occlusion.clear();
-    EXPECT_TRUE(difference(plain, a).occlusion.empty());
+    EXPECT_TRUE(volume::difference(plain, a).occlusion.empty());
 }

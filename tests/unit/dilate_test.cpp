@@ -22,7 +22,7 @@ TEST(Dilate, AnEvenFieldStaysEven) {
         for (auto& band : volume.sh)
             band[volume.grid.index(hole)] = glm::vec3(99.0f);
     }
-    EXPECT_EQ(dilate(volume, 2), 4u);
+    EXPECT_EQ(volume::dilate(volume, 2), 4u);
     for (const auto& band : volume.sh)
         for (const glm::vec3& c : band)
             EXPECT_NEAR(c.x, 3.0f, 1e-6f);
@@ -40,7 +40,7 @@ TEST(Dilate, WeighsByTheDistance) {
     set({0, 1, 1}, 1.0f);
     set({2, 2, 1}, 10.0f);
     set({2, 0, 0}, 100.0f);
-    dilate(volume, 1);
+    volume::dilate(volume, 1);
     const double a = 1, b = 1 / std::sqrt(2.0), c = 1 / std::sqrt(3.0);
     const double mean = (a + 10 * b + 100 * c) / (a + b + c);
     EXPECT_NEAR(volume.sh[2][volume.grid.index({1, 1, 1})].x, mean, 1e-5 * mean);
@@ -53,19 +53,19 @@ TEST(Dilate, GoesOneCellARing) {
     for (int x = 1; x < 6; ++x)
         volume.validity[size_t(x)] = 0.0f;
     volume.sh[0][0] = glm::vec3(8.0f);
-    EXPECT_EQ(dilate(volume, 0), 0u);
+    EXPECT_EQ(volume::dilate(volume, 0), 0u);
     EXPECT_EQ(volume.sh[0][1].x, 0.0f);
-    EXPECT_EQ(dilate(volume, 2), 2u);
+    EXPECT_EQ(volume::dilate(volume, 2), 2u);
     for (int x = 0; x < 6; ++x)
         EXPECT_EQ(volume.sh[0][size_t(x)].x, x <= 2 ? 8.0f : 0.0f) << x;
-    EXPECT_EQ(dilate(volume, 100), 5u); // ends where nothing is left
+    EXPECT_EQ(volume::dilate(volume, 100), 5u); // ends where nothing is left
 }
 
 TEST(Dilate, BothSidesOfAWallMeetInIt) {
     Volume volume = made({3, 1, 1}, 0.0f);
     volume.validity[1] = 0.0f;
     volume.sh[0][0] = glm::vec3(4.0f);
-    dilate(volume, 5);
+    volume::dilate(volume, 5);
     EXPECT_EQ(volume.sh[0][1].x, 2.0f);
     EXPECT_EQ(volume.sh[0][0].x, 4.0f);
     EXPECT_EQ(volume.sh[0][2].x, 0.0f);
@@ -74,7 +74,7 @@ TEST(Dilate, BothSidesOfAWallMeetInIt) {
 TEST(Dilate, WithoutValidityNothingIsFilled) {
     Volume volume = made({2, 2, 2}, 1.0f);
     volume.validity.clear();
-    EXPECT_EQ(dilate(volume, 3), 0u);
+    EXPECT_EQ(volume::dilate(volume, 3), 0u);
 }
 
 } // namespace

@@ -16,9 +16,9 @@ using nlohmann::json;
 
 namespace {
 
-Pixels read_pixels(const std::string& path) {
+image::Pixels read_pixels(const std::string& path) {
     const std::string bytes = slurp(path);
-    return decode_exr(std::as_bytes(std::span(bytes)), path, 1 << 24);
+    return image::decode_exr(std::as_bytes(std::span(bytes)), path, 1 << 24);
 }
 
 void expect_equal(const Volume& a, const Volume& b) {
@@ -37,18 +37,18 @@ TEST(Exr, FullPrecisionRoundTripsExactly) {
     for (glm::ivec3 dims :
          {glm::ivec3(1), glm::ivec3(7, 13, 9), glm::ivec3(33, 1, 2), glm::ivec3(2, 3, 31)})
         for (int order : {0, 1, 2, 4})
-            for (Packing packing : {Packing::band, Packing::channel}) {
-                if (packing == Packing::channel && order != 1)
+            for (io::Packing packing : {io::Packing::band, io::Packing::channel}) {
+                if (packing == io::Packing::channel && order != 1)
                     continue;
                 const TemporaryFolder folder;
                 const Volume volume = random_volume(dims, order, dims.x != 1, 1);
                 const WriteReport report =
-                    write_volume(folder / "a.exr", volume, Precision::full, {packing});
-                expect_equal(read_exr(folder / "a.exr"), volume);
-                expect_equal(read_exr(folder / "a.json"), volume);
+                    io::write_volume(folder / "a.exr", volume, Precision::full, {packing});
+                expect_equal(io::read_exr(folder / "a.exr"), volume);
+                expect_equal(io::read_exr(folder / "a.json"), volume);
                 if (order == 1 && dims.x == 2)
                     for (const WriteReport::File& file : report.files)
-                        expect_equal(read_exr(file.path), volume);
+                        expect_equal(io::read_exr(file.path), volume);
                 uint64_t bytes = 0;
                 for (const auto& entry : std::filesystem::directory_iterator(folder.path()))
                     bytes += entry.file_size();
@@ -59,19 +59,19 @@ TEST(Exr, FullPrecisionRoundTripsExactly) {
 TEST(Exr, HalfRoundTripsWithinHalfOrIsFull) {
     const TemporaryFolder folder;
     Volume volume = random_volume({7, 6, 5}, 1, true, 2);
-    EXPECT_TRUE(
-        write_volume(folder / "a.exr", volume, Precision::half, {Packing::band}).warnings.empty());
-    const Volume back = read_exr(folder / "a.exr");
+    EXPECT_TRUE(io::write_volume(folder / "a.exr", volume, Precision::half, {io::Packing::band})
+                    .warnings.empty());
+    const Volume back = io::read_exr(folder / "a.exr");
     for (size_t k = 0; k < 4; ++k)
         for (size_t i = 0; i < volume.grid.size(); ++i)
             for (int c = 0; c < 3; ++c)
                 EXPECT_NEAR(back.sh[k][i][c], volume.sh[k][i][c],
                             std::abs(volume.sh[k][i][c]) / 2048 + 1e-7);
     volume.sh[0][3].x = 1e6f;
-    EXPECT_EQ(
-        write_volume(folder / "a.exr", volume, Precision::half, {Packing::band}).warnings.size(),
-        1u);
-    expect_equal(read_exr(folder / "a.exr"), volume);
+    EXPECT_EQ(io::write_volume(folder / "a.exr", volume, Precision::half, {io::Packing::band})
+                  .warnings.size(),
+              1u);
+    expect_equal(io::read_exr(folder / "a.exr"), volume);
     EXPECT_EQ(json::parse(slurp(folder / "a.json"))["precision"], "float");
 }
 
@@ -79,7 +79,7 @@ TEST(Exr, FilesAndLayout) {
     const TemporaryFolder folder;
     const glm::ivec3 dims(4, 5, 11);
     const Volume volume = random_volume(dims, 1, true, 3);
-    write_volume(folder / "scene.v2.exr", volume, Precision::full, {Packing::band});
+    io::write_volume(folder / "scene.v2.exr", volume, Precision::full, {io::Packing::band});
     const json sidecar = json::parse(slurp(folder / "scene.v2.json"));
     const int columns = sidecar["layout"]["columns"], rows = sidecar["layout"]["rows"];
     EXPECT_EQ(columns, 4); // 16 x 15 texels
@@ -97,7 +97,7 @@ TEST(Exr, FilesAndLayout) {
                                             "scene.v2_occlusion.exr", "scene.v2_validity.exr",
                                             "scene.v2_wall_0.exr", "scene.v2_wall_1.exr"}));
     // Slice 6 is the third tile of the second row.
-    const Pixels l1z = read_pixels(folder / "scene.v2_sh_l1_z.exr");
+    const image::Pixels l1z = read_pixels(folder / "scene.v2_sh_l1_z.exr");
     EXPECT_EQ(l1z.width, 16);
     EXPECT_EQ(l1z.height, 15);
     const glm::ivec3 cell(3, 2, 6);
@@ -107,10 +107,10 @@ TEST(Exr, FilesAndLayout) {
     // The twelfth tile holds no slice.
     EXPECT_EQ(l1z.samples.back(), 0.0f);
 
-    write_volume(folder / "c.exr", volume, Precision::full, {Packing::channel});
-    const Pixels green = read_pixels(folder / "c_g.exr");
+    io::write_volume(folder / "c.exr", volume, Precision::full, {io::Packing::channel});
+    const image::Pixels green = read_pixels(folder / "c_g.exr");
     EXPECT_EQ(green.channels, 4);
-    const Pixels occlusion = read_pixels(folder / "c_occlusion.exr");
+    const image::Pixels occlusion = read_pixels(folder / "c_occlusion.exr");
     for (size_t k = 0; k < 4; ++k) {
         EXPECT_EQ(green.samples[texel * 4 + k], volume.sh[k][volume.grid.index(cell)].y);
         EXPECT_EQ(occlusion.samples[texel * 4 + k], volume.occlusion[k][volume.grid.index(cell)]);
@@ -126,7 +126,7 @@ TEST(Exr, PicturesAreNearSquareAndFitEngines) {
         volume.grid = {{0, 0, 0}, 1, dims};
         volume.sh_order = 0;
         volume.sh.assign(1, std::vector<glm::vec3>(volume.grid.size()));
-        write_volume(folder / "a.exr", volume, Precision::half, {Packing::band});
+        io::write_volume(folder / "a.exr", volume, Precision::half, {io::Packing::band});
         const json sidecar = json::parse(slurp(folder / "a.json"))["layout"];
         return glm::ivec2(sidecar["columns"], sidecar["rows"]);
     };
@@ -138,8 +138,9 @@ TEST(Exr, PicturesAreNearSquareAndFitEngines) {
     wide.grid = {{0, 0, 0}, 1, {16385, 1, 1}};
     wide.sh_order = 0;
     wide.sh.assign(1, std::vector<glm::vec3>(16385));
-    const Error error = error_of(
-        "b.exr", [&] { write_volume(folder / "b.exr", wide, Precision::half, {Packing::band}); });
+    const Error error = error_of("b.exr", [&] {
+        io::write_volume(folder / "b.exr", wide, Precision::half, {io::Packing::band});
+    });
     EXPECT_EQ(error.kind, ErrorKind::unsupported);
     EXPECT_NE(std::string(error.what()).find("write .vdb"), std::string::npos);
 }
@@ -151,8 +152,8 @@ TEST(Exr, AtlasIsThatOfThreeJs) {
         Volume volume = random_volume(dims, order, false, 9);
         volume.validity.clear(); // which has no place in it
         volume.walls.clear();
-        write_volume(folder / "a.exr", volume, Precision::full, {Packing::atlas, 5});
-        const Pixels atlas = read_pixels(folder / "a_atlas.exr");
+        io::write_volume(folder / "a.exr", volume, Precision::full, {io::Packing::atlas, 5});
+        const image::Pixels atlas = read_pixels(folder / "a_atlas.exr");
         ASSERT_EQ(atlas.width, 5 * 3); // 7 (4 + 2) slices, five in a row
         ASSERT_EQ(atlas.height, 9 * 2);
         ASSERT_EQ(atlas.channels, 4);
@@ -169,24 +170,24 @@ TEST(Exr, AtlasIsThatOfThreeJs) {
                 EXPECT_EQ(atlas.samples[size_t((y * 15 + x) * 4 + f % 4)], expected)
                     << order << ' ' << z << ' ' << f;
             }
-        expect_equal(read_exr(folder / "a.exr"), volume);
+        expect_equal(io::read_exr(folder / "a.exr"), volume);
     }
 }
 
 TEST(Exr, PacksForVrcLightVolumes) {
     const TemporaryFolder folder;
     const Volume volume = random_volume({3, 2, 4}, 1, false, 10);
-    write_volume(folder / "a.exr", volume, Precision::full, {Packing::vrc, 0, true},
-                 {.convention = ShConvention::unity});
+    io::write_volume(folder / "a.exr", volume, Precision::full, {io::Packing::vrc, 0, true},
+                     {.convention = volume::ShConvention::unity});
     const json sidecar = json::parse(slurp(folder / "a.json"));
     const auto channels = [&](size_t file) { return sidecar["files"][file]["channels"]; };
     EXPECT_EQ(channels(0), (json{"sh_l0.r", "sh_l0.g", "sh_l0.b", "sh_l1_z.r"}));
     EXPECT_EQ(channels(1), (json{"sh_l1_x.r", "sh_l1_x.g", "sh_l1_x.b", "sh_l1_z.g"}));
     EXPECT_EQ(channels(2), (json{"sh_l1_y.r", "sh_l1_y.g", "sh_l1_y.b", "sh_l1_z.b"}));
-    const Pixels one = read_pixels(folder / "a_1.exr");
+    const image::Pixels one = read_pixels(folder / "a_1.exr");
     EXPECT_FLOAT_EQ(one.samples[1], 0.32573501f * volume.sh[3][0].y);
     EXPECT_FLOAT_EQ(one.samples[3], 0.32573501f * volume.sh[2][0].y);
-    const Volume back = read_exr(folder / "a.exr");
+    const Volume back = io::read_exr(folder / "a.exr");
     for (size_t k = 0; k < 4; ++k)
         EXPECT_NEAR(back.sh[k][5].z, volume.sh[k][5].z, 1e-6 * std::abs(volume.sh[k][5].z));
 }
@@ -197,8 +198,8 @@ TEST(Exr, CubeHoldsIrradianceOverPiOfSixSides) {
     Volume volume = random_volume(dims, 1, false, 11);
     for (glm::vec3& c : volume.sh[0])
         c = glm::vec3(4000.0f); // so that no side is dark
-    write_volume(folder / "a.exr", volume, Precision::full, {Packing::cube, 3});
-    const Pixels cube = read_pixels(folder / "a_cube.exr");
+    io::write_volume(folder / "a.exr", volume, Precision::full, {io::Packing::cube, 3});
+    const image::Pixels cube = read_pixels(folder / "a_cube.exr");
     ASSERT_EQ(cube.width, 3 * 3);
     ASSERT_EQ(cube.height, 4 * 2 * 2);
     // Of order 1, irradiance over pi is 0.282095 c0 + 2/3 0.488603 c.n.
@@ -215,14 +216,14 @@ TEST(Exr, CubeHoldsIrradianceOverPiOfSixSides) {
             EXPECT_NEAR(cube.samples[size_t((y * 9 + x) * 3 + 1)], expected, 1e-6 * expected)
                 << axis << ' ' << side;
         }
-    EXPECT_EQ(error_of("a", [&] { read_exr(folder / "a.exr"); }).kind, ErrorKind::unsupported);
+    EXPECT_EQ(error_of("a", [&] { io::read_exr(folder / "a.exr"); }).kind, ErrorKind::unsupported);
 }
 
 TEST(Exr, LeavesNoTileEmptyWhereThatIsAskedFor) {
     const TemporaryFolder folder;
     for (const int slices : {12, 13}) {
-        write_volume(folder / "a.exr", random_volume({4, 4, slices}, 1, false, 12), Precision::half,
-                     {.no_empty_tiles = true});
+        io::write_volume(folder / "a.exr", random_volume({4, 4, slices}, 1, false, 12),
+                         Precision::half, {.no_empty_tiles = true});
         const json layout = json::parse(slurp(folder / "a.json"))["layout"];
         EXPECT_EQ(int(layout["columns"]) * int(layout["rows"]), slices);
     }
@@ -230,8 +231,8 @@ TEST(Exr, LeavesNoTileEmptyWhereThatIsAskedFor) {
 
 TEST(Exr, OpensInOiiotool) {
     const TemporaryFolder folder;
-    write_volume(folder / "a.exr", random_volume({7, 6, 5}, 1, true, 4), Precision::half,
-                 {Packing::channel});
+    io::write_volume(folder / "a.exr", random_volume({7, 6, 5}, 1, true, 4), Precision::half,
+                     {io::Packing::channel});
     const std::string text = output_of("oiiotool --info -v " + folder / "a_r.exr");
     for (const char* expected :
          {"14 x   18, 4 channel, half openexr", "channel list: R, G, B, A", "compression: \"zip\"",
@@ -249,7 +250,7 @@ TEST(Exr, BytesDependOnContentAlone) {
     const Volume volume = random_volume({40, 17, 23}, 1, true, 5);
     const auto bytes = [&](size_t threads) {
         const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-        write_volume(folder / "a.exr", volume, Precision::half, {Packing::channel});
+        io::write_volume(folder / "a.exr", volume, Precision::half, {io::Packing::channel});
         std::vector<std::string> all;
         for (const char* name :
              {"a.json", "a_r.exr", "a_g.exr", "a_b.exr", "a_occlusion.exr", "a_validity.exr"})
@@ -268,28 +269,30 @@ TEST(Exr, RefusesToWrite) {
     const TemporaryFolder folder;
     Volume volume = random_volume({3, 3, 3}, 1, false, 6);
     volume.sh[0][0].x = std::nanf("");
-    EXPECT_EQ(
-        error_of("a.exr",
-                 [&] { write_volume(folder / "a.exr", volume, Precision::half, {Packing::band}); })
-            .kind,
-        ErrorKind::failure);
     EXPECT_EQ(error_of("a.exr",
                        [&] {
-                           write_volume(folder / "a.exr", random_volume({3, 3, 3}, 4, false, 6),
-                                        Precision::half, {Packing::channel});
+                           io::write_volume(folder / "a.exr", volume, Precision::half,
+                                            {io::Packing::band});
+                       })
+                  .kind,
+              ErrorKind::failure);
+    EXPECT_EQ(error_of("a.exr",
+                       [&] {
+                           io::write_volume(folder / "a.exr", random_volume({3, 3, 3}, 4, false, 6),
+                                            Precision::half, {io::Packing::channel});
                        })
                   .kind,
               ErrorKind::unsupported);
-    const std::pair<Packing, Encoding> unfit[] = {
-        {Packing::vrc, {}},
-        {Packing::atlas, {.convention = ShConvention::godot}},
-        {Packing::cube, {.convention = ShConvention::unity}}};
+    const std::pair<io::Packing, volume::Encoding> unfit[] = {
+        {io::Packing::vrc, {}},
+        {io::Packing::atlas, {.convention = volume::ShConvention::godot}},
+        {io::Packing::cube, {.convention = volume::ShConvention::unity}}};
     volume = random_volume({3, 3, 3}, 1, false, 6);
     for (const auto& [packing, encoding] : unfit)
         EXPECT_EQ(error_of("a.exr",
                            [&] {
-                               write_volume(folder / "a.exr", volume, Precision::half, {packing},
-                                            encoding);
+                               io::write_volume(folder / "a.exr", volume, Precision::half,
+                                                {packing}, encoding);
                            })
                       .kind,
                   ErrorKind::unsupported);
@@ -299,21 +302,22 @@ TEST(Exr, RefusesToWrite) {
 TEST(Exr, LeftoversOfAnotherVolumeAreNotRead) {
     const TemporaryFolder folder;
     const Volume volume = random_volume({4, 5, 6}, 1, true, 7);
-    write_volume(folder / "a.exr", volume, Precision::full, {Packing::band});
-    write_volume(folder / "a.exr", volume, Precision::full, {Packing::channel});
-    expect_equal(read_exr(folder / "a_r.exr"), volume);
-    EXPECT_EQ(error_of("a", [&] { read_exr(folder / "a_sh_l0.exr"); }).kind, ErrorKind::invalid);
+    io::write_volume(folder / "a.exr", volume, Precision::full, {io::Packing::band});
+    io::write_volume(folder / "a.exr", volume, Precision::full, {io::Packing::channel});
+    expect_equal(io::read_exr(folder / "a_r.exr"), volume);
+    EXPECT_EQ(error_of("a", [&] { io::read_exr(folder / "a_sh_l0.exr"); }).kind,
+              ErrorKind::invalid);
 }
 
 TEST(Exr, RejectsDamagedFiles) {
     const TemporaryFolder folder;
     const std::string path = folder / "a.json";
-    write_volume(folder / "a.exr", random_volume({4, 5, 6}, 1, true, 7), Precision::full,
-                 {Packing::band});
+    io::write_volume(folder / "a.exr", random_volume({4, 5, 6}, 1, true, 7), Precision::full,
+                     {io::Packing::band});
     const json good = json::parse(slurp(path));
     const auto kind = [&](const std::string& bytes) {
         spill(path, bytes);
-        return error_of("a", [&] { read_exr(folder / "a.exr"); }).kind;
+        return error_of("a", [&] { io::read_exr(folder / "a.exr"); }).kind;
     };
     const std::string text = good.dump();
     for (size_t length = 0; length < text.size(); length += 31)
@@ -350,9 +354,9 @@ TEST(Exr, RejectsDamagedFiles) {
     const std::string picture = slurp(folder / "a_sh_l0.exr");
     for (size_t length = 0; length < picture.size(); length += 211) {
         spill(folder / "a_sh_l0.exr", picture.substr(0, length));
-        EXPECT_EQ(error_of("a_sh_l0.exr", [&] { read_exr(folder / "a.exr"); }).kind,
+        EXPECT_EQ(error_of("a_sh_l0.exr", [&] { io::read_exr(folder / "a.exr"); }).kind,
                   ErrorKind::invalid);
     }
     std::filesystem::remove(path);
-    EXPECT_EQ(error_of("a.json", [&] { read_exr(folder / "a.exr"); }).kind, ErrorKind::file);
+    EXPECT_EQ(error_of("a.json", [&] { io::read_exr(folder / "a.exr"); }).kind, ErrorKind::file);
 }

@@ -46,7 +46,7 @@ struct Room {
         Volume volume;
         volume.grid = {{0, 0, 0}, cell, glm::ivec3(glm::ceil(hi + 1.5 * scale))};
         volume.sh_order = order;
-        volume.sh.assign(std::size_t(sh_count(order)),
+        volume.sh.assign(std::size_t(volume::sh_count(order)),
                          std::vector<glm::vec3>(volume.grid.size(), glm::vec3(0.0f)));
         volume.validity.assign(volume.grid.size(), 1.0f);
         glm::ivec3 c;
@@ -54,13 +54,13 @@ struct Room {
             for (c.y = 0; c.y < volume.grid.dims.y; ++c.y)
                 for (c.x = 0; c.x < volume.grid.dims.x; ++c.x)
                     if (inside(glm::dvec3(c) + 0.5))
-                        volume.sh[0][volume.grid.index(c)] = glm::vec3(colour) / sh_y0;
+                        volume.sh[0][volume.grid.index(c)] = glm::vec3(colour) / volume::sh_y0;
         return volume;
     }
 
     /// Points on both sides of the walls, `density` a face and side.
-    std::vector<FitPoint> points(double density, unsigned seed) const {
-        std::vector<FitPoint> result;
+    std::vector<readers::FitPoint> points(double density, unsigned seed) const {
+        std::vector<readers::FitPoint> result;
         Places places(seed);
         const glm::dvec3 size = hi - lo;
         for (int axis = 0; axis < 3; ++axis)
@@ -82,8 +82,8 @@ struct Room {
     }
 };
 
-const Reader& reader(const char* name) {
-    return *reader_named(name);
+const readers::Reader& reader(const char* name) {
+    return *readers::reader_named(name);
 }
 
 void expect_same_bits(const Volume& a, const Volume& b) {
@@ -98,8 +98,8 @@ TEST(Fit, FindsTheFieldThatTheTargetsWereReadFrom) {
         l0 += 20.0f;
     for (const char* name : {"unity", "threejs", "lpvbake"}) {
         Places places(3);
-        std::vector<FitPoint> points;
-        Reader plain = reader(name);
+        std::vector<readers::FitPoint> points;
+        readers::Reader plain = reader(name);
         plain.clamped = false; // targets of a clamped one do not tell what is below 0
         for (int i = 0; i < 20000; ++i) {
             const glm::dvec3 p = truth.grid.origin
@@ -107,17 +107,17 @@ TEST(Fit, FindsTheFieldThatTheTargetsWereReadFrom) {
                                        * glm::dvec3(places.share(), places.share(), places.share())
                                  + 0.5 * truth.grid.cell;
             const glm::dvec3 n = places.normal();
-            points.push_back({p, n, 1, irradiance(plain, truth, p, n)});
+            points.push_back({p, n, 1, readers::irradiance(plain, truth, p, n)});
         }
         Volume volume = truth;
         for (auto& cells : volume.sh)
             cells.assign(cells.size(), glm::vec3(0.0f));
-        FitSettings settings;
+        readers::FitSettings settings;
         settings.steps = 500;
         settings.hold_valid = settings.hold_other = 1e-9;
         settings.tolerance = 1e-9;
-        const FitReport report = fit(plain, points, settings, volume);
-        EXPECT_LT(error_of(plain, volume, points).relative, 1e-4) << name;
+        const readers::FitReport report = readers::fit(plain, points, settings, volume);
+        EXPECT_LT(readers::error_of(plain, volume, points).relative, 1e-4) << name;
         EXPECT_EQ(report.points, points.size());
         if (name == std::string_view("lpvbake")) // which reads no cell that is not valid
             continue;
@@ -130,72 +130,73 @@ TEST(Fit, FindsTheFieldThatTheTargetsWereReadFrom) {
 TEST(Fit, LeavesAFieldThatIsShownRight) {
     const Volume truth = random_volume({5, 4, 6}, 2, false, 17, 10);
     Places places(3);
-    std::vector<FitPoint> points;
+    std::vector<readers::FitPoint> points;
     for (int i = 0; i < 300; ++i) {
         const glm::dvec3 p =
             truth.grid.center(truth.grid.dims / 2) + truth.grid.cell * (places.share() - 0.5);
         const glm::dvec3 n = places.normal();
-        points.push_back({p, n, 1, irradiance(reader("unity"), truth, p, n)});
+        points.push_back({p, n, 1, readers::irradiance(reader("unity"), truth, p, n)});
     }
     Volume volume = truth;
-    const FitReport report = fit(reader("unity"), points, {}, volume);
+    const readers::FitReport report = readers::fit(reader("unity"), points, {}, volume);
     EXPECT_LT(report.moved, 1e-6);
     EXPECT_LT(report.cells, 60u); // and no cell that is not read
-    EXPECT_NEAR(error_of(reader("unity"), truth, points).energy, 1, 1e-6);
+    EXPECT_NEAR(readers::error_of(reader("unity"), truth, points).energy, 1, 1e-6);
 }
 
 /// What is asked of a reader's picture of a room.
-bool is_right(const SurfaceError& error) {
+bool is_right(const readers::SurfaceError& error) {
     return error.relative < 0.025 && std::abs(error.energy - 1) < 0.02
            && std::abs(error.leak) < 0.02;
 }
 
 TEST(Fit, ShowsBothSidesOfThinWalls) {
     const Room room{2};
-    const std::vector<FitPoint> points = room.points(6, 1), others = room.points(10, 2);
+    const std::vector<readers::FitPoint> points = room.points(6, 1), others = room.points(10, 2);
     for (const char* name : {"unity", "unreal", "godot", "threejs", "vrc", "bevy"}) {
         Volume volume = room.field(reader(name).highest_order);
-        EXPECT_GT(error_of(reader(name), volume, others).relative, 0.3) << name;
-        const FitReport report = fit(reader(name), points, {}, volume);
-        const SurfaceError error = error_of(reader(name), volume, others);
+        EXPECT_GT(readers::error_of(reader(name), volume, others).relative, 0.3) << name;
+        const readers::FitReport report = readers::fit(reader(name), points, {}, volume);
+        const readers::SurfaceError error = readers::error_of(reader(name), volume, others);
         EXPECT_TRUE(is_right(error))
             << name << ' ' << error.relative << ' ' << error.energy << ' ' << error.leak;
         // Of a room whose cells are half beside walls; Bevy's sides cannot go below 0 behind them.
         EXPECT_LT(report.moved, name == std::string_view("bevy") ? 0.12 : 0.06) << name;
         EXPECT_LT(report.residual, 1e-2) << name;
-        EXPECT_LT(error_of(reader(name), volume, points).relative, error.relative) << name;
+        EXPECT_LT(readers::error_of(reader(name), volume, points).relative, error.relative) << name;
     }
 }
 
 TEST(Fit, IsSeenToFailWhenItIsMadeWrongly) {
     const Room room{2};
-    const Reader& threejs = reader("threejs");
-    const std::vector<FitPoint> points = room.points(6, 1), others = room.points(10, 2);
-    const auto error_after = [&](const Reader& fitted, std::span<const FitPoint> to) {
+    const readers::Reader& threejs = reader("threejs");
+    const std::vector<readers::FitPoint> points = room.points(6, 1), others = room.points(10, 2);
+    const auto error_after = [&](const readers::Reader& fitted,
+                                 std::span<const readers::FitPoint> to) {
         Volume volume = room.field(2);
-        fit(fitted, to, {}, volume);
-        return error_of(threejs, volume, others);
+        readers::fit(fitted, to, {}, volume);
+        return readers::error_of(threejs, volume, others);
     };
     EXPECT_TRUE(is_right(error_after(threejs, points)));
 
-    Reader unmoved = threejs;
+    readers::Reader unmoved = threejs;
     unmoved.offset = 0;
     EXPECT_FALSE(is_right(error_after(unmoved, points))) << "the reader's offset is ignored";
 
-    std::vector<FitPoint> wrong = points;
+    std::vector<readers::FitPoint> wrong = points;
     const Volume grid = room.field(2);
-    for (FitPoint& point : wrong)
-        point.irradiance = irradiance(threejs, grid, point.position, point.normal);
+    for (readers::FitPoint& point : wrong)
+        point.irradiance = readers::irradiance(threejs, grid, point.position, point.normal);
     EXPECT_FALSE(is_right(error_after(threejs, wrong))) << "the grid's own values are the targets";
 
     wrong.clear();
-    for (const FitPoint& point : points)
+    for (const readers::FitPoint& point : points)
         if (point.irradiance.x > 0)
             wrong.push_back(point);
     EXPECT_FALSE(is_right(error_after(threejs, wrong))) << "points of one side";
 
     wrong = points;
-    for (FitPoint& point : wrong)
+    for (readers::FitPoint& point : wrong)
         point.normal = -point.normal;
     EXPECT_FALSE(is_right(error_after(threejs, wrong))) << "swapped normals";
 }
@@ -204,8 +205,8 @@ TEST(Fit, SidesOfACubeAreNotNegative) {
     const Room room{1};
     Volume volume = room.field(2);
     const Volume given = volume;
-    fit(reader("bevy"), room.points(6, 1), {}, volume);
-    const Reader plain{.name = "", .highest_order = 2};
+    readers::fit(reader("bevy"), room.points(6, 1), {}, volume);
+    const readers::Reader plain{.name = "", .highest_order = 2};
     int bound = 0;
     glm::ivec3 c;
     for (c.z = 0; c.z < volume.grid.dims.z; ++c.z)
@@ -214,7 +215,7 @@ TEST(Fit, SidesOfACubeAreNotNegative) {
                 for (int side = 0; side < 6; ++side) {
                     glm::dvec3 n(0.0);
                     n[side / 2] = side % 2 ? -1 : 1;
-                    const double e = irradiance(plain, volume, volume.grid.center(c), n).x;
+                    const double e = readers::irradiance(plain, volume, volume.grid.center(c), n).x;
                     ASSERT_GT(e, -1e-4);
                     bound += e < 1e-4 && volume.sh[0][volume.grid.index(c)].x > 0.1f;
                 }
@@ -226,13 +227,13 @@ TEST(Fit, SidesOfACubeAreNotNegative) {
 
 TEST(Fit, BitsDoNotDependOnThreads) {
     const Room room{1};
-    const std::vector<FitPoint> points = room.points(6, 1);
+    const std::vector<readers::FitPoint> points = room.points(6, 1);
     for (const char* name : {"unity", "bevy"}) {
         Volume first;
         for (const std::size_t threads : {1, 2, 4}) {
             const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
             Volume volume = room.field(2);
-            const FitReport report = fit(reader(name), points, {}, volume);
+            const readers::FitReport report = readers::fit(reader(name), points, {}, volume);
             EXPECT_GT(report.cells, 100u);
             if (threads == 1)
                 first = volume;
@@ -248,74 +249,74 @@ TEST(Fit, KeepsWhatItHasNoSayIn) {
     Volume volume = given;
     volume.sh_order = 3;
     volume.sh.resize(16, std::vector<glm::vec3>(volume.grid.size(), glm::vec3(7.0f)));
-    const std::vector<FitPoint> points = room.points(6, 1);
-    fit(reader("vrc"), points, {}, volume);
+    const std::vector<readers::FitPoint> points = room.points(6, 1);
+    readers::fit(reader("vrc"), points, {}, volume);
     for (std::size_t k = 4; k < volume.sh.size(); ++k) // bands that it does not read
         for (std::size_t i = 0; i < volume.grid.size(); ++i)
             ASSERT_EQ(volume.sh[k][i], k < 9 ? given.sh[k][i] : glm::vec3(7.0f));
     // No points, none with weight, none that finds cells.
     volume = given;
-    std::vector<FitPoint> none = points;
-    for (FitPoint& point : none)
+    std::vector<readers::FitPoint> none = points;
+    for (readers::FitPoint& point : none)
         point.weight = 0;
-    EXPECT_EQ(fit(reader("unity"), {}, {}, volume).cells, 0u);
-    EXPECT_EQ(fit(reader("unity"), none, {}, volume).points, 0u);
-    for (FitPoint& point : none) {
+    EXPECT_EQ(readers::fit(reader("unity"), {}, {}, volume).cells, 0u);
+    EXPECT_EQ(readers::fit(reader("unity"), none, {}, volume).points, 0u);
+    for (readers::FitPoint& point : none) {
         point.weight = 1;
         point.position.x += 1000;
     }
-    EXPECT_EQ(fit(reader("vrc"), none, {}, volume).points, 0u);
+    EXPECT_EQ(readers::fit(reader("vrc"), none, {}, volume).points, 0u);
     expect_same_bits(given, volume);
 }
 
 TEST(Fit, CellsThatAreNotValidGiveWay) {
     // A wall with cells in it: they take what the valid ones would have to.
     const Room room{2};
-    const std::vector<FitPoint> points = room.points(6, 1);
+    const std::vector<readers::FitPoint> points = room.points(6, 1);
     Volume free = room.field(2), held = free;
     for (std::size_t i = 0; i < free.grid.size(); ++i)
         free.validity[i] = free.sh[0][i].x > 0;
-    FitSettings settings;
+    readers::FitSettings settings;
     settings.hold_valid = 0.1;
     settings.hold_other = 1e-3;
     settings.hold_dark = 1;
-    const FitReport with_free = fit(reader("unity"), points, settings, free);
-    const FitReport all_held = fit(reader("unity"), points, settings, held);
-    EXPECT_LT(error_of(reader("unity"), free, points).relative,
-              0.5 * error_of(reader("unity"), held, points).relative);
+    const readers::FitReport with_free = readers::fit(reader("unity"), points, settings, free);
+    const readers::FitReport all_held = readers::fit(reader("unity"), points, settings, held);
+    EXPECT_LT(readers::error_of(reader("unity"), free, points).relative,
+              0.5 * readers::error_of(reader("unity"), held, points).relative);
     EXPECT_EQ(with_free.moved_dark, 0.0); // none of the valid ones was dark
     EXPECT_GT(all_held.moved_dark, 0.01);
 }
 
 TEST(Fit, TheDarkSideGivesWayToTheAirOfTheLitOne) {
     const Room room{2};
-    const std::vector<FitPoint> points = room.points(6, 1);
+    const std::vector<readers::FitPoint> points = room.points(6, 1);
     Volume yielding = room.field(2), alike = yielding;
-    FitSettings settings;
-    const FitReport report = fit(reader("unity"), points, settings, yielding);
+    readers::FitSettings settings;
+    const readers::FitReport report = readers::fit(reader("unity"), points, settings, yielding);
     settings.hold_dark = 1;
-    const FitReport held_alike = fit(reader("unity"), points, settings, alike);
+    const readers::FitReport held_alike = readers::fit(reader("unity"), points, settings, alike);
     EXPECT_LT(report.moved, 0.5 * held_alike.moved);
-    EXPECT_LT(error_of(reader("unity"), yielding, points).relative,
-              error_of(reader("unity"), alike, points).relative);
+    EXPECT_LT(readers::error_of(reader("unity"), yielding, points).relative,
+              readers::error_of(reader("unity"), alike, points).relative);
 }
 
 TEST(Fit, CountsErrorEnergyAndLeakByHand) {
     Volume volume = Room{1}.field(0);
     for (glm::vec3& c : volume.sh[0])
-        c = glm::vec3(1.0f / sh_y0); // pi lux towards everywhere
+        c = glm::vec3(1.0f / volume::sh_y0); // pi lux towards everywhere
     const glm::dvec3 p = volume.grid.center({4, 4, 4}), n(0, 0, 1);
-    const std::vector<FitPoint> points{{p, n, 1, pi * glm::dvec3(2, 1, 1)},
-                                       {p, n, 3, pi * glm::dvec3(1, 1, 1)},
-                                       {p, n, 1, glm::dvec3(0.0)}};
-    const SurfaceError error = error_of(reader("unity"), volume, points);
+    const std::vector<readers::FitPoint> points{{p, n, 1, pi * glm::dvec3(2, 1, 1)},
+                                                {p, n, 3, pi * glm::dvec3(1, 1, 1)},
+                                                {p, n, 1, glm::dvec3(0.0)}};
+    const readers::SurfaceError error = readers::error_of(reader("unity"), volume, points);
     EXPECT_NEAR(error.relative, (1.0 + 3.0) / (4 + 9), 1e-6);
     const double truth = (2 * 0.2126 + 0.7152 + 0.0722) + 3;
     EXPECT_NEAR(error.energy, 5 / truth, 1e-6);
     EXPECT_NEAR(error.leak, 1 / (truth / 5), 1e-6);
-    EXPECT_EQ(openness_weight(0.05), 0.0);
-    EXPECT_NEAR(openness_weight(0.3), 0.5, 1e-12);
-    EXPECT_EQ(openness_weight(0.9), 1.0);
+    EXPECT_EQ(readers::openness_weight(0.05), 0.0);
+    EXPECT_NEAR(readers::openness_weight(0.3), 0.5, 1e-12);
+    EXPECT_EQ(readers::openness_weight(0.9), 1.0);
 }
 
 } // namespace

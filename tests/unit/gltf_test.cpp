@@ -341,12 +341,12 @@ TEST_F(Gltf, CountsMaterialsThatReflectTooMuch) {
     EXPECT_TRUE(load(image).warnings.empty());
     // A texture counts by its mean: one white texel of four is clamped without a word.
     const auto grey_and_white = [](int whites) {
-        Pixels pixels{4, 1, 3, {}};
+        image::Pixels pixels{4, 1, 3, {}};
         for (int texel = 0; texel < 4; ++texel)
             pixels.samples.insert(pixels.samples.end(), 3, texel < whites ? 1.0f : 0.5f);
         Document picture = textured();
         picture.root["images"][0] = {
-            {"bufferView", picture.view(packed(encode_png(pixels, "image")))}};
+            {"bufferView", picture.view(packed(image::encode_png(pixels, "image")))}};
         return picture;
     };
     EXPECT_TRUE(load(grey_and_white(1)).warnings.empty());
@@ -354,9 +354,9 @@ TEST_F(Gltf, CountsMaterialsThatReflectTooMuch) {
 }
 
 TEST_F(Gltf, SkipsTexelsThatOnlyColourSurfaces) {
-    Pixels pixels{5, 3, 3, std::vector<float>(45, 0.25f)};
+    image::Pixels pixels{5, 3, 3, std::vector<float>(45, 0.25f)};
     const auto image_of = [&](Document& document) {
-        return json{{"bufferView", document.view(packed(encode_png(pixels, "image")))},
+        return json{{"bufferView", document.view(packed(image::encode_png(pixels, "image")))},
                     {"name", "grey"}};
     };
     LoadSettings skipping;
@@ -374,7 +374,7 @@ TEST_F(Gltf, SkipsTexelsThatOnlyColourSurfaces) {
     Document glowing =
         textured({{"emissiveTexture", {{"index", 0}}}, {"emissiveFactor", {1, 1, 1}}});
     glowing.root["images"][0] = image_of(glowing);
-    EXPECT_TRUE(has_emitters(load(glowing, skipping)));
+    EXPECT_TRUE(scene::has_emitters(load(glowing, skipping)));
     Document clear =
         textured({{"extensions", {{"KHR_materials_transmission", {{"transmissionFactor", 0.5}}}}}});
     clear.root["images"][0] = image_of(clear);
@@ -778,12 +778,12 @@ TEST_F(Gltf, EndsEveryKindOfFaultByItsTable) {
 
 TEST_F(Gltf, HalvesImagesThatDoNotFitAndRefusesOnesTooLargeToDecode) {
     constexpr int side = 256;
-    Pixels pixels{side, side, 4, {}};
+    image::Pixels pixels{side, side, 4, {}};
     for (int y = 0; y < side; ++y)
         for (int x = 0; x < side; ++x)
             for (const int value : {x, y, (x * 7 + y) % 256, 255 - x})
                 pixels.samples.push_back(float(value) / 255.0f);
-    const std::vector<unsigned char> file = encode_png(pixels, "image");
+    const std::vector<unsigned char> file = image::encode_png(pixels, "image");
     Document document;
     for (int i = 0; i < 4; ++i) {
         document.triangle()["material"] = i;

@@ -26,9 +26,9 @@ void expect_fits(const Grid& grid, glm::dvec3 lo, glm::dvec3 hi, int margin) {
     }
 }
 
-std::string rejection(glm::dvec3 lo, glm::dvec3 hi, const GridSettings& settings = {}) {
+std::string rejection(glm::dvec3 lo, glm::dvec3 hi, const volume::GridSettings& settings = {}) {
     try {
-        fit_grid(lo, hi, settings);
+        volume::fit_grid(lo, hi, settings);
     } catch (const Error& error) {
         EXPECT_EQ(error.kind, ErrorKind::invalid);
         return error.what();
@@ -54,7 +54,7 @@ TEST(Grid, IndexRunsAlongXFirst) {
 }
 
 TEST(Grid, ResolutionCountsCellsWithMargins) {
-    const Grid grid = fit_grid({-1, 0, -2}, {1, 1, 4}, {.resolution = 32, .margin = 1});
+    const Grid grid = volume::fit_grid({-1, 0, -2}, {1, 1, 4}, {.resolution = 32, .margin = 1});
     EXPECT_DOUBLE_EQ(grid.cell, 6.0 / 30);
     EXPECT_EQ(grid.dims, glm::ivec3(12, 7, 32));
     expect_fits(grid, {-1, 0, -2}, {1, 1, 4}, 1);
@@ -62,7 +62,7 @@ TEST(Grid, ResolutionCountsCellsWithMargins) {
 
 TEST(Grid, CellSizeOverridesResolution) {
     const Grid grid =
-        fit_grid({0, 0, 0}, {1, 2, 3.01}, {.resolution = 99, .cell = 0.5, .margin = 2});
+        volume::fit_grid({0, 0, 0}, {1, 2, 3.01}, {.resolution = 99, .cell = 0.5, .margin = 2});
     EXPECT_EQ(grid.cell, 0.5);
     EXPECT_EQ(grid.dims, glm::ivec3(6, 8, 11));
     expect_fits(grid, {0, 0, 0}, {1, 2, 3.01}, 2);
@@ -70,8 +70,8 @@ TEST(Grid, CellSizeOverridesResolution) {
 
 TEST(Grid, RoundingBuysNoExtraLayer) {
     for (int n = 3; n < 300; ++n) {
-        const Grid cube = fit_grid({-0.1, 0.7, 3}, {-0.1 + 1.0 / 3, 0.7 + 1.0 / 3, 3 + 1.0 / 3},
-                                   {.resolution = n});
+        const Grid cube = volume::fit_grid(
+            {-0.1, 0.7, 3}, {-0.1 + 1.0 / 3, 0.7 + 1.0 / 3, 3 + 1.0 / 3}, {.resolution = n});
         EXPECT_EQ(cube.dims, glm::ivec3(n));
     }
 }
@@ -81,17 +81,17 @@ TEST(Grid, EveryScaleGivesTheSameLattice) {
         for (double away : {0.0, 1e3, 1e6}) {
             const glm::dvec3 lo = away + scale * glm::dvec3(-1, -0.3, 0);
             const glm::dvec3 hi = away + scale * glm::dvec3(1, 0.4, 0.77);
-            const Grid grid = fit_grid(lo, hi, {.resolution = 20});
+            const Grid grid = volume::fit_grid(lo, hi, {.resolution = 20});
             EXPECT_EQ(grid.dims, glm::ivec3(20, 9, 9)) << scale << ' ' << away;
             expect_fits(grid, lo, hi, 1);
         }
 }
 
 TEST(Grid, FlatBoxesGetOneCellAcross) {
-    const Grid plane = fit_grid({0, 5, 0}, {8, 5, 4}, {.resolution = 10, .margin = 1});
+    const Grid plane = volume::fit_grid({0, 5, 0}, {8, 5, 4}, {.resolution = 10, .margin = 1});
     EXPECT_EQ(plane.dims, glm::ivec3(10, 3, 6));
     EXPECT_DOUBLE_EQ(plane.center({0, 1, 0}).y, 5.0);
-    const Grid line = fit_grid({0, 5, 0}, {8, 5, 0}, {.resolution = 10, .margin = 0});
+    const Grid line = volume::fit_grid({0, 5, 0}, {8, 5, 0}, {.resolution = 10, .margin = 0});
     EXPECT_EQ(line.dims, glm::ivec3(10, 1, 1));
 }
 
@@ -115,5 +115,5 @@ TEST(Grid, Rejections) {
     EXPECT_NE(rejection({0, 0, 0}, {1, 1, 1}, {.cell = 1e-6}).find("2^31 - 1"), std::string::npos);
     EXPECT_NE(rejection({0, 0, 0}, {1, 1, 1}, {.resolution = 1291}).find("2^31 - 1"),
               std::string::npos);
-    EXPECT_EQ(fit_grid({0, 0, 0}, {1, 1, 1}, {.resolution = 1290}).size(), 2146689000u);
+    EXPECT_EQ(volume::fit_grid({0, 0, 0}, {1, 1, 1}, {.resolution = 1290}).size(), 2146689000u);
 }

@@ -80,8 +80,8 @@ Bytes make_png(uint32_t width, uint32_t height, int depth, int colour_type, cons
     return png;
 }
 
-Rgba8 decode(const Bytes& bytes, uint64_t max_texels = 1 << 20) {
-    return decode_image(std::as_bytes(std::span(bytes)), "picture", max_texels);
+image::Rgba8 decode(const Bytes& bytes, uint64_t max_texels = 1 << 20) {
+    return image::decode_image(std::as_bytes(std::span(bytes)), "picture", max_texels);
 }
 
 std::string rejection(const Bytes& bytes, uint64_t max_texels = 1 << 20) {
@@ -113,12 +113,12 @@ bool open_image_io_is_loaded() {
 // Runs first: the whole point of the module is that programs which need no image do not pay.
 TEST(Image, ModuleIsLoadedOnFirstUseOnly) {
     EXPECT_FALSE(open_image_io_is_loaded());
-    { const ImageModulePreload preload = preload_image_module(); }
+    { const image::ImageModulePreload preload = image::preload_image_module(); }
     EXPECT_TRUE(open_image_io_is_loaded());
 }
 
 TEST(Image, DecodesTrueColour) {
-    const Rgba8 image = decode(make_png(2, 1, 8, 2, {1, 2, 3, 250, 251, 252}));
+    const image::Rgba8 image = decode(make_png(2, 1, 8, 2, {1, 2, 3, 250, 251, 252}));
     EXPECT_EQ(image.width, 2);
     EXPECT_EQ(image.height, 1);
     EXPECT_EQ(image.texels, (Bytes{1, 2, 3, 255, 250, 251, 252, 255}));
@@ -183,7 +183,7 @@ TEST(Image, DecodesJpeg) {
                      // 0, 1000000 (64), 0, padded with ones
                      0b01000000, 0b01111111, 0xff, 0xd9};
     jpeg.insert(jpeg.end(), rest.begin(), rest.end());
-    const Rgba8 image = decode(jpeg);
+    const image::Rgba8 image = decode(jpeg);
     ASSERT_EQ(image.texels.size(), 256u);
     for (size_t i = 0; i < 64; ++i)
         EXPECT_EQ((std::array{image.texels[4 * i], image.texels[4 * i + 1], image.texels[4 * i + 2],
@@ -219,44 +219,44 @@ TEST(Image, RejectsBombsByTheirHeader) {
 
 TEST(Image, ExrRoundTripsExactly) {
     for (int channels : {1, 3, 4}) {
-        Pixels pixels{5, 3, channels, {}};
+        image::Pixels pixels{5, 3, channels, {}};
         for (int i = 0; i < 15 * channels; ++i)
             pixels.samples.push_back(1e-20f * std::pow(-7.3f, float(i % 41)));
-        const auto bytes = encode_exr(pixels, false, {{"lpv:solver", "none"}}, "x");
-        const Pixels back = decode_exr(std::as_bytes(std::span(bytes)), "x", 100);
+        const auto bytes = image::encode_exr(pixels, false, {{"lpv:solver", "none"}}, "x");
+        const image::Pixels back = image::decode_exr(std::as_bytes(std::span(bytes)), "x", 100);
         EXPECT_EQ(back.width, 5);
         EXPECT_EQ(back.height, 3);
         EXPECT_EQ(back.channels, channels);
         EXPECT_EQ(back.samples, pixels.samples);
-        EXPECT_EQ(bytes, encode_exr(pixels, false, {{"lpv:solver", "none"}}, "x"));
+        EXPECT_EQ(bytes, image::encode_exr(pixels, false, {{"lpv:solver", "none"}}, "x"));
         const std::string text(bytes.begin(), bytes.end());
         EXPECT_NE(text.find("lpv:solver"), std::string::npos);
     }
 }
 
 TEST(Image, BytesDoNotTellTheTime) {
-    const Pixels pixels{2, 2, 3, std::vector<float>(12, 0.5f)};
-    const auto exr = encode_exr(pixels, true, {}, "x");
-    const auto png = encode_png(pixels, "x");
+    const image::Pixels pixels{2, 2, 3, std::vector<float>(12, 0.5f)};
+    const auto exr = image::encode_exr(pixels, true, {}, "x");
+    const auto png = image::encode_png(pixels, "x");
     std::this_thread::sleep_for(std::chrono::milliseconds(1100));
-    EXPECT_EQ(exr, encode_exr(pixels, true, {}, "x"));
-    EXPECT_EQ(png, encode_png(pixels, "x"));
+    EXPECT_EQ(exr, image::encode_exr(pixels, true, {}, "x"));
+    EXPECT_EQ(png, image::encode_png(pixels, "x"));
 }
 
 TEST(Image, ExrHalfRoundsToNearest) {
-    const Pixels pixels{2, 1, 1, {1.0f + 0.6f / 1024, 65504.0f}};
-    const auto bytes = encode_exr(pixels, true, {}, "x");
-    EXPECT_EQ(decode_exr(std::as_bytes(std::span(bytes)), "x", 2).samples,
+    const image::Pixels pixels{2, 1, 1, {1.0f + 0.6f / 1024, 65504.0f}};
+    const auto bytes = image::encode_exr(pixels, true, {}, "x");
+    EXPECT_EQ(image::decode_exr(std::as_bytes(std::span(bytes)), "x", 2).samples,
               (std::vector<float>{1.0f + 1.0f / 1024, 65504.0f}));
 }
 
 TEST(Image, ExrRejections) {
-    const auto bytes = encode_exr({4, 4, 3, std::vector<float>(48, 0.5f)}, false, {}, "x");
+    const auto bytes = image::encode_exr({4, 4, 3, std::vector<float>(48, 0.5f)}, false, {}, "x");
     const auto data = std::as_bytes(std::span(bytes));
     const auto refused = [&](std::span<const std::byte> part,
                              uint64_t max_texels) -> std::optional<ErrorKind> {
         try {
-            decode_exr(part, "x", max_texels);
+            image::decode_exr(part, "x", max_texels);
         } catch (const Error& error) {
             return error.kind;
         }
@@ -266,13 +266,13 @@ TEST(Image, ExrRejections) {
     EXPECT_EQ(refused(data, 15), ErrorKind::invalid);
     for (size_t length = 0; length < data.size(); length += 7)
         EXPECT_EQ(refused(data.first(length), 16), ErrorKind::invalid) << length;
-    EXPECT_THROW(encode_exr({4, 4, 3, {}}, false, {}, "x"), Error);
-    EXPECT_THROW(encode_exr({1, 1, 2, {0, 0}}, false, {}, "x"), Error);
+    EXPECT_THROW(image::encode_exr({4, 4, 3, {}}, false, {}, "x"), Error);
+    EXPECT_THROW(image::encode_exr({1, 1, 2, {0, 0}}, false, {}, "x"), Error);
 }
 
 TEST(Image, PngRoundTripsAndClamps) {
     const float nan = std::numeric_limits<float>::quiet_NaN();
-    const auto bytes = encode_png({2, 1, 3, {0.0f, 0.2f, 1.0f, -3.0f, 7.0f, nan}}, "x");
-    const Rgba8 image = decode(bytes);
+    const auto bytes = image::encode_png({2, 1, 3, {0.0f, 0.2f, 1.0f, -3.0f, 7.0f, nan}}, "x");
+    const image::Rgba8 image = decode(bytes);
     EXPECT_EQ(image.texels, (Bytes{0, 51, 255, 255, 0, 255, 0, 255}));
 }

@@ -12,15 +12,15 @@ namespace lpvbake {
 namespace {
 
 const Grid grid{glm::dvec3(0.0), 1.0, {8, 8, 8}};
-const Frame frame{glm::dvec3(0.0), 1.0, glm::dvec3(8.0)};
+const scene::Frame frame{glm::dvec3(0.0), 1.0, glm::dvec3(8.0)};
 
-Injection inject_one(const Vpl& vpl, const Scene& scene = {}) {
-    const Visibility visibility(scene, frame);
-    return inject(std::span(&vpl, 1), visibility, grid);
+solver::lpv::Injection inject_one(const solver::vpl::Vpl& vpl, const Scene& scene = {}) {
+    const visibility::Visibility visibility(scene, frame);
+    return solver::lpv::inject(std::span(&vpl, 1), visibility, grid);
 }
 
 /// The one cell that holds light; fails if there are more.
-glm::ivec3 lit_cell(const Injection& injection) {
+glm::ivec3 lit_cell(const solver::lpv::Injection& injection) {
     glm::ivec3 found{-1};
     for (int z = 0; z < 8; ++z)
         for (int y = 0; y < 8; ++y)
@@ -34,7 +34,7 @@ glm::ivec3 lit_cell(const Injection& injection) {
 
 TEST(Inject, ALobeHoldsItsPowerAndItsDirection) {
     const glm::vec3 n = glm::normalize(glm::vec3(1, -2, 3));
-    const Injection injection = inject_one({glm::vec3(4.2f), n, {2, 4, 8}});
+    const solver::lpv::Injection injection = inject_one({glm::vec3(4.2f), n, {2, 4, 8}});
     EXPECT_DOUBLE_EQ(injection.power, 14.0);
     EXPECT_EQ(injection.lost, 0.0);
     const glm::ivec3 cell = lit_cell(injection);
@@ -67,10 +67,10 @@ TEST(Inject, GoesHalfACellAlongTheNormal) {
 }
 
 TEST(Inject, LightThatLeavesTheGridIsCountedAsLost) {
-    for (const Vpl& vpl :
-         {Vpl{{0.0f, 4, 4}, {-1, 0, 0}, glm::vec3(1)}, Vpl{{-3.0f, 4, 4}, {1, 0, 0}, glm::vec3(1)},
-          Vpl{{20.0f, 4, 4}, {1, 0, 0}, glm::vec3(1)}}) {
-        const Injection injection = inject_one(vpl);
+    for (const solver::vpl::Vpl& vpl : {solver::vpl::Vpl{{0.0f, 4, 4}, {-1, 0, 0}, glm::vec3(1)},
+                                        solver::vpl::Vpl{{-3.0f, 4, 4}, {1, 0, 0}, glm::vec3(1)},
+                                        solver::vpl::Vpl{{20.0f, 4, 4}, {1, 0, 0}, glm::vec3(1)}}) {
+        const solver::lpv::Injection injection = inject_one(vpl);
         EXPECT_EQ(injection.power, 0.0);
         EXPECT_DOUBLE_EQ(injection.lost, 3.0);
         for (const float c : injection.coefficients)
@@ -99,7 +99,8 @@ TEST(Inject, NeverStartsBehindAnotherWall) {
     const int material = scenes::add_material(scene, glm::vec3(0.5f));
     for (const float x : {4.0f, 4.4f})
         scenes::add_quad(scene, material, {x, -20, -20}, {0, 50, 0}, {0, 0, 50});
-    const Injection injection = inject_one({{4.0f, 4.5f, 4.5f}, {1, 0, 0}, glm::vec3(1)}, scene);
+    const solver::lpv::Injection injection =
+        inject_one({{4.0f, 4.5f, 4.5f}, {1, 0, 0}, glm::vec3(1)}, scene);
     EXPECT_EQ(injection.power, 0.0);
     EXPECT_DOUBLE_EQ(injection.lost, 3.0);
 }

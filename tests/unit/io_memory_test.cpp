@@ -35,7 +35,8 @@ class Memory : public testing::Test {
 protected:
     Memory() {
         mallopt(M_MMAP_THRESHOLD, 1 << 16); // what is freed goes back at once
-        write_volume(folder_ / "warm.exr", random_volume({2, 2, 2}, 1, false, 1), Precision::full);
+        io::write_volume(folder_ / "warm.exr", random_volume({2, 2, 2}, 1, false, 1),
+                         Precision::full);
         read_volume(folder_ / "warm.exr"); // what is loaded to read it stays
     }
 
@@ -44,9 +45,9 @@ protected:
         volume.grid.dims = glm::ivec3(size);
         volume.sh_order = 2;
         for (const auto& [kind, count] : {std::pair(0, 9), {1, 4}, {2, 1}, {3, 2}})
-            set_grids(volume, *grid_kinds()[size_t(kind)], count);
+            volume::set_grids(volume, *volume::grid_kinds()[size_t(kind)], count);
         int i = 0;
-        for (const GridView& grid : grids_of(volume))
+        for (const volume::GridView& grid : volume::grids_of(volume))
             for (float& value : grid.values())
                 value = float(++i % 97) / 8; // no two cells beside each other alike
         std::ranges::fill(volume.validity, 1.0f);
@@ -73,7 +74,8 @@ TEST_F(Memory, WritingTakesAGridBesideTheVolume) {
             // A grid of OpenVDB's or a picture of four channels, and the file's bytes of it; the
             // density, which cells are active, and a grid while it turns.
             EXPECT_LT(growth([&] {
-                          write_for(*target_named(target), folder_ / name, std::move(volume));
+                          io::write_for(*io::target_named(target), folder_ / name,
+                                        std::move(volume));
                       }),
                       3.5 * grid)
                 << target << " " << name;
@@ -83,7 +85,7 @@ TEST_F(Memory, WritingTakesAGridBesideTheVolume) {
 TEST_F(Memory, AVolumeThatIsKeptIsCopiedOnlyWhereItChanges) {
     const Volume volume = make();
     const auto written = [&](const char* target) {
-        return growth([&] { write_for(*target_named(target), folder_ / "a.vdb", volume); });
+        return growth([&] { io::write_for(*io::target_named(target), folder_ / "a.vdb", volume); });
     };
     EXPECT_LT(written("generic"), 3.5 * grid);
     EXPECT_GT(written("blender"), 0.99 * whole);
@@ -93,7 +95,7 @@ TEST_F(Memory, AVolumeThatIsKeptIsCopiedOnlyWhereItChanges) {
 TEST_F(Memory, ReadingTakesAGridBesideTheVolume) {
     for (const char* target : {"generic", "blender"})
         for (const char* name : {"a.vdb", "a.exr"}) {
-            write_for(*target_named(target), folder_ / name, make());
+            io::write_for(*io::target_named(target), folder_ / name, make());
             Volume volume;
             EXPECT_LT(growth([&] { volume = read_volume(folder_ / name); }), whole + 3.5 * grid)
                 << target << " " << name;

@@ -13,19 +13,20 @@
 namespace lpvbake {
 namespace {
 
-const Frame frame{glm::dvec3(0.0), 1.0, glm::dvec3(8.0)};
+const scene::Frame frame{glm::dvec3(0.0), 1.0, glm::dvec3(8.0)};
 
-LitSurfaces light(const Scene& scene, std::optional<int> bounces, const Frame& f = frame) {
+surface::LitSurfaces light(const Scene& scene, std::optional<int> bounces,
+                           const scene::Frame& f = frame) {
     Progress silent;
-    const Visibility visibility(scene, f);
-    LightingSettings settings;
+    const visibility::Visibility visibility(scene, f);
+    surface::LightingSettings settings;
     settings.bounces = bounces;
     settings.rays = 1 << 17;
-    return light_surfaces(scene, visibility, f, settings, silent);
+    return surface::light_surfaces(scene, visibility, f, settings, silent);
 }
 
 /// Mean luminance leaving the fronts, by area.
-double mean_front(const LitSurfaces& lit) {
+double mean_front(const surface::LitSurfaces& lit) {
     double sum = 0.0, area = 0.0;
     for (size_t i = 0; i < lit.patches.size(); ++i) {
         sum += double(lit.patches[i].area) * double(lit.luminance[2 * i].y);
@@ -43,7 +44,7 @@ TEST(LitSurfaces, FurnaceIsAGeometricSeries) {
             EXPECT_NEAR(mean_front(light(scene, bounces)) / series, 1.0, 5e-3)
                 << albedo << " " << bounces;
         }
-        const LitSurfaces all = light(scene, std::nullopt);
+        const surface::LitSurfaces all = light(scene, std::nullopt);
         EXPECT_NEAR(mean_front(all) * (1.0 - double(albedo)), 1.0, 1e-2) << albedo;
         EXPECT_LE(all.residual, 1e-4);
     }
@@ -58,8 +59,8 @@ TEST(LitSurfaces, AClosedSceneOfAlbedoOneIsRefused) {
 TEST(LitSurfaces, PointLightFollowsTheInverseSquare) {
     Scene scene = scenes::floor_quad(40.0f, glm::vec3(0.5f));
     scene.lights.push_back(scenes::point_light({0, 3, 0}, 200.0));
-    const Frame cells{glm::dvec3(-2.0, -0.5, -2.0), 0.5, glm::dvec3(8.0)};
-    const LitSurfaces lit = light(scene, 1, cells);
+    const scene::Frame cells{glm::dvec3(-2.0, -0.5, -2.0), 0.5, glm::dvec3(8.0)};
+    const surface::LitSurfaces lit = light(scene, 1, cells);
     ASSERT_GT(lit.patches.size(), 100u);
     for (size_t i = 0; i < lit.patches.size(); ++i) {
         const glm::dvec3 p = cells.to_world(glm::dvec3(lit.patches[i].position));
@@ -78,8 +79,8 @@ TEST(LitSurfaces, EmittersLightByTheirFormFactor) {
     const int lamp = scenes::add_material(scene, glm::vec3(0.0f), glm::vec3(7.0f));
     scenes::add_quad(scene, lamp, {-1, 2, -1}, {2, 0, 0}, {0, 0, 2});
     const double unit = 0.025;
-    const Frame cells{glm::dvec3(-0.1), unit, glm::dvec3(8.0)};
-    const LitSurfaces lit = light(scene, 1, cells);
+    const scene::Frame cells{glm::dvec3(-0.1), unit, glm::dvec3(8.0)};
+    const surface::LitSurfaces lit = light(scene, 1, cells);
     // Four corner-to-corner rectangles of edges 1 x 1 at distance 2 (Howell, A-2).
     const double x = 0.5, root = std::sqrt(1 + x * x);
     const double quarter = 2.0 * (x / root * std::atan(x / root)) / glm::two_pi<double>();
@@ -97,7 +98,7 @@ TEST(LitSurfaces, EmittersLightByTheirFormFactor) {
 TEST(LitSurfaces, SkyLightsWhatIsOpen) {
     Scene scene = scenes::floor_quad(4.0f, glm::vec3(0.5f));
     scene.sky.luminance = glm::vec3(100.0f);
-    const LitSurfaces lit = light(scene, 1, {glm::dvec3(-4.0), 1.0, glm::dvec3(8.0)});
+    const surface::LitSurfaces lit = light(scene, 1, {glm::dvec3(-4.0), 1.0, glm::dvec3(8.0)});
     for (size_t i = 0; i < lit.patches.size(); ++i)
         EXPECT_NEAR(lit.luminance[2 * i].x, 50.0f, 1e-3f);
 }
@@ -111,7 +112,7 @@ TEST(LitSurfaces, TheFloorBehindAWallStaysDark) {
                     scenes::Facing::outward);
     scenes::add_box(scene, white, {0, 0.5f, 0}, {8, 4, 8}, scenes::Facing::inward);
     scene.lights.push_back(scenes::point_light({1.5, 2.5, 4}, 100.0));
-    const LitSurfaces lit = light(scene, std::nullopt);
+    const surface::LitSurfaces lit = light(scene, std::nullopt);
     double dark = 0.0, bright = 0.0;
     for (size_t i = 0; i < lit.patches.size(); ++i)
         if (lit.patches[i].position.x > 3.45f)
@@ -124,24 +125,24 @@ TEST(LitSurfaces, TheFloorBehindAWallStaysDark) {
 
 TEST(LitSurfaces, AHitFindsThePatchAroundIt) {
     const Scene scene = scenes::cornell_box_with_point();
-    const Frame cells{glm::dvec3(-1.1, -0.1, -1.1), 0.1, glm::dvec3(22.0)};
-    const Visibility visibility(scene, cells);
-    const PatchCover cover = cover_surfaces(scene, cells, visibility, 1.0f);
+    const scene::Frame cells{glm::dvec3(-1.1, -0.1, -1.1), 0.1, glm::dvec3(22.0)};
+    const visibility::Visibility visibility(scene, cells);
+    const surface::PatchCover cover = surface::cover_surfaces(scene, cells, visibility, 1.0f);
     std::mt19937 random(7);
     std::normal_distribution<float> normal;
     int met = 0;
     for (int i = 0; i < 2000; ++i) {
         const glm::vec3 direction =
             glm::normalize(glm::vec3(normal(random), normal(random), normal(random)));
-        const Ray ray{glm::vec3(11.0f, 14.0f, 14.0f), direction, 0.0f, HUGE_VALF};
-        const Hit hit = visibility.closest(ray);
+        const visibility::Ray ray{glm::vec3(11.0f, 14.0f, 14.0f), direction, 0.0f, HUGE_VALF};
+        const visibility::Hit hit = visibility.closest(ray);
         glm::vec2 weights;
         const uint32_t found = cover.tree.find(hit, weights);
-        ASSERT_EQ(hit.instance == no_hit, found == PatchTree::none);
-        if (found == PatchTree::none)
+        ASSERT_EQ(hit.instance == visibility::no_hit, found == surface::PatchTree::none);
+        if (found == surface::PatchTree::none)
             continue;
         ++met;
-        const Patch& patch = cover.patches[found];
+        const surface::Patch& patch = cover.patches[found];
         ASSERT_EQ(patch.instance, hit.instance);
         ASSERT_EQ(patch.triangle, hit.triangle);
         ASSERT_GE(std::min({weights.x, weights.y, 1.0f - weights.x - weights.y}), -1e-4f);
@@ -154,21 +155,22 @@ TEST(LitSurfaces, AHitFindsThePatchAroundIt) {
 TEST(LitSurfaces, DuplicateSurfacesCountOnce) {
     Scene scene = scenes::floor_quad(6.0f, glm::vec3(0.5f));
     scene.instances.push_back(scene.instances[0]);
-    const Frame cells{glm::dvec3(-4.0), 1.0, glm::dvec3(8.0)};
-    const Visibility visibility(scene, cells);
+    const scene::Frame cells{glm::dvec3(-4.0), 1.0, glm::dvec3(8.0)};
+    const visibility::Visibility visibility(scene, cells);
     double area = 0.0;
-    for (const Patch& patch : cover_surfaces(scene, cells, visibility, 1.0f).patches)
+    for (const surface::Patch& patch :
+         surface::cover_surfaces(scene, cells, visibility, 1.0f).patches)
         area += double(patch.area);
     EXPECT_NEAR(area, 36.0, 1e-3);
 }
 
 TEST(LitSurfaces, FarSurfacesHaveLargePatches) {
     const Scene scene = scenes::floor_quad(2000.0f, glm::vec3(0.5f));
-    const Frame cells{glm::dvec3(-4.0), 1.0, glm::dvec3(8.0)};
-    const Visibility visibility(scene, cells);
-    const PatchCover cover = cover_surfaces(scene, cells, visibility, 1.0f);
+    const scene::Frame cells{glm::dvec3(-4.0), 1.0, glm::dvec3(8.0)};
+    const visibility::Visibility visibility(scene, cells);
+    const surface::PatchCover cover = surface::cover_surfaces(scene, cells, visibility, 1.0f);
     double area = 0.0;
-    for (const Patch& patch : cover.patches)
+    for (const surface::Patch& patch : cover.patches)
         area += double(patch.area);
     EXPECT_NEAR(area / 4e6, 1.0, 1e-4);
     EXPECT_LT(cover.patches.size(), 20000u);
@@ -177,10 +179,10 @@ TEST(LitSurfaces, FarSurfacesHaveLargePatches) {
 TEST(LitSurfaces, SameBitsForAnyNumberOfThreads) {
     Scene scene = scenes::cornell_box_with_point();
     scene.sky.luminance = glm::vec3(3.0f);
-    const Frame cells{glm::dvec3(-1.2), 0.15, glm::dvec3(16.0)};
-    const LitSurfaces many = light(scene, std::nullopt, cells);
+    const scene::Frame cells{glm::dvec3(-1.2), 0.15, glm::dvec3(16.0)};
+    const surface::LitSurfaces many = light(scene, std::nullopt, cells);
     const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
-    const LitSurfaces single = light(scene, std::nullopt, cells);
+    const surface::LitSurfaces single = light(scene, std::nullopt, cells);
     EXPECT_EQ(many.luminance, single.luminance);
 }
 

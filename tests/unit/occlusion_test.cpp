@@ -14,7 +14,7 @@ Grid grid_of(glm::ivec3 dims) {
     return {glm::dvec3(0.0), 1.0, dims};
 }
 /// Cells that light from `start` can reach over open links.
-std::vector<uint8_t> flood(const Links& links, const Grid& grid, glm::ivec3 start) {
+std::vector<uint8_t> flood(const solver::Links& links, const Grid& grid, glm::ivec3 start) {
     std::vector<uint8_t> reached(grid.size(), 0);
     std::vector<glm::ivec3> stack{start};
     reached[grid.index(start)] = 1;
@@ -46,7 +46,8 @@ TEST(Links, AWallOfAnyOrientationIsTight) {
         const glm::dvec3 through{6.1, 5.2, 5.3};
         scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)), {-50, -50, 0},
                          {100, 0, 0}, {0, 100, 0}, glm::translate(glm::dmat4(1.0), through) * turn);
-        const Links links = trace_links(Visibility(scene, frame_of(grid)), grid);
+        const solver::Links links =
+            solver::trace_links(visibility::Visibility(scene, scene::frame_of(grid)), grid);
         const glm::dvec3 normal{turn * glm::dvec4(0, 0, 1, 0)};
         const auto side = [&](glm::ivec3 c) {
             return glm::dot(glm::dvec3(c) + 0.5 - through, normal);
@@ -73,7 +74,8 @@ TEST(Links, ATurnedClosedBoxIsTight) {
                         glm::vec3(4.0f), scenes::Facing::inward,
                         glm::translate(glm::dmat4(1.0), glm::dvec3(8.0))
                             * scenes::random_turn(random));
-        const Links links = trace_links(Visibility(scene, frame_of(grid)), grid);
+        const solver::Links links =
+            solver::trace_links(visibility::Visibility(scene, scene::frame_of(grid)), grid);
         const std::vector<uint8_t> reached = flood(links, grid, {8, 8, 8});
         for (const glm::ivec3 corner : {glm::ivec3(0), glm::ivec3(15), glm::ivec3(15, 0, 0)})
             EXPECT_FALSE(reached[grid.index(corner)]) << i;
@@ -87,7 +89,8 @@ TEST(Links, AWallOnCentersOrFacesIsTight) {
         Scene scene;
         scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)), {x, -5, -5},
                          {0, 20, 0}, {0, 0, 20});
-        const Links links = trace_links(Visibility(scene, frame_of(grid)), grid);
+        const solver::Links links =
+            solver::trace_links(visibility::Visibility(scene, scene::frame_of(grid)), grid);
         const std::vector<uint8_t> reached = flood(links, grid, {0, 0, 0});
         EXPECT_FALSE(reached[grid.index({7, 3, 3})]) << x;
         EXPECT_TRUE(reached[grid.index({3, 5, 5})]) << x;
@@ -107,8 +110,10 @@ TEST(Links, FarOriginAndTinyScaleMakeNoDifference) {
                                 * glm::scale(glm::dmat4(1.0), glm::dvec3(scale)) * turn;
     const Grid near_grid{glm::dvec3(-2.0), 0.25, glm::ivec3(16)};
     const Grid far_grid{offset - 2.0 * scale, 0.25 * scale, glm::ivec3(16)};
-    const Links a = trace_links(Visibility(scene, frame_of(near_grid)), near_grid);
-    const Links b = trace_links(Visibility(far, frame_of(far_grid)), far_grid);
+    const solver::Links a =
+        solver::trace_links(visibility::Visibility(scene, scene::frame_of(near_grid)), near_grid);
+    const solver::Links b =
+        solver::trace_links(visibility::Visibility(far, scene::frame_of(far_grid)), far_grid);
     size_t different = 0;
     for (size_t i = 0; i < a.open.size(); ++i)
         different += a.open[i] != b.open[i];
@@ -121,7 +126,8 @@ TEST(Links, CoverageScalesAnOpenLink) {
     scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)), {2, 1, 1}, {0, 0.45f, 0},
                      {0, 0, 1});
     const Grid grid = grid_of({4, 3, 3});
-    const Links links = trace_links(Visibility(scene, frame_of(grid)), grid);
+    const solver::Links links =
+        solver::trace_links(visibility::Visibility(scene, scene::frame_of(grid)), grid);
     EXPECT_FLOAT_EQ(links.open[3 * grid.index({1, 1, 1})], 0.5f);
     EXPECT_FLOAT_EQ(links.open[3 * grid.index({0, 1, 1})], 1.0f);
     EXPECT_FLOAT_EQ(links.open[3 * grid.index({1, 1, 1}) + 1], 1.0f);
@@ -134,7 +140,8 @@ TEST(Links, ABlendedPaneLetsItsShareThrough) {
     scene.materials[size_t(glass)].base_color.w = 0.5f;
     scenes::add_quad(scene, glass, {2, -9, -9}, {0, 30, 0}, {0, 0, 30});
     const Grid grid = grid_of({4, 3, 3});
-    const Links links = trace_links(Visibility(scene, frame_of(grid)), grid);
+    const solver::Links links =
+        solver::trace_links(visibility::Visibility(scene, scene::frame_of(grid)), grid);
     // Lines run through the edge between the pane's two triangles: it counts once all the same.
     for (int y = 0; y < 3; ++y)
         for (int z = 0; z < 3; ++z)
@@ -151,7 +158,8 @@ TEST(Validity, TellsSolidsFromRooms) {
     scenes::add_quad(terrain, scenes::add_material(terrain, glm::vec3(0.5f)), {-9, 4.2f, -9},
                      {0, 0, 40}, {40, 0, 0});
     const auto validity = [&](const Scene& scene) {
-        return trace_links(Visibility(scene, frame_of(grid)), grid).validity;
+        return solver::trace_links(visibility::Visibility(scene, scene::frame_of(grid)), grid)
+            .validity;
     };
     const std::vector<float> in_solid = validity(solid), in_room = validity(room),
                              on_terrain = validity(terrain);
@@ -174,8 +182,8 @@ TEST(GeometryVolume, AFullWallBlocksThreeQuartersAlongItsNormal) {
     scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)), {4, -4, -4}, {0, 16, 0},
                      {0, 0, 16});
     const Grid grid = grid_of({8, 8, 8});
-    const GeometryVolume geometry =
-        make_geometry_volume(make_patches(scene, frame_of(grid), 0.25f), grid);
+    const solver::GeometryVolume geometry = solver::make_geometry_volume(
+        surface::make_patches(scene, scene::frame_of(grid), 0.25f), grid);
     EXPECT_NEAR(geometry.blocked({4, 4, 4}, {1, 0, 0}), 0.75f, 0.03f);
     EXPECT_NEAR(geometry.blocked({4, 4, 4}, {-1, 0, 0}), 0.75f, 0.03f);
     EXPECT_NEAR(geometry.blocked({4, 4, 4}, {0, 1, 0}), 0.25f, 0.03f);
@@ -187,13 +195,13 @@ TEST(GeometryVolume, TheTwoSidesOfAThinWallDoNotCancel) {
     scenes::add_box(scene, scenes::add_material(scene, glm::vec3(0.5f)), {3.95f, -4, -4},
                     {4.05f, 12, 12}, scenes::Facing::outward);
     const Grid grid = grid_of({8, 8, 8});
-    const GeometryVolume geometry =
-        make_geometry_volume(make_patches(scene, frame_of(grid), 0.25f), grid);
+    const solver::GeometryVolume geometry = solver::make_geometry_volume(
+        surface::make_patches(scene, scene::frame_of(grid), 0.25f), grid);
     EXPECT_EQ(geometry.blocked({4, 4, 4}, {1, 0, 0}), 1.0f);
 }
 
 TEST(GeometryVolume, FacesAreThirtyDistinctOnes) {
-    const auto& faces = lpv_faces();
+    const auto& faces = solver::lpv_faces();
     for (size_t i = 0; i < faces.size(); ++i) {
         EXPECT_NEAR(glm::length(faces[i].toward), 1.0f, 1e-6f);
         for (size_t j = 0; j < i; ++j)

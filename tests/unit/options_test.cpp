@@ -26,14 +26,16 @@ struct Toy {
 Toy last; ///< what the toy command ran with
 std::string last_recorded;
 
-Action declare_toy(Options& options) {
+cmd::options::Action declare_toy(cmd::options::Options& options) {
     const auto fields = std::make_shared<Toy>();
     Toy& o = *fields;
     options.text("from", o.from, "FILE", "Where from");
     options.group("Toy");
     options.number("--glow", o.glow, 0, 10, "How much it glows").record(); // the toy option
     options.texts("--extra", o.extra, "TEXT", "More of it");
-    options.number("--depth", o.depth, 1, 9, "How deep").implies("3").record(Recorded::if_changed);
+    options.number("--depth", o.depth, 1, 9, "How deep")
+        .implies("3")
+        .record(cmd::options::Recorded::if_changed);
     options.flag("--loud", o.loud, "Say it").exclude({"depth"});
     options.text("--config", o.config, "FILE", "Option file").keep_out_of_files();
     options.flag("--print-config", o.print_config, "Print them").keep_out_of_files();
@@ -43,12 +45,12 @@ Action declare_toy(Options& options) {
     };
 }
 
-const Commands toys{{"toy", "Glows.", "Examples:\n  lpvbake toy", declare_toy}};
+const cmd::options::Commands toys{{"toy", "Glows.", "Examples:\n  lpvbake toy", declare_toy}};
 
 /// The complaint, empty if there is none.
 std::string complaint(const std::vector<std::string>& words) {
     try {
-        run_command_line(toys, words);
+        cmd::options::run_command_line(toys, words);
         return "";
     } catch (const Error& error) {
         EXPECT_EQ(error.kind, ErrorKind::argument);
@@ -58,16 +60,16 @@ std::string complaint(const std::vector<std::string>& words) {
 
 std::string printed(const std::vector<std::string>& words) {
     testing::internal::CaptureStdout();
-    run_command_line(toys, words);
+    cmd::options::run_command_line(toys, words);
     std::fflush(stdout);
     return testing::internal::GetCapturedStdout();
 }
 
 TEST(Options, ARowIsOnTheCommandLine) {
-    run_command_line(toys, {"toy", "a.gltf", "--glow", "2.50"});
+    cmd::options::run_command_line(toys, {"toy", "a.gltf", "--glow", "2.50"});
     EXPECT_EQ(last.glow, 2.5);
     EXPECT_EQ(last.from, "a.gltf");
-    run_command_line(toys, {"toy"});
+    cmd::options::run_command_line(toys, {"toy"});
     EXPECT_EQ(last.glow, 0.5);
     EXPECT_EQ(complaint({"toy", "--glow=11"}),
               "toy: --glow: '11' is not a number from 0 to 10 (see lpvbake toy --help)");
@@ -81,11 +83,11 @@ TEST(Options, ARowIsInOptionFilesAndPrintsIntoThem) {
     const TemporaryFolder folder;
     const std::string path = folder / "a.toml";
     spill(path, "glow = 4\nextra = [\"a\", 'b']\n[toy]\ndepth = 7 # deep\n");
-    run_command_line(toys, {"toy", "--config", path});
+    cmd::options::run_command_line(toys, {"toy", "--config", path});
     EXPECT_EQ(last.glow, 4);
     EXPECT_EQ(last.extra, (std::vector<std::string>{"a", "b"}));
     EXPECT_EQ(last.depth, 7);
-    run_command_line(toys, {"toy", "--config", path, "--glow", "5", "--loud"});
+    cmd::options::run_command_line(toys, {"toy", "--config", path, "--glow", "5", "--loud"});
     EXPECT_EQ(last.glow, 5) << "the command line comes first";
     EXPECT_EQ(last.depth, std::nullopt) << "and what it excludes is left out";
     EXPECT_TRUE(last.loud);
@@ -114,9 +116,9 @@ TEST(Options, ARowIsInOptionFilesAndPrintsIntoThem) {
 }
 
 TEST(Options, ARowIsAmongTheSettingsThatAreRecorded) {
-    run_command_line(toys, {"toy", "--extra=a"});
+    cmd::options::run_command_line(toys, {"toy", "--extra=a"});
     EXPECT_EQ(last_recorded, "glow = 0.5");
-    run_command_line(toys, {"toy", "--glow=1", "--depth=4"});
+    cmd::options::run_command_line(toys, {"toy", "--glow=1", "--depth=4"});
     EXPECT_EQ(last_recorded, "glow = 1; depth = 4");
 }
 
@@ -124,10 +126,11 @@ TEST(Options, ARowIsInTheHelpAndTheWrittenReference) {
     const std::string help = printed({"toy", "--help"});
     EXPECT_NE(help.find("--glow X=0.5"), std::string::npos) << help;
     EXPECT_NE(help.find("How much it glows"), std::string::npos) << help;
-    EXPECT_NE(reference_markdown(toys[0]).find("| `--glow X` | `0.5` | How much it glows |\n"),
+    EXPECT_NE(cmd::options::reference_markdown(toys[0]).find(
+                  "| `--glow X` | `0.5` | How much it glows |\n"),
               std::string::npos)
-        << reference_markdown(toys[0]);
-    const auto rows = reference_json(toys[0])["options"];
+        << cmd::options::reference_markdown(toys[0]);
+    const auto rows = cmd::options::reference_json(toys[0])["options"];
     ASSERT_EQ(rows.size(), 7u);
     EXPECT_EQ(rows[1]["name"], "glow");
     EXPECT_EQ(rows[1]["type"], "X");
@@ -140,7 +143,7 @@ TEST(Options, SweepTablesKeepTheirOrder) {
     const TemporaryFolder folder;
     const std::string path = folder / "s.toml";
     spill(path, "z = 1\na = [2, \"3\"]\n[[sweep]]\nb = true\n[[sweep]]\n[[sweep]]\nc = 0.5\n");
-    const auto tables = read_config_tables(path, "sweep");
+    const auto tables = cmd::options::read_config_tables(path, "sweep");
     ASSERT_EQ(tables.size(), 3u);
     ASSERT_EQ(tables[0].size(), 2u);
     EXPECT_EQ(tables[0][0].key, "z");

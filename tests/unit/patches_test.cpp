@@ -10,9 +10,9 @@
 namespace lpvbake {
 namespace {
 
-double total_area(const std::vector<Patch>& patches) {
+double total_area(const std::vector<surface::Patch>& patches) {
     double sum = 0.0;
-    for (const Patch& patch : patches)
+    for (const surface::Patch& patch : patches)
         sum += double(patch.area);
     return sum;
 }
@@ -21,19 +21,19 @@ TEST(Patches, CoverEverySurfaceOnce) {
     Scene scene;
     scenes::add_box(scene, scenes::add_material(scene, glm::vec3(0.5f)), glm::vec3(1.0f),
                     glm::vec3(8.0f, 5.0f, 3.0f), scenes::Facing::outward);
-    const Frame frame{glm::dvec3(0.0), 1.0, glm::dvec3(9.0)};
+    const scene::Frame frame{glm::dvec3(0.0), 1.0, glm::dvec3(9.0)};
     const double area = 2.0 * (7 * 4 + 7 * 2 + 4 * 2);
-    const std::vector<Patch> coarse = make_patches(scene, frame, 100.0f);
+    const std::vector<surface::Patch> coarse = surface::make_patches(scene, frame, 100.0f);
     EXPECT_EQ(coarse.size(), 12u);
     EXPECT_NEAR(total_area(coarse), area, 1e-4 * area);
-    const std::vector<Patch> fine = make_patches(scene, frame, 0.7f);
+    const std::vector<surface::Patch> fine = surface::make_patches(scene, frame, 0.7f);
     EXPECT_GT(fine.size(), 400u);
     EXPECT_NEAR(total_area(fine), area, 1e-4 * area);
     // Divergence theorem: the area-weighted normals of a closed surface cancel, and the flux of
     // the position through it is three times the volume.
     glm::dvec3 sum{0.0};
     double flux = 0.0;
-    for (const Patch& patch : fine) {
+    for (const surface::Patch& patch : fine) {
         sum += double(patch.area) * glm::dvec3(patch.normal);
         flux += double(patch.area) * glm::dot(glm::dvec3(patch.normal), glm::dvec3(patch.position));
     }
@@ -48,7 +48,8 @@ TEST(Patches, MirroredInstanceFacesTheSameWay) {
                     glm::translate(glm::dmat4(1.0), glm::dvec3(4, 0, 0))
                         * glm::scale(glm::dmat4(1.0), glm::dvec3(-1, 1, 1)));
     double flux = 0.0;
-    for (const Patch& patch : make_patches(scene, {glm::dvec3(0.0), 1.0, glm::dvec3(4.0)}, 0.5f))
+    for (const surface::Patch& patch :
+         surface::make_patches(scene, {glm::dvec3(0.0), 1.0, glm::dvec3(4.0)}, 0.5f))
         flux += double(patch.area) * glm::dot(glm::dvec3(patch.normal), glm::dvec3(patch.position));
     EXPECT_NEAR(flux, 3.0, 1e-4);
 }
@@ -57,8 +58,8 @@ TEST(Patches, AHugeTriangleIsCutOnlyInsideTheGrid) {
     Scene scene;
     scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)), {-1e5f, 2, -1e5f},
                      {0, 0, 2e5f}, {2e5f, 0, 0});
-    const std::vector<Patch> patches =
-        make_patches(scene, {glm::dvec3(0.0), 1.0, glm::dvec3(16.0)}, 1.0f);
+    const std::vector<surface::Patch> patches =
+        surface::make_patches(scene, {glm::dvec3(0.0), 1.0, glm::dvec3(16.0)}, 1.0f);
     EXPECT_NEAR(total_area(patches), 256.0, 30.0);
     EXPECT_LT(patches.size(), 4000u);
 }
@@ -67,15 +68,16 @@ TEST(Patches, ZeroAreaTrianglesGiveNone) {
     Scene scene;
     scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)), {1, 1, 1}, {1, 0, 0},
                      {2, 0, 0});
-    EXPECT_TRUE(make_patches(scene, {glm::dvec3(0.0), 1.0, glm::dvec3(8.0)}, 1.0f).empty());
+    EXPECT_TRUE(
+        surface::make_patches(scene, {glm::dvec3(0.0), 1.0, glm::dvec3(8.0)}, 1.0f).empty());
 }
 
-LitSurfaces glowing(const Scene& scene, const Frame& frame) {
+surface::LitSurfaces glowing(const Scene& scene, const scene::Frame& frame) {
     Progress silent;
-    LightingSettings settings;
+    surface::LightingSettings settings;
     settings.bounces = 0;
-    const Visibility visibility(scene, frame);
-    return light_surfaces(scene, visibility, frame, settings, silent);
+    const visibility::Visibility visibility(scene, frame);
+    return surface::light_surfaces(scene, visibility, frame, settings, silent);
 }
 
 TEST(Emitters, PowerIsPiTimesLuminanceTimesArea) {
@@ -84,14 +86,14 @@ TEST(Emitters, PowerIsPiTimesLuminanceTimesArea) {
         const int lamp = scenes::add_material(scene, glm::vec3(0.5f), glm::vec3(10, 20, 40));
         scenes::add_quad(scene, lamp, {0, 0, 0}, {3, 0, 0}, {0, 2, 1},
                          glm::scale(glm::dmat4(1.0), glm::dvec3(unit)));
-        const Frame frame{glm::dvec3(-unit), unit, glm::dvec3(6.0)};
+        const scene::Frame frame{glm::dvec3(-unit), unit, glm::dvec3(6.0)};
         const double area = 3.0 * std::sqrt(5.0) * unit * unit;
         for (const bool both : {false, true}) {
             scene.materials[size_t(lamp)].double_sided = both;
-            std::vector<Vpl> vpls;
-            emit_vpls(glowing(scene, frame), frame, vpls);
+            std::vector<solver::vpl::Vpl> vpls;
+            solver::vpl::emit_vpls(glowing(scene, frame), frame, vpls);
             glm::dvec3 power{0.0};
-            for (const Vpl& vpl : vpls)
+            for (const solver::vpl::Vpl& vpl : vpls)
                 power += glm::dvec3(vpl.power);
             const double expected = (both ? 2.0 : 1.0) * glm::pi<double>() * area;
             EXPECT_NEAR(power.x / (10.0 * expected), 1.0, 1e-5);
@@ -103,12 +105,12 @@ TEST(Emitters, PowerIsPiTimesLuminanceTimesArea) {
 TEST(Emitters, TheSkyEntersWhereNothingIsInTheWay) {
     // A floor below the whole grid: the lower faces get nothing, the upper ones all of the sky.
     Scene scene = scenes::floor_quad(1e3f, glm::vec3(0.5f));
-    const Frame frame{glm::dvec3(-2, 0.5, -2), 0.5, glm::dvec3(8)};
-    const Visibility visibility(scene, frame);
-    std::vector<Vpl> vpls;
-    sky_vpls({glm::vec3(3.0f), {}}, visibility, frame, vpls);
+    const scene::Frame frame{glm::dvec3(-2, 0.5, -2), 0.5, glm::dvec3(8)};
+    const visibility::Visibility visibility(scene, frame);
+    std::vector<solver::vpl::Vpl> vpls;
+    solver::vpl::sky_vpls({glm::vec3(3.0f), {}}, visibility, frame, vpls);
     double top = 0.0, side = 0.0, bottom = 0.0;
-    for (const Vpl& vpl : vpls)
+    for (const solver::vpl::Vpl& vpl : vpls)
         (vpl.normal.y < -0.5f ? top : vpl.normal.y > 0.5f ? bottom : side) += double(vpl.power.x);
     const double face = glm::pi<double>() * 3.0 * 16.0; // of 4 m x 4 m
     EXPECT_NEAR(top / face, 1.0, 1e-5);
@@ -129,11 +131,11 @@ TEST(Emitters, TextureScalesTheEmission) {
     scene.materials[size_t(lamp)].emission_texture = 0;
     const int mesh = scenes::add_quad(scene, lamp, {1, 1, 1}, {4, 0, 0}, {0, 4, 0});
     scene.meshes[size_t(mesh)].uv_emission = scene.meshes[size_t(mesh)].uv;
-    std::vector<Vpl> vpls;
-    const Frame frame{glm::dvec3(0.0), 1.0, glm::dvec3(6.0)};
-    emit_vpls(glowing(scene, frame), frame, vpls);
+    std::vector<solver::vpl::Vpl> vpls;
+    const scene::Frame frame{glm::dvec3(0.0), 1.0, glm::dvec3(6.0)};
+    solver::vpl::emit_vpls(glowing(scene, frame), frame, vpls);
     double power = 0.0;
-    for (const Vpl& vpl : vpls)
+    for (const solver::vpl::Vpl& vpl : vpls)
         power += double(vpl.power.x);
     EXPECT_NEAR(power / (glm::pi<double>() * 10.0 * 8.0), 1.0, 0.02);
 }

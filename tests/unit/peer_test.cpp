@@ -46,7 +46,7 @@ struct Estimate {
     std::vector<double> mean, error;
 };
 
-std::vector<double> numbers_of(const PeerField& field) {
+std::vector<double> numbers_of(const reference::PeerField& field) {
     std::vector<double> all;
     for (const auto* part : {&field.sh, &field.irradiance})
         for (const auto& row : *part)
@@ -55,7 +55,7 @@ std::vector<double> numbers_of(const PeerField& field) {
     return all;
 }
 
-Estimate over_seeds(int seeds, const std::function<PeerField(uint64_t)>& trace) {
+Estimate over_seeds(int seeds, const std::function<reference::PeerField(uint64_t)>& trace) {
     std::vector<double> sum, squares;
     for (int seed = 0; seed < seeds; ++seed) {
         const std::vector<double> numbers = numbers_of(trace(uint64_t(seed)));
@@ -79,8 +79,8 @@ Estimate over_seeds(int seeds, const std::function<PeerField(uint64_t)>& trace) 
 TEST(Peer, AgreesWithTheReference) {
     Scene scene = lit_box();
     scene.sky.luminance = {4.0f, 6.0f, 8.0f};
-    const Frame frame{{-1.2, 0.1, -1.1}, 0.25, glm::dvec3(8)};
-    const Visibility visibility(scene, frame);
+    const scene::Frame frame{{-1.2, 0.1, -1.1}, 0.25, glm::dvec3(8)};
+    const visibility::Visibility visibility(scene, frame);
     std::vector<glm::vec3> points;
     std::vector<uint64_t> keys;
     for (const glm::vec3& p : some_points()) {
@@ -89,21 +89,22 @@ TEST(Peer, AgreesWithTheReference) {
     }
     for (const std::optional<int> bounces :
          {std::optional(0), std::optional(1), std::optional<int>()}) {
-        ReferenceSettings truth_settings;
+        reference::ReferenceSettings truth_settings;
         truth_settings.paths.bounces = bounces;
         truth_settings.sh_order = 4;
         truth_settings.rays = 4096;
         Progress silent;
-        const ProbeField truth = trace_probes(scene, visibility, frame, points, keys,
-                                              truth_settings, silent, {neighbour_normals(), {}});
-        PeerSettings settings;
+        const reference::ProbeField truth =
+            reference::trace_probes(scene, visibility, frame, points, keys, truth_settings, silent,
+                                    {volume::neighbour_normals(), {}});
+        reference::PeerSettings settings;
         settings.paths = truth_settings.paths;
         settings.sh_order = 4;
         settings.rays = 200;
         settings.irradiance = true;
         const Estimate peer = over_seeds(24, [&](uint64_t seed) {
             settings.seed = seed;
-            return trace_peer(scene, visibility, frame, points, settings);
+            return reference::trace_peer(scene, visibility, frame, points, settings);
         });
         size_t n = 0;
         int beyond = 0;
@@ -139,17 +140,18 @@ TEST(Peer, SkyOfAPictureAboveAFloor) {
     std::vector<glm::vec3> texels(size_t(width * height), glm::vec3(1.0f));
     texels[size_t(row * width + 100)] = glm::vec3(1e6f);
     Scene scene = scenes::floor_quad(1e4f, glm::vec3(0.25f));
-    scene.sky = make_sky(width, height, texels, 0.0);
+    scene.sky = scene::make_sky(width, height, texels, 0.0);
     const double top = std::cos(pi * row / height), bottom = std::cos(pi * (row + 1) / height);
     const double sun = 1e6 * 2 * pi / width * (top - bottom);
     const double sun_lux = 1e6 * pi / width * (top * top - bottom * bottom);
-    const Visibility visibility(scene, Frame{});
-    PeerSettings settings;
+    const visibility::Visibility visibility(scene, scene::Frame{});
+    reference::PeerSettings settings;
     settings.rays = 256;
     std::vector<glm::vec3> points;
     for (int i = 0; i < 400; ++i)
         points.push_back({0.1f * float(i), 1.0f, 0.0f});
-    const PeerField field = trace_peer(scene, visibility, Frame{}, points, settings);
+    const reference::PeerField field =
+        reference::trace_peer(scene, visibility, scene::Frame{}, points, settings);
     double mean = 0;
     for (const glm::vec3& c : field.sh[0])
         mean += double(c.y) / double(points.size());
@@ -164,17 +166,18 @@ TEST(Peer, BlendedBoxInABlackRoom) {
     scene.materials[size_t(glass)].alpha_mode = AlphaMode::blend;
     scene.materials[size_t(glass)].base_color.a = 0.25f;
     scenes::add_box(scene, glass, glm::vec3(1.0f), glm::vec3(3.0f), scenes::Facing::inward);
-    const Visibility visibility(scene, Frame{});
-    PeerSettings settings;
+    const visibility::Visibility visibility(scene, scene::Frame{});
+    reference::PeerSettings settings;
     settings.paths.bounces = {};
     settings.rays = 1000;
     std::vector<glm::vec3> points;
     for (int i = 0; i < 40; ++i)
         points.push_back(glm::vec3(1.3f + 0.03f * float(i), 1.9f, 2.2f));
-    const PeerField field = trace_peer(scene, visibility, Frame{}, points, settings);
+    const reference::PeerField field =
+        reference::trace_peer(scene, visibility, scene::Frame{}, points, settings);
     double mean = 0;
     for (const glm::vec3& c : field.sh[0])
-        mean += double(c.x * sh_y0) / double(points.size());
+        mean += double(c.x * volume::sh_y0) / double(points.size());
     EXPECT_NEAR(mean, (0.25 * 3 + 0.75) / (1 - 0.25 * 0.8), 0.01);
 }
 
@@ -182,17 +185,18 @@ TEST(Peer, IrradianceOverAnEvenFloorIsHalfTheSphere) {
     // Above a glowing plane without end, whatever the number of rays.
     Scene scene = scenes::floor_quad(1e4f, glm::vec3(0.0f));
     scene.materials[0].emission = glm::vec3(1.0f, 2.0f, 0.0f);
-    const Visibility visibility(scene, Frame{});
+    const visibility::Visibility visibility(scene, scene::Frame{});
     for (const uint32_t rays : {1000u, 2048u, 5000u}) {
-        PeerSettings settings;
+        reference::PeerSettings settings;
         settings.rays = rays;
         settings.sh_order = 0;
         settings.irradiance = true;
         const std::vector<glm::vec3> points(5, glm::vec3(0.3f, 0.7f, 0.1f));
-        const PeerField field = trace_peer(scene, visibility, Frame{}, points, settings);
+        const reference::PeerField field =
+            reference::trace_peer(scene, visibility, scene::Frame{}, points, settings);
         for (size_t i = 0; i < points.size(); ++i)
             for (size_t n = 0; n < 26; ++n)
-                EXPECT_NEAR(field.irradiance[n][i].y, pi * (1 - neighbour_normals()[n].y),
+                EXPECT_NEAR(field.irradiance[n][i].y, pi * (1 - volume::neighbour_normals()[n].y),
                             25 / std::pow(rays, 0.75)) // as a lattice should
                     << rays << ' ' << n;
         EXPECT_EQ(field.sh.size(), 1u);
@@ -202,20 +206,20 @@ TEST(Peer, IrradianceOverAnEvenFloorIsHalfTheSphere) {
 
 TEST(Peer, SameBitsForAnyNumberOfThreads) {
     const Scene scene = lit_box();
-    const Visibility visibility(scene, Frame{});
+    const visibility::Visibility visibility(scene, scene::Frame{});
     for (const uint32_t rays : {24u, 5000u}) {
         const auto with_threads = [&](size_t threads) {
             const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-            PeerSettings settings;
+            reference::PeerSettings settings;
             settings.paths.bounces = {};
             settings.rays = rays;
             settings.irradiance = true;
             std::vector<glm::vec3> points = some_points();
             if (rays > 1000)
                 points.resize(7);
-            return trace_peer(scene, visibility, Frame{}, points, settings);
+            return reference::trace_peer(scene, visibility, scene::Frame{}, points, settings);
         };
-        const PeerField one = with_threads(1), four = with_threads(4);
+        const reference::PeerField one = with_threads(1), four = with_threads(4);
         EXPECT_EQ(one.sh, four.sh);
         EXPECT_EQ(one.irradiance, four.irradiance);
         EXPECT_EQ(one.traced, four.traced);
@@ -225,29 +229,32 @@ TEST(Peer, SameBitsForAnyNumberOfThreads) {
 TEST(Peer, LooksUpIndirectLight) {
     // In the furnace every surface gets pi / (1 - albedo), so that one hit tells all.
     const Scene scene = scenes::furnace(2.0f, 0.8f, 1.0f);
-    const Visibility visibility(scene, Frame{});
-    PeerSettings settings;
+    const visibility::Visibility visibility(scene, scene::Frame{});
+    reference::PeerSettings settings;
     settings.rays = 64;
     settings.paths.bounces = {};
-    settings.indirect = [](std::span<const Hit> hits, std::span<glm::vec3> irradiance) {
+    settings.indirect = [](std::span<const visibility::Hit> hits, std::span<glm::vec3> irradiance) {
         for (size_t i = 0; i < hits.size(); ++i)
-            irradiance[i] =
-                glm::vec3(glm::pi<float>() / (1 - 0.8f)) * float(hits[i].facing == Facing::front);
+            irradiance[i] = glm::vec3(glm::pi<float>() / (1 - 0.8f))
+                            * float(hits[i].facing == visibility::Facing::front);
     };
     const std::vector<glm::vec3> points{glm::vec3(0.7f)};
-    const PeerField field = trace_peer(scene, visibility, Frame{}, points, settings);
-    EXPECT_NEAR(field.sh[0][0].x * sh_y0, 5.0f, 1e-4f);
+    const reference::PeerField field =
+        reference::trace_peer(scene, visibility, scene::Frame{}, points, settings);
+    EXPECT_NEAR(field.sh[0][0].x * volume::sh_y0, 5.0f, 1e-4f);
     EXPECT_EQ(field.traced, 64u);
 }
 
 TEST(Peer, ItsRaysCanBeTracedAlone) {
     const Scene scene = lit_box();
-    const Visibility visibility(scene, Frame{});
-    PeerSettings settings;
+    const visibility::Visibility visibility(scene, scene::Frame{});
+    reference::PeerSettings settings;
     settings.paths.bounces = {};
     settings.rays = 100;
-    const PeerField field = trace_peer(scene, visibility, Frame{}, some_points(), settings);
-    const PackedRays rays = peer_rays(scene, visibility, Frame{}, some_points(), settings);
+    const reference::PeerField field =
+        reference::trace_peer(scene, visibility, scene::Frame{}, some_points(), settings);
+    const visibility::PackedRays rays =
+        reference::peer_rays(scene, visibility, scene::Frame{}, some_points(), settings);
     EXPECT_EQ(rays.size(), field.traced);
     EXPECT_GT(rays.size(), 3 * 60 * 100u);
     const uint64_t met = rays.trace(visibility);

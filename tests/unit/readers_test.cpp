@@ -47,7 +47,7 @@ Volume isotropic(glm::ivec3 dims, int order, const std::function<double(glm::dve
     Volume volume;
     volume.grid = {{-3, 5, 1}, 0.5, dims};
     volume.sh_order = order;
-    volume.sh.assign(std::size_t(sh_count(order)),
+    volume.sh.assign(std::size_t(volume::sh_count(order)),
                      std::vector<glm::vec3>(volume.grid.size(), glm::vec3(0.0f)));
     volume.validity.assign(volume.grid.size(), 1.0f);
     for_each_cell(volume.grid, [&](glm::ivec3 c, std::size_t i) {
@@ -109,22 +109,23 @@ std::array<double, 9> texture(const Volume& volume, glm::dvec3 point, int order,
 }
 
 TEST(Readers, AreNamedAndFound) {
-    for (const Reader& reader : all_readers()) {
-        EXPECT_EQ(reader_named(reader.name), &reader);
+    for (const readers::Reader& reader : readers::all_readers()) {
+        EXPECT_EQ(readers::reader_named(reader.name), &reader);
         EXPECT_STRNE(reader.source, "");
     }
     for (const char* name :
          {"lpvbake", "blender", "houdini", "unity", "unreal", "godot", "threejs", "vrc", "bevy"})
-        EXPECT_NE(reader_named(name), nullptr) << name;
-    EXPECT_EQ(reader_named("generic"), nullptr);
+        EXPECT_NE(readers::reader_named(name), nullptr) << name;
+    EXPECT_EQ(readers::reader_named("generic"), nullptr);
 }
 
 TEST(Readers, AllReadAConstantFieldExactly) {
     const Volume volume = isotropic({4, 5, 6}, 2, [](glm::dvec3) { return 2.0; });
-    for (const Reader& reader : all_readers()) {
+    for (const readers::Reader& reader : readers::all_readers()) {
         Places places(volume.grid);
         for (int i = 0; i < 100; ++i) {
-            const glm::dvec3 e = irradiance(reader, volume, places.point(), places.normal());
+            const glm::dvec3 e =
+                readers::irradiance(reader, volume, places.point(), places.normal());
             for (int c = 0; c < 3; ++c)
                 ASSERT_NEAR(e[c], 2 * pi, 1e-5) << reader.name;
         }
@@ -134,7 +135,7 @@ TEST(Readers, AllReadAConstantFieldExactly) {
 TEST(Readers, ALinearFieldIsReadWhereTheLookupLies) {
     const auto linear = [](glm::dvec3 p) { return 20 + p.x - 2 * p.y + 3 * p.z; };
     const Volume volume = isotropic({4, 5, 6}, 1, linear);
-    for (const Reader& reader : all_readers()) {
+    for (const readers::Reader& reader : readers::all_readers()) {
         if (reader.lookup != Reading::trilinear)
             continue;
         const double offset = reader.name == std::string_view("threejs") ? 0.25 : 0.0; // metres
@@ -143,7 +144,8 @@ TEST(Readers, ALinearFieldIsReadWhereTheLookupLies) {
             const glm::dvec3 p = places.point(), n = places.normal();
             const glm::dvec3 hull = glm::clamp(p + offset * n, volume.grid.center({0, 0, 0}),
                                                volume.grid.center(volume.grid.dims - 1));
-            ASSERT_NEAR(irradiance(reader, volume, p, n).y, pi * linear(hull), 1e-4) << reader.name;
+            ASSERT_NEAR(readers::irradiance(reader, volume, p, n).y, pi * linear(hull), 1e-4)
+                << reader.name;
         }
     }
 }
@@ -158,11 +160,11 @@ TEST(Readers, LinearOnesAreTheIntegralOfWhatATextureGives) {
     for (const auto& [name, offset, order] :
          {Row{"blender", 0, 2}, Row{"houdini", 0, 2}, Row{"unity", 0, 2}, Row{"unreal", 0, 2},
           Row{"godot", 0, 2}, Row{"threejs", 0.5, 2}, Row{"vrc", 0, 1}}) {
-        const Reader& reader = *reader_named(name);
+        const readers::Reader& reader = *readers::reader_named(name);
         Places places(volume.grid);
         for (int i = 0; i < 40; ++i) {
             const glm::dvec3 p = places.point(reader.beyond_box ? 1.5 : 0), n = places.normal();
-            const glm::dvec3 e = irradiance(reader, volume, p, n);
+            const glm::dvec3 e = readers::irradiance(reader, volume, p, n);
             for (int c = 0; c < 3; ++c) {
                 const double all =
                     integrated(texture(volume, p + offset * volume.grid.cell * n, order, c), n);
@@ -175,7 +177,7 @@ TEST(Readers, LinearOnesAreTheIntegralOfWhatATextureGives) {
 
 TEST(Readers, BevyMixesSidesThatCellsStore) {
     Volume volume = random_volume({3, 4, 3}, 2, false, 5, 10);
-    const Reader& bevy = *reader_named("bevy");
+    const readers::Reader& bevy = *readers::reader_named("bevy");
     Volume sides = volume; // coefficient k: irradiance of side k, +x, -x, +y, ...
     for (std::size_t i = 0; i < volume.grid.size(); ++i)
         for (int c = 0; c < 3; ++c) {
@@ -191,7 +193,7 @@ TEST(Readers, BevyMixesSidesThatCellsStore) {
     Places places(volume.grid);
     for (int i = 0; i < 40; ++i) {
         const glm::dvec3 p = places.point(), n = places.normal();
-        const glm::dvec3 e = irradiance(bevy, volume, p, n);
+        const glm::dvec3 e = readers::irradiance(bevy, volume, p, n);
         for (int c = 0; c < 3; ++c) {
             const std::array<double, 9> mixed = texture(sides, p, 2, c);
             double sum = 0;
@@ -204,60 +206,63 @@ TEST(Readers, BevyMixesSidesThatCellsStore) {
 
 TEST(Readers, OursHasTheBitsOfTheSampler) {
     const Volume volume = random_volume({5, 6, 4}, 4, false, 11, 10);
-    const Reader& ours = *reader_named("lpvbake");
+    const readers::Reader& ours = *readers::reader_named("lpvbake");
     Places places(volume.grid);
     for (int i = 0; i < 2000; ++i) {
         const glm::dvec3 p = places.point(0.5), n = places.normal();
-        ASSERT_EQ(irradiance(ours, volume, p, n), read_irradiance(volume, p, n, Reading::facing));
+        ASSERT_EQ(readers::irradiance(ours, volume, p, n),
+                  read_irradiance(volume, p, n, Reading::facing));
     }
 }
 
 TEST(Readers, BeyondTheBoxSomeFindNothing) {
     const Volume volume = isotropic({3, 3, 3}, 1, [](glm::dvec3) { return 1.0; });
     const glm::dvec3 outside = volume.grid.origin - glm::dvec3(0.01, 0, 0);
-    for (const Reader& reader : all_readers()) {
+    for (const readers::Reader& reader : readers::all_readers()) {
         const bool none =
             reader.name == std::string_view("vrc") || reader.name == std::string_view("bevy");
-        EXPECT_NEAR(irradiance(reader, volume, outside, {1, 0, 0}).x, none ? 0 : pi, 1e-5)
+        EXPECT_NEAR(readers::irradiance(reader, volume, outside, {1, 0, 0}).x, none ? 0 : pi, 1e-5)
             << reader.name;
     }
 }
 
 TEST(Readers, TapsTimesTransferIsWhatALinearOneShows) {
     const Volume volume = random_volume({4, 5, 3}, 2, false, 13, 10);
-    for (const Reader& reader : all_readers()) {
-        if (!is_linear(reader) || reader.evaluation == Evaluation::cube) // which clamps each cell
+    for (const readers::Reader& reader : readers::all_readers()) {
+        if (!readers::is_linear(reader)
+            || reader.evaluation == readers::Evaluation::cube) // which clamps each cell
             continue;
         Places places(volume.grid);
         for (int i = 0; i < 100; ++i) {
             const glm::dvec3 p = places.point(), n = places.normal();
-            const CellWeights taps = taps_of(reader, volume, p, n);
-            const int order = order_of(reader, volume);
-            const auto transfer = transfer_of(reader, order, n);
+            const volume::CellWeights taps = readers::taps_of(reader, volume, p, n);
+            const int order = readers::order_of(reader, volume);
+            const auto transfer = readers::transfer_of(reader, order, n);
             glm::dvec3 sum(0.0);
             for (std::size_t t = 0; t < 8; ++t)
-                for (std::size_t k = 0; k < std::size_t(sh_count(order)); ++k)
+                for (std::size_t k = 0; k < std::size_t(volume::sh_count(order)); ++k)
                     sum += taps.weight[t] * transfer[k] * glm::dvec3(volume.sh[k][taps.cell[t]]);
             if (reader.clamped)
                 sum = glm::max(sum, 0.0);
-            ASSERT_LT(glm::length(irradiance(reader, volume, p, n) - sum), 1e-3) << reader.name;
+            ASSERT_LT(glm::length(readers::irradiance(reader, volume, p, n) - sum), 1e-3)
+                << reader.name;
         }
     }
     // Where all sides of all cells are lit, the cube is linear too.
     Volume lit = volume;
     for (glm::vec3& l0 : lit.sh[0])
         l0 = glm::vec3(1000.0f);
-    const Reader& bevy = *reader_named("bevy");
+    const readers::Reader& bevy = *readers::reader_named("bevy");
     Places places(lit.grid);
     for (int i = 0; i < 100; ++i) {
         const glm::dvec3 p = places.point(), n = places.normal();
-        const CellWeights taps = taps_of(bevy, lit, p, n);
-        const auto transfer = transfer_of(bevy, 2, n);
+        const volume::CellWeights taps = readers::taps_of(bevy, lit, p, n);
+        const auto transfer = readers::transfer_of(bevy, 2, n);
         double sum = 0;
         for (std::size_t t = 0; t < 8; ++t)
             for (std::size_t k = 0; k < 9; ++k)
                 sum += taps.weight[t] * transfer[k] * double(lit.sh[k][taps.cell[t]].y);
-        ASSERT_NEAR(irradiance(bevy, lit, p, n).y, sum, 1e-3);
+        ASSERT_NEAR(readers::irradiance(bevy, lit, p, n).y, sum, 1e-3);
     }
 }
 
@@ -270,11 +275,11 @@ Volume beam() {
 
 TEST(Readers, GeomericsShowsABeamAsACubicLobe) {
     const Volume volume = beam();
-    const Reader& reader = *reader_named("geomerics");
+    const readers::Reader& reader = *readers::reader_named("geomerics");
     const glm::dvec3 p = volume.grid.center({0, 0, 0});
     for (const double z : {-1.0, -0.3, 0.0, 0.5, 1.0}) {
         const glm::dvec3 n(0, std::sqrt(1 - z * z), z);
-        EXPECT_NEAR(irradiance(reader, volume, p, n).x, std::pow((1 + z) / 2, 3), 1e-6);
+        EXPECT_NEAR(readers::irradiance(reader, volume, p, n).x, std::pow((1 + z) / 2, 3), 1e-6);
     }
     // However directional, the mean over normals is band 0's.
     Volume half = volume;
@@ -282,19 +287,19 @@ TEST(Readers, GeomericsShowsABeamAsACubicLobe) {
     double sum = 0;
     for (int i = 0; i < 2000; ++i) {
         const double z = (i + 0.5) / 1000 - 1;
-        sum += irradiance(reader, half, p, {std::sqrt(1 - z * z), 0, z}).y / 2000;
+        sum += readers::irradiance(reader, half, p, {std::sqrt(1 - z * z), 0, z}).y / 2000;
     }
     EXPECT_NEAR(sum, 0.25, 1e-5);
 }
 
 TEST(Readers, Zh3AddsAZonalBandAlongTheLuminance) {
-    const Reader& reader = *reader_named("zh3");
+    const readers::Reader& reader = *readers::reader_named("zh3");
     Volume volume = beam();
     const glm::dvec3 p = volume.grid.center({0, 0, 0});
     const double r = std::sqrt(3.0), l0 = std::sqrt(1 / (4 * pi));
     const double l2 = l0 * (0.08 * r + 0.6 * 3), axis_factor = pi / 4 * std::sqrt(5 / (16 * pi));
     for (const double z : {-1.0, 0.2, 1.0})
-        EXPECT_NEAR(irradiance(reader, volume, p, {0, std::sqrt(1 - z * z), z}).z,
+        EXPECT_NEAR(readers::irradiance(reader, volume, p, {0, std::sqrt(1 - z * z), z}).z,
                     0.25 + 0.5 * z + l2 * axis_factor * (3 * z * z - 1), 1e-6);
     // Colours share an axis; one whose own band 1 is perpendicular to it gets none.
     volume.sh[1][0] = {0.0f, 0.0f, 0.5f};
@@ -304,19 +309,19 @@ TEST(Readers, Zh3AddsAZonalBandAlongTheLuminance) {
         return pi * l0 * l0 + 2 * pi / 3 * std::sqrt(3 / (4 * pi)) * double(c);
     };
     const double red = 0.4 * axis.z / l0;
-    EXPECT_NEAR(irradiance(reader, volume, p, {0, 0, 1}).x,
+    EXPECT_NEAR(readers::irradiance(reader, volume, p, {0, 0, 1}).x,
                 linear(0.4f)
                     + l0 * (0.08 * red + 0.6 * red * red) * axis_factor * (3 * axis.z * axis.z - 1),
                 1e-6);
-    EXPECT_NEAR(irradiance(reader, volume, p, {0, 0, 1}).y, linear(0.0f), 1e-6);
+    EXPECT_NEAR(readers::irradiance(reader, volume, p, {0, 0, 1}).y, linear(0.0f), 1e-6);
 }
 
 TEST(Readers, OnlySomeClampWhatIsNegative) {
     Volume volume = beam();
     volume.sh[2][0] *= 3.0f;
     const glm::dvec3 p = volume.grid.center({0, 0, 0});
-    for (const Reader& reader : all_readers()) {
-        const double e = irradiance(reader, volume, p, {0, 0, -1}).x;
+    for (const readers::Reader& reader : readers::all_readers()) {
+        const double e = readers::irradiance(reader, volume, p, {0, 0, -1}).x;
         const std::string_view name = reader.name;
         if (name == "unity" || name == "godot" || name == "threejs" || name == "vrc") {
             EXPECT_NEAR(e, 0.25 - 1.5, 1e-6) << name;

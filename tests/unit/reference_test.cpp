@@ -27,17 +27,19 @@ Grid cube(glm::dvec3 lo, double edge, int n) {
     return {lo, edge / n, glm::ivec3(n)};
 }
 
-ReferenceSettings settings_of(std::optional<int> bounces, uint64_t rays, uint64_t seed = 1) {
-    ReferenceSettings settings;
+reference::ReferenceSettings settings_of(std::optional<int> bounces, uint64_t rays,
+                                         uint64_t seed = 1) {
+    reference::ReferenceSettings settings;
     settings.paths.bounces = bounces;
     settings.rays = rays;
     settings.seed = seed;
     return settings;
 }
 
-Reference reference(const Scene& scene, const Grid& grid, const ReferenceSettings& settings) {
+reference::Reference reference(const Scene& scene, const Grid& grid,
+                               const reference::ReferenceSettings& settings) {
     Progress silent;
-    return make_reference(scene, grid, settings, silent);
+    return reference::make_reference(scene, grid, settings, silent);
 }
 
 /// How many stored numbers lie beyond three of their own standard errors.
@@ -46,7 +48,7 @@ struct Tally {
     int beyond = 0;
 
     /// `truth` gives the coefficients of a cell centre (metres). Single precision costs 1e-6.
-    void add(const Reference& r,
+    void add(const reference::Reference& r,
              const std::function<std::array<glm::dvec3, 4>(glm::dvec3)>& truth) {
         const Grid& grid = r.volume.grid;
         for (int z = 0; z < grid.dims.z; ++z)
@@ -76,7 +78,7 @@ Scene turned_furnace(float albedo, float emission = 1.0f) {
 const Grid inside_furnace = cube(glm::dvec3(-0.55), 1.1, 6);
 
 /// Over all cells and directions, green.
-double mean_luminance(const Reference& r) {
+double mean_luminance(const reference::Reference& r) {
     double sum = 0;
     for (const glm::vec3& c : r.volume.sh[0])
         sum += double(c.y) * y0 / double(r.volume.sh[0].size());
@@ -88,7 +90,7 @@ double mean_luminance(const Reference& r) {
 TEST(Reference, FurnaceIsTheGeometricSeries) {
     Tally tally;
     for (const float albedo : {0.0f, 0.5f, 0.8f, 0.95f}) {
-        const Reference r =
+        const reference::Reference r =
             reference(turned_furnace(albedo), inside_furnace, settings_of(std::nullopt, 512));
         const double expected = 1.0 / (1.0 - double(albedo)) / y0;
         const auto truth = [&](glm::dvec3) {
@@ -107,7 +109,7 @@ TEST(Reference, BouncesCountReflections) {
     double expected = 0;
     for (int bounces = 0; bounces < 4; ++bounces) {
         expected += std::pow(0.5, bounces);
-        const Reference r =
+        const reference::Reference r =
             reference(turned_furnace(0.5f), inside_furnace, settings_of(bounces, 256));
         EXPECT_NEAR(mean_luminance(r) / expected, 1.0, 3e-3) << bounces;
     }
@@ -148,7 +150,7 @@ TEST(Reference, PointLightInAnIntegratingSphere) {
         double series = 0;
         for (int k = 1; k <= bounces.value_or(60); ++k)
             series += std::pow(0.6, k);
-        const Reference r = reference(scene, grid, settings_of(bounces, 1024));
+        const reference::Reference r = reference(scene, grid, settings_of(bounces, 1024));
         for (const glm::vec3& c : r.volume.sh[0]) {
             ASSERT_NEAR(double(c.x) * y0 / (direct * series), 1.0, bounces ? 2e-3 : 3e-2);
             ASSERT_NEAR(c.y, 0.5f * c.x, 1e-5f * c.x);
@@ -203,7 +205,7 @@ TEST(Reference, PatchAgreesWithItsPolygonFormFactor) {
     Tally tally;
     uint64_t seed = 1;
     for (const auto& [scene, luminance] : cases) {
-        const Reference r =
+        const reference::Reference r =
             reference(scene, cube({-1.4, -0.6, -1.5}, 3.0, 9), settings_of(1, 8192, seed++));
         EXPECT_LT(r.noise, 0.03);
         tally.add(r, [&, l = luminance](glm::dvec3 x) {
@@ -266,7 +268,8 @@ TEST(Reference, PunctualLightsOverAFloorAgreeWithQuadrature) {
     for (const Case& c : cases) {
         Scene scene = scenes::floor_quad(200, glm::vec3(0.5f));
         scene.lights.push_back(c.light);
-        const Reference r = reference(scene, cube({-1, 0.1, -1}, 2.0, 3), settings_of(1, 8192));
+        const reference::Reference r =
+            reference(scene, cube({-1, 0.1, -1}, 2.0, 3), settings_of(1, 8192));
         Tally own;
         const auto truth = [&](glm::dvec3 x) {
             const std::array<double, 4> floor =
@@ -292,7 +295,7 @@ TEST(Reference, BlendedSurfacesReflectAndTransmitByTheirAlpha) {
     scene.materials[size_t(glass)].alpha_mode = AlphaMode::blend;
     scene.materials[size_t(glass)].base_color.a = 0.25f;
     scenes::add_box(scene, glass, glm::vec3(1.0f), glm::vec3(3.0f), scenes::Facing::inward);
-    const Reference r =
+    const reference::Reference r =
         reference(scene, cube(glm::dvec3(1.2), 1.6, 3), settings_of(std::nullopt, 4096));
     EXPECT_NEAR(mean_luminance(r), (0.25 * 3 + 0.75) / (1 - 0.25 * 0.8), 0.01);
 }
@@ -319,7 +322,7 @@ TEST(Reference, SmallLampsAreAimedAt) {
     const double area = 0.004 * 0.004, intensity = 1e6 * area; // along its normal
     scenes::add_quad(scene, lamp, {-0.002f, 2, -0.002f}, {0.004f, 0, 0}, {0, 0, 0.004f});
     const Grid grid = cube({-0.6, 0.5, -0.5}, 1, 3);
-    const Reference r = reference(scene, grid, settings_of(1, 2048));
+    const reference::Reference r = reference(scene, grid, settings_of(1, 2048));
     EXPECT_LT(r.noise, 0.02);
     for (const glm::ivec3 c : {glm::ivec3(0, 0, 0), glm::ivec3(1, 1, 1), glm::ivec3(2, 0, 1)}) {
         const glm::dvec3 x = grid.center(c), w = glm::normalize(place - x);
@@ -347,7 +350,8 @@ TEST(Reference, BacksAreBlackOrCulledAndDoubleSidesGlow) {
         scenes::add_quad(scene, quad, {-500, 0, -500}, {1000, 0, 0}, {0, 0, 1000});  // faces down
         scenes::add_quad(scene, wall, {-500, -1, 500}, {1000, 0, 0}, {0, 0, -1000}); // faces up
         scene.rules.cull_backfaces = cull;
-        const Reference r = reference(scene, cube({-1, 0.5, -1}, 1, 3), settings_of(0, 1024));
+        const reference::Reference r =
+            reference(scene, cube({-1, 0.5, -1}, 1, 3), settings_of(0, 1024));
         return double(r.volume.sh[0][0].x) * y0 * 2; // over the half that is not empty
     };
     EXPECT_EQ(seen(false, false), 0.0);
@@ -363,7 +367,7 @@ TEST(Reference, FrameDoesNotMatter) {
         glm::dmat4& placed = scene.instances[0].to_world;
         placed = glm::scale(glm::dmat4(1.0), glm::dvec3(scale)) * placed;
         placed[3] += glm::dvec4(offset, 0.0);
-        const Reference r =
+        const reference::Reference r =
             reference(scene, cube(offset - 0.5 * scale, scale, 3), settings_of(std::nullopt, 256));
         return r.volume.sh;
     };
@@ -380,7 +384,7 @@ TEST(Reference, StatedErrorIsTheSpreadOverSeeds) {
     Scene scene = scenes::cornell_box_with_point();
     const int glow = scenes::add_material(scene, glm::vec3(0.2f), glm::vec3(30.0f));
     scenes::add_quad(scene, glow, {-0.9f, 0.3f, -0.9f}, {0, 0, 0.6f}, {0, -0.25f, 0});
-    const Grid grid = fit_grid({-1, 0, -1}, {1, 2, 1}, {8, 0.0, 1});
+    const Grid grid = volume::fit_grid({-1, 0, -1}, {1, 2, 1}, {8, 0.0, 1});
     double spread[2], stated[2];
     for (int doubled = 0; doubled < 2; ++doubled) {
         constexpr int seeds = 16;
@@ -388,8 +392,9 @@ TEST(Reference, StatedErrorIsTheSpreadOverSeeds) {
         stated[doubled] = 0;
         size_t n = 0;
         for (int seed = 0; seed < seeds; ++seed) {
-            ReferenceSettings settings = settings_of(2, doubled ? 512 : 256, uint64_t(seed));
-            const Reference r = reference(scene, grid, settings);
+            reference::ReferenceSettings settings =
+                settings_of(2, doubled ? 512 : 256, uint64_t(seed));
+            const reference::Reference r = reference(scene, grid, settings);
             n = 0;
             for (size_t k = 0; k < 4; ++k)
                 for (size_t i = 0; i < grid.size(); ++i, ++n) {
@@ -423,7 +428,7 @@ TEST(Reference, SkyComesFromWhereNothingIs) {
     scene.sky.luminance = {1, 2, 4};
     const Grid grid = cube(glm::dvec3(-1, 1, -1), 2, 2);
     for (const int bounces : {0, 1, 2}) {
-        const Reference r = reference(scene, grid, settings_of(bounces, 4096));
+        const reference::Reference r = reference(scene, grid, settings_of(bounces, 4096));
         const double below = bounces == 0 ? 0.0 : 0.25;
         EXPECT_NEAR(r.volume.sh[0][0].y, 2 * y0 * 2 * pi * (1 + below), 0.02);
         EXPECT_NEAR(r.volume.sh[1][0].z, 4 * y1 * pi * (1 - below), 0.05);
@@ -438,13 +443,13 @@ TEST(Reference, ASmallSunInAPictureIsAimedAt) {
     const int row = 40;
     texels[size_t(row * width + 100)] = glm::vec3(1e6f);
     Scene scene = scenes::floor_quad(1e4f, glm::vec3(0.25f));
-    scene.sky = make_sky(width, height, texels, 0.0);
+    scene.sky = scene::make_sky(width, height, texels, 0.0);
     const double top = pi * row / height, bottom = pi * (row + 1) / height;
     const double sun = 1e6 * 2 * pi / width * (std::cos(top) - std::cos(bottom));
     const double sun_lux =
         1e6 * pi / width * (std::pow(std::cos(top), 2) - std::pow(std::cos(bottom), 2));
     const Grid grid = cube(glm::dvec3(-1, 1, -1), 2, 2);
-    const Reference r = reference(scene, grid, settings_of(1, 4096));
+    const reference::Reference r = reference(scene, grid, settings_of(1, 4096));
     const double expected = y0 * (sun + 2 * pi + 2 * pi * 0.25 / pi * (sun_lux + pi));
     EXPECT_NEAR(r.volume.sh[0][0].y / expected, 1.0, 0.01);
     EXPECT_LT(r.noise, 0.02);
@@ -452,10 +457,10 @@ TEST(Reference, ASmallSunInAPictureIsAimedAt) {
 
 TEST(Reference, StopsAtTheWantedNoise) {
     const Scene scene = scenes::cornell_box_with_point();
-    const Grid grid = fit_grid({-1, 0, -1}, {1, 2, 1}, {8, 0.0, 1});
-    ReferenceSettings settings = settings_of(1, 1 << 20);
+    const Grid grid = volume::fit_grid({-1, 0, -1}, {1, 2, 1}, {8, 0.0, 1});
+    reference::ReferenceSettings settings = settings_of(1, 1 << 20);
     settings.noise = 0.06;
-    const Reference r = reference(scene, grid, settings);
+    const reference::Reference r = reference(scene, grid, settings);
     EXPECT_LE(r.noise, 0.06);
     EXPECT_GT(r.noise, 0.06 / 6); // it was not far beyond
     EXPECT_LT(r.rays, settings.rays);
@@ -463,7 +468,7 @@ TEST(Reference, StopsAtTheWantedNoise) {
     EXPECT_EQ(r.volume.metadata.at("rays"), std::to_string(r.rays));
     settings.rays = 500; // 256, then what is left of 512
     settings.noise = 1e-4;
-    const Reference cut = reference(scene, grid, settings);
+    const reference::Reference cut = reference(scene, grid, settings);
     EXPECT_EQ(cut.rays, 512u);
     ASSERT_EQ(cut.warnings.size(), 1u);
     EXPECT_NE(cut.warnings[0].find("`rays`"), std::string::npos);
@@ -471,18 +476,18 @@ TEST(Reference, StopsAtTheWantedNoise) {
 
 TEST(Reference, SameBitsForAnyNumberOfThreads) {
     const Scene scene = scenes::cornell_box_with_sun();
-    const Grid grid = fit_grid({-1, 0, -1}, {1, 2, 1}, {9, 0.0, 1});
+    const Grid grid = volume::fit_grid({-1, 0, -1}, {1, 2, 1}, {9, 0.0, 1});
     const auto with_threads = [&](size_t threads) {
         const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
         return reference(scene, grid, settings_of(std::nullopt, 128));
     };
-    const Reference one = with_threads(1), two = with_threads(2), five = with_threads(5);
+    const reference::Reference one = with_threads(1), two = with_threads(2), five = with_threads(5);
     EXPECT_TRUE(one.volume.sh == two.volume.sh);
     EXPECT_TRUE(one.error.sh == two.error.sh);
     EXPECT_TRUE(one.volume.sh == five.volume.sh);
     EXPECT_EQ(one.volume.metadata, two.volume.metadata);
     EXPECT_EQ(one.traced, five.traced);
-    const Reference other = reference(scene, grid, settings_of(std::nullopt, 128, 2));
+    const reference::Reference other = reference(scene, grid, settings_of(std::nullopt, 128, 2));
     EXPECT_TRUE(one.volume.sh != other.volume.sh);
 }
 
@@ -490,15 +495,16 @@ TEST(Reference, SameBitsForAnyNumberOfThreads) {
 
 TEST(Reference, ProbesAreCellsOfTheWholeReference) {
     const Scene scene = scenes::cornell_box_with_point();
-    const Grid grid = fit_grid({-1, 0, -1}, {1, 2, 1}, {12, 0.0, 1});
-    const Reference all = reference(scene, grid, settings_of(1, 64));
-    ReferenceSettings settings = settings_of(1, 64);
+    const Grid grid = volume::fit_grid({-1, 0, -1}, {1, 2, 1}, {12, 0.0, 1});
+    const reference::Reference all = reference(scene, grid, settings_of(1, 64));
+    reference::ReferenceSettings settings = settings_of(1, 64);
     settings.probes = 100;
-    const Reference some = reference(scene, grid, settings);
+    const reference::Reference some = reference(scene, grid, settings);
     EXPECT_EQ(some.probes, 100u);
     EXPECT_EQ(some.volume.metadata.at("probes"), "100");
-    const Frame frame{grid.origin, grid.cell, glm::dvec3(grid.dims)};
-    EXPECT_EQ(all.volume.validity, trace_links(Visibility(scene, frame), grid).validity);
+    const scene::Frame frame{grid.origin, grid.cell, glm::dvec3(grid.dims)};
+    EXPECT_EQ(all.volume.validity,
+              solver::trace_links(visibility::Visibility(scene, frame), grid).validity);
     int evaluated = 0;
     for (size_t i = 0; i < grid.size(); ++i) {
         if (some.volume.validity[i] == 0.0f) {
@@ -514,7 +520,7 @@ TEST(Reference, ProbesAreCellsOfTheWholeReference) {
     settings.seed = 7;
     EXPECT_NE(reference(scene, grid, settings).volume.validity, some.volume.validity);
     settings.probes = 1'000'000;
-    const Reference most = reference(scene, grid, settings);
+    const reference::Reference most = reference(scene, grid, settings);
     EXPECT_EQ(most.volume.validity, all.volume.validity);
     EXPECT_EQ(most.warnings.size(), 1u);
 }
@@ -522,10 +528,10 @@ TEST(Reference, ProbesAreCellsOfTheWholeReference) {
 TEST(Reference, SecondOrderAddsABand) {
     const Scene scene = patch_scene(glm::vec3(0.0f), glm::vec3(1.0f));
     const Grid grid = cube({-1.4, 0.2, -1.5}, 3.0, 3);
-    const Reference first = reference(scene, grid, settings_of(0, 4096));
-    ReferenceSettings settings = settings_of(0, 4096);
+    const reference::Reference first = reference(scene, grid, settings_of(0, 4096));
+    reference::ReferenceSettings settings = settings_of(0, 4096);
     settings.sh_order = 2;
-    const Reference second = reference(scene, grid, settings);
+    const reference::Reference second = reference(scene, grid, settings);
     ASSERT_EQ(second.volume.sh.size(), 9u);
     EXPECT_EQ(second.volume.sh_order, 2);
     for (size_t k = 0; k < 4; ++k)
@@ -533,7 +539,7 @@ TEST(Reference, SecondOrderAddsABand) {
     // Just above the middle of a wide floor: Y_20 of the lower half-space along y, by hand.
     Scene floor = scenes::floor_quad(1e3f, glm::vec3(0.0f));
     floor.materials[0].emission = glm::vec3(1.0f);
-    const Reference half = reference(floor, cube({-0.5, 0.05, -0.5}, 1.0, 3), settings);
+    const reference::Reference half = reference(floor, cube({-0.5, 0.05, -0.5}, 1.0, 3), settings);
     EXPECT_NEAR(half.volume.sh[1][0].x, -y1 * pi, 0.03);
     EXPECT_NEAR(half.volume.sh[6][0].x, 0.0, 0.03);
     EXPECT_NEAR(half.volume.sh[8][0].x, 0.0, 0.03);
@@ -544,24 +550,25 @@ TEST(Reference, SecondOrderAddsABand) {
 TEST(Reference, IrradianceIsNotCutToTheBands) {
     // Half of what a plane sees is the patch's, by its form factor; SH L1 is far from it.
     const Scene scene = patch_scene(glm::vec3(0.5f), {7.0f, 3.0f, 1.0f});
-    const Frame frame;
-    const Visibility visibility(scene, frame);
+    const scene::Frame frame;
+    const visibility::Visibility visibility(scene, frame);
     std::vector<glm::vec3> points;
     std::vector<uint64_t> keys;
     std::vector<glm::dvec3> own;
     for (int i = 0; i < 300; ++i) {
         points.push_back({-1.5f + 0.01f * float(i), 0.3f + 0.002f * float(i), 0.2f});
         keys.push_back(uint64_t(i));
-        own.push_back(neighbour_normals()[size_t(i) % 26]);
+        own.push_back(volume::neighbour_normals()[size_t(i) % 26]);
     }
-    ReferenceSettings settings = settings_of(0, 2048);
+    reference::ReferenceSettings settings = settings_of(0, 2048);
     Progress silent;
-    const ProbeField field = trace_probes(scene, visibility, frame, points, keys, settings, silent,
-                                          {neighbour_normals(), own});
+    const reference::ProbeField field =
+        reference::trace_probes(scene, visibility, frame, points, keys, settings, silent,
+                                {volume::neighbour_normals(), own});
     ASSERT_EQ(field.irradiance.size(), 26u);
     ASSERT_EQ(field.own_irradiance.size(), points.size());
     const size_t down = 10; // (0, -1, 0): the patch lies wholly on its side
-    ASSERT_NEAR(neighbour_normals()[down].y, -1.0, 1e-12);
+    ASSERT_NEAR(volume::neighbour_normals()[down].y, -1.0, 1e-12);
     int beyond = 0;
     double off_bands = 0, off_rays = 0;
     for (size_t i = 0; i < points.size(); ++i) {
@@ -580,7 +587,8 @@ TEST(Reference, IrradianceIsNotCutToTheBands) {
     EXPECT_LT(10 * off_rays, off_bands);
 
     // The rest has the same bits without.
-    const ProbeField bare = trace_probes(scene, visibility, frame, points, keys, settings, silent);
+    const reference::ProbeField bare =
+        reference::trace_probes(scene, visibility, frame, points, keys, settings, silent);
     EXPECT_TRUE(bare.irradiance.empty());
     EXPECT_TRUE(bare.own_irradiance.empty());
     EXPECT_EQ(bare.sh, field.sh);
@@ -590,15 +598,15 @@ TEST(Reference, IrradianceIsNotCutToTheBands) {
 
 TEST(Reference, FurnaceIlluminatesEveryPlaneAlike) {
     const Scene scene = turned_furnace(0.8f);
-    const Frame frame;
-    const Visibility visibility(scene, frame);
+    const scene::Frame frame;
+    const visibility::Visibility visibility(scene, frame);
     const std::vector<glm::vec3> points{{0.1f, 0.2f, -0.3f}, {-0.5f, 0.0f, 0.4f}};
     const std::vector<uint64_t> keys{1, 2};
     const std::vector<glm::dvec3> own{glm::normalize(glm::dvec3(1, 5, -2)), glm::dvec3(0, 0, 1)};
     Progress silent;
-    const ProbeField field =
-        trace_probes(scene, visibility, frame, points, keys, settings_of(std::nullopt, 4096),
-                     silent, {neighbour_normals(), own});
+    const reference::ProbeField field = reference::trace_probes(
+        scene, visibility, frame, points, keys, settings_of(std::nullopt, 4096), silent,
+        {volume::neighbour_normals(), own});
     const double expected = pi / (1 - double(0.8f));
     for (size_t i = 0; i < points.size(); ++i) {
         EXPECT_LT(field.own_irradiance_error[i].x, 0.02 * expected);
@@ -610,7 +618,8 @@ TEST(Reference, FurnaceIlluminatesEveryPlaneAlike) {
 
 // ---------------------------------------------------------------- refusals
 
-void expect_refusal(const Scene& scene, const ReferenceSettings& settings, const char* text) {
+void expect_refusal(const Scene& scene, const reference::ReferenceSettings& settings,
+                    const char* text) {
     try {
         reference(scene, cube(glm::dvec3(-0.5), 1.0, 3), settings);
         ADD_FAILURE() << "accepted: " << text;
@@ -624,14 +633,14 @@ TEST(Reference, ClosedSceneOfAlbedoOneIsRefused) {
     Scene scene = turned_furnace(1.0f);
     scene.rules.max_albedo = 1.0f;
     expect_refusal(scene, settings_of(std::nullopt, 64), "`max_albedo`");
-    const Reference finite = reference(scene, inside_furnace, settings_of(3, 256));
+    const reference::Reference finite = reference(scene, inside_furnace, settings_of(3, 256));
     EXPECT_NEAR(mean_luminance(finite), 4.0, 0.02);
     // Open, it has an answer.
     Scene open = scenes::cornell_box_with_point();
     open.rules.max_albedo = 1.0f;
     for (Material& material : open.materials)
         material.base_color = glm::vec4(1.0f);
-    const Grid grid = fit_grid({-1, 0, -1}, {1, 2, 1}, {5, 0.0, 1});
+    const Grid grid = volume::fit_grid({-1, 0, -1}, {1, 2, 1}, {5, 0.0, 1});
     EXPECT_LT(reference(open, grid, settings_of(std::nullopt, 256)).noise, 0.2);
 }
 
@@ -639,7 +648,7 @@ TEST(Reference, ScenesWithoutAnswerAreRefused) {
     expect_refusal(Scene{}, settings_of(1, 64), "no triangles");
     expect_refusal(scenes::cornell_box(), settings_of(1, 64), "`lights`");
     expect_refusal(scenes::cornell_box_with_point(), settings_of(0, 64), "`bounces`");
-    ReferenceSettings settings = settings_of(1, 64);
+    reference::ReferenceSettings settings = settings_of(1, 64);
     settings.paths.emitters = false;
     expect_refusal(scenes::furnace(2, 0.5f, 1), settings, "`lights`");
     Scene solid; // its inside

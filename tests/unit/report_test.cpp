@@ -30,13 +30,13 @@ using std::numbers::pi;
 // ---------------------------------------------------------------- sweeps
 
 TEST(Sweep, RowsAreAllCombinationsOnce) {
-    BakeSettings base;
+    bake::BakeSettings base;
     base.grid.margin = 3;
-    const std::vector<SweepRow> rows =
-        sweep_rows({{{"resolution", {"16", "32"}}, {"occlusion", {"none", "sh", "face"}}},
-                    {{"resolution", {"32"}}, {"occlusion", {"face"}}},
-                    {{"iterations", {"7"}}, {"rsm-size", {"64"}}, {"tolerance", {"0.5"}}}},
-                   base);
+    const std::vector<report::SweepRow> rows =
+        report::sweep_rows({{{"resolution", {"16", "32"}}, {"occlusion", {"none", "sh", "face"}}},
+                            {{"resolution", {"32"}}, {"occlusion", {"face"}}},
+                            {{"iterations", {"7"}}, {"rsm-size", {"64"}}, {"tolerance", {"0.5"}}}},
+                           base);
     ASSERT_EQ(rows.size(), 7u); // the second sweep has nothing new
     EXPECT_EQ(rows[1].settings.grid.resolution, 16);
     EXPECT_EQ(rows[1].settings.solver["occlusion"], 1);
@@ -46,15 +46,15 @@ TEST(Sweep, RowsAreAllCombinationsOnce) {
     EXPECT_EQ(rows[6].settings.solver["iterations"], 7);
     EXPECT_EQ(rows[6].settings.solver["rsm-size"], 64);
     EXPECT_EQ(rows[6].settings.solver["tolerance"], 0.5);
-    for (const SweepRow& row : rows)
+    for (const report::SweepRow& row : rows)
         EXPECT_EQ(row.settings.grid.margin, 3);
-    EXPECT_GE(sweep_rows(default_sweeps(), {}).size(), 11u);
+    EXPECT_GE(report::sweep_rows(report::default_sweeps(), {}).size(), 11u);
 }
 
 TEST(Sweep, RefusesWhatBakeWouldRefuse) {
     const auto text = [](const std::string& option, const std::string& value) {
         try {
-            check_sweep_value(option, value);
+            report::check_sweep_value(option, value);
         } catch (const Error& error) {
             EXPECT_EQ(error.kind, ErrorKind::argument);
             return std::string(error.what());
@@ -71,52 +71,53 @@ TEST(Sweep, RefusesWhatBakeWouldRefuse) {
     EXPECT_NE(text("occlusion", "full").find("none, sh, face"), std::string::npos);
     EXPECT_NE(text("solver", "magic"), "");
     EXPECT_NE(text("colour", "1").find("'colour'"), std::string::npos);
-    EXPECT_THROW(sweep_rows({{{"resolution", {}}}}, {}), Error);
-    EXPECT_THROW(sweep_rows({{{"resolution", {"4"}}, {"resolution", {"5"}}}}, {}), Error);
-    SweepAxis many{"iterations", {}};
+    EXPECT_THROW(report::sweep_rows({{{"resolution", {}}}}, {}), Error);
+    EXPECT_THROW(report::sweep_rows({{{"resolution", {"4"}}, {"resolution", {"5"}}}}, {}), Error);
+    report::SweepAxis many{"iterations", {}};
     for (int i = 0; i < 40; ++i)
         many.values.push_back(std::to_string(i));
-    SweepAxis more = many;
+    report::SweepAxis more = many;
     more.option = "rsm-size";
-    EXPECT_THROW(sweep_rows({{many, more}}, {}), Error); // 1600 rows
-    EXPECT_EQ(sweep_rows({{many}}, {}).size(), 40u);
+    EXPECT_THROW(report::sweep_rows({{many, more}}, {}), Error); // 1600 rows
+    EXPECT_EQ(report::sweep_rows({{many}}, {}).size(), 40u);
 }
 
 // ---------------------------------------------------------------- speed against error
 
 TEST(Pareto, FrontIsWhatNothingBeats) {
-    const std::vector<SpeedError> points = {{1, 5}, {2, 3}, {3, 3}, {4, 1}, {4, 2}, {1, 5}, {9, 9}};
-    EXPECT_EQ(pareto_front(points),
+    const std::vector<report::SpeedError> points = {{1, 5}, {2, 3}, {3, 3}, {4, 1},
+                                                    {4, 2}, {1, 5}, {9, 9}};
+    EXPECT_EQ(report::pareto_front(points),
               (std::vector<bool>{true, true, false, true, false, true, false}));
-    EXPECT_TRUE(pareto_front({}).empty());
+    EXPECT_TRUE(report::pareto_front({}).empty());
 }
 
 TEST(Pareto, RatioAtEqualErrorOfAPowerLaw) {
-    std::vector<SpeedError> curve; // error = 1 / sqrt(seconds)
+    std::vector<report::SpeedError> curve; // error = 1 / sqrt(seconds)
     for (const double t : {1.0, 4.0, 16.0, 64.0})
         curve.push_back({t, 1 / std::sqrt(t)});
-    const auto crossing = at_equal_error({0.5, 0.3}, curve);
+    const auto crossing = report::at_equal_error({0.5, 0.3}, curve);
     ASSERT_TRUE(crossing);
-    EXPECT_EQ(crossing->kind, EqualError::Kind::crosses);
+    EXPECT_EQ(crossing->kind, report::EqualError::Kind::crosses);
     EXPECT_NEAR(crossing->factor, 1 / (0.3 * 0.3) / 0.5, 1e-9);
-    const auto already = at_equal_error({10, 2}, curve);
-    EXPECT_EQ(already->kind, EqualError::Kind::already);
+    const auto already = report::at_equal_error({10, 2}, curve);
+    EXPECT_EQ(already->kind, report::EqualError::Kind::already);
     EXPECT_NEAR(already->factor, 0.1, 1e-12);
-    const auto beyond = at_equal_error({2, 0.01}, curve);
-    EXPECT_EQ(beyond->kind, EqualError::Kind::beyond);
+    const auto beyond = report::at_equal_error({2, 0.01}, curve);
+    EXPECT_EQ(beyond->kind, report::EqualError::Kind::beyond);
     EXPECT_NEAR(beyond->factor, 32, 1e-9);
     // A point that is no better than one before it does not bend the curve.
     curve.insert(curve.begin() + 2, {8, 0.7});
-    EXPECT_NEAR(at_equal_error({0.5, 0.3}, curve)->factor, 1 / (0.3 * 0.3) / 0.5, 1e-9);
-    EXPECT_FALSE(at_equal_error({1, 1}, {}));
-    EXPECT_FALSE(at_equal_error({1, 0}, curve));
+    EXPECT_NEAR(report::at_equal_error({0.5, 0.3}, curve)->factor, 1 / (0.3 * 0.3) / 0.5, 1e-9);
+    EXPECT_FALSE(report::at_equal_error({1, 1}, {}));
+    EXPECT_FALSE(report::at_equal_error({1, 0}, curve));
 }
 
 TEST(Report, TimingIsMedianAndRange) {
-    EXPECT_EQ(timing_of({3, 1, 2}).median, 2);
-    EXPECT_EQ(timing_of({4, 1, 2, 10}).median, 3);
-    EXPECT_EQ(timing_of({4, 1, 2, 10}).min, 1);
-    EXPECT_EQ(timing_of({4, 1, 2, 10}).max, 10);
+    EXPECT_EQ(report::timing_of({3, 1, 2}).median, 2);
+    EXPECT_EQ(report::timing_of({4, 1, 2, 10}).median, 3);
+    EXPECT_EQ(report::timing_of({4, 1, 2, 10}).min, 1);
+    EXPECT_EQ(report::timing_of({4, 1, 2, 10}).max, 10);
 }
 
 // ---------------------------------------------------------------- errors
@@ -124,21 +125,22 @@ TEST(Report, TimingIsMedianAndRange) {
 TEST(Measure, ErrorsOfKnownDistances) {
     const std::vector<glm::dvec3> truth = {{1, 2, 3}, {2, 2, 2}};
     const std::vector<glm::dvec3> twice = {{2, 4, 6}, {4, 4, 4}};
-    EXPECT_NEAR(error_of(twice, truth).relative_l1, 1, 1e-12);
-    EXPECT_NEAR(error_of(twice, truth).energy_ratio, 2, 1e-12);
-    EXPECT_NEAR(error_of(twice, truth).relative_rms, std::sqrt((1 + 4 + 9 + 12) / 6.0) / 2, 1e-12);
-    EXPECT_EQ(error_of(truth, truth).relative_l1, 0);
+    EXPECT_NEAR(report::error_of(twice, truth).relative_l1, 1, 1e-12);
+    EXPECT_NEAR(report::error_of(twice, truth).energy_ratio, 2, 1e-12);
+    EXPECT_NEAR(report::error_of(twice, truth).relative_rms, std::sqrt((1 + 4 + 9 + 12) / 6.0) / 2,
+                1e-12);
+    EXPECT_EQ(report::error_of(truth, truth).relative_l1, 0);
     const std::vector<glm::dvec3> dark(2, glm::dvec3(0));
-    EXPECT_EQ(error_of(dark, dark).relative_l1, 0);
-    EXPECT_EQ(error_of(dark, dark).energy_ratio, 1);
-    EXPECT_TRUE(std::isinf(error_of(truth, dark).relative_l1));
+    EXPECT_EQ(report::error_of(dark, dark).relative_l1, 0);
+    EXPECT_EQ(report::error_of(dark, dark).energy_ratio, 1);
+    EXPECT_TRUE(std::isinf(report::error_of(truth, dark).relative_l1));
 }
 
 TEST(Measure, AgreesWithDiff) {
     const Volume a = random_volume({5, 4, 3}, 1, false, 1);
     Volume b = random_volume({5, 4, 3}, 2, false, 2);
     b.validity = a.validity;
-    const Comparison wanted = compare(a, b, {});
+    const volume::Comparison wanted = volume::compare(a, b, {});
     const auto valid = [&](const Volume& volume) {
         std::vector<std::vector<glm::vec3>> sh(volume.sh.size());
         for (std::size_t k = 0; k < sh.size(); ++k)
@@ -148,8 +150,8 @@ TEST(Measure, AgreesWithDiff) {
         return sh;
     };
     uint64_t negative = 0;
-    const FieldError error =
-        error_of(irradiance_of(valid(a), 1, &negative), irradiance_of(valid(b), 2));
+    const report::FieldError error = report::error_of(report::irradiance_of(valid(a), 1, &negative),
+                                                      report::irradiance_of(valid(b), 2));
     EXPECT_NEAR(error.relative_l1 / wanted.relative_l1, 1, 1e-6);
     EXPECT_NEAR(error.relative_rms / wanted.relative_rms, 1, 1e-6);
     EXPECT_EQ(negative, wanted.negative_a);
@@ -161,7 +163,7 @@ TEST(Points, CellsAreValidDistinctAndSpread) {
     std::vector<float> validity(1000);
     for (std::size_t i = 0; i < validity.size(); ++i)
         validity[i] = i % 2 == 0;
-    const auto cells = draw_cells(validity, 100, 1);
+    const auto cells = report::draw_cells(validity, 100, 1);
     EXPECT_EQ(cells.size(), 100u);
     EXPECT_TRUE(std::ranges::is_sorted(cells));
     EXPECT_EQ(std::set(cells.begin(), cells.end()).size(), 100u);
@@ -169,10 +171,10 @@ TEST(Points, CellsAreValidDistinctAndSpread) {
         EXPECT_EQ(cell % 2, 0u);
     const auto low = std::ranges::count_if(cells, [](std::size_t c) { return c < 500; });
     EXPECT_NEAR(double(low), 50, 4 * std::sqrt(100 * 0.25 * 0.8)); // without replacement
-    EXPECT_EQ(draw_cells(validity, 100, 1), cells);
-    EXPECT_NE(draw_cells(validity, 100, 2), cells);
-    EXPECT_EQ(draw_cells(validity, 5000, 1).size(), 500u);
-    EXPECT_TRUE(draw_cells(std::vector<float>(9, 0.0f), 5, 1).empty());
+    EXPECT_EQ(report::draw_cells(validity, 100, 1), cells);
+    EXPECT_NE(report::draw_cells(validity, 100, 2), cells);
+    EXPECT_EQ(report::draw_cells(validity, 5000, 1).size(), 500u);
+    EXPECT_TRUE(report::draw_cells(std::vector<float>(9, 0.0f), 5, 1).empty());
 }
 
 class Drawn {
@@ -180,10 +182,10 @@ public:
     Drawn(const Scene& scene, const Bounds& box, uint64_t count)
         : frame{glm::dvec3(-1), 0.25, glm::dvec3(16)},
           visibility(scene, frame),
-          points(draw_surface_points(scene, visibility, frame, box, count, 7)) {}
-    Frame frame;
-    Visibility visibility;
-    std::vector<FrontPoint> points;
+          points(report::draw_surface_points(scene, visibility, frame, box, count, 7)) {}
+    scene::Frame frame;
+    visibility::Visibility visibility;
+    std::vector<report::FrontPoint> points;
 };
 
 TEST(Points, SurfacesInsideARoomCountByTheirArea) {
@@ -195,7 +197,7 @@ TEST(Points, SurfacesInsideARoomCountByTheirArea) {
     const Drawn drawn(scene, bounds_of(scene), 4000);
     ASSERT_EQ(drawn.points.size(), 4000u);
     double floor = 0, block = 0;
-    for (const FrontPoint& p : drawn.points) {
+    for (const report::FrontPoint& p : drawn.points) {
         EXPECT_NEAR(glm::length(p.normal), 1, 1e-12);
         const bool below = p.position.x > 0.251 && p.position.x < 0.749 && p.position.z > 0.251
                            && p.position.z < 0.749 && p.position.y < 1e-6 && p.normal.y > 0;
@@ -218,7 +220,7 @@ TEST(Points, OnlyThePartInsideTheBoxCounts) {
     const Drawn drawn(scene, box, 500);
     ASSERT_EQ(drawn.points.size(), 500u);
     glm::dvec3 mean(0);
-    for (const FrontPoint& p : drawn.points) {
+    for (const report::FrontPoint& p : drawn.points) {
         EXPECT_TRUE(glm::all(glm::greaterThanEqual(p.position, box.lo - 1e-9)));
         EXPECT_TRUE(glm::all(glm::lessThanEqual(p.position, box.hi + 1e-9)));
         EXPECT_GT(p.normal.y, 0.99);
@@ -233,54 +235,56 @@ TEST(Points, OnlyThePartInsideTheBoxCounts) {
 
 TEST(Truth, AFurnaceIsTheSameFromAllSidesAndOnItsWalls) {
     const Scene scene = scenes::furnace(1.0f, 0.5f, 10.0f); // 20 nits everywhere
-    const Frame frame{glm::dvec3(0), 0.125, glm::dvec3(8)};
-    const Visibility visibility(scene, frame);
-    const PathRules rules = {std::nullopt, true};
-    const TruthSettings settings{0.01, 1 << 14, 3};
+    const scene::Frame frame{glm::dvec3(0), 0.125, glm::dvec3(8)};
+    const visibility::Visibility visibility(scene, frame);
+    const reference::PathRules rules = {std::nullopt, true};
+    const report::TruthSettings settings{0.01, 1 << 14, 3};
     Progress silent;
     const std::vector<glm::vec3> points = {{4, 4, 4}, {1.5f, 6, 2}};
-    const Truth truth = trace_truth(scene, visibility, frame, points, {}, rules, settings, silent);
+    const report::Truth truth =
+        report::trace_truth(scene, visibility, frame, points, {}, rules, settings, silent);
     ASSERT_EQ(truth.irradiance.size(), 2u * 26);
     for (const glm::dvec3& e : truth.irradiance)
         EXPECT_NEAR(e.y / (20 * pi), 1, 0.05);
     EXPECT_LE(truth.noise, 0.01);
     EXPECT_TRUE(truth.converged);
-    EXPECT_LT(error_of(irradiance_of(truth.sh, 1), truth.irradiance).relative_l1, 0.02);
+    EXPECT_LT(report::error_of(report::irradiance_of(truth.sh, 1), truth.irradiance).relative_l1,
+              0.02);
 
     const std::vector<glm::vec3> on_wall = {{0.001f, 4, 4}};
     const std::vector<glm::dvec3> normal = {{1, 0, 0}};
-    const Truth wall =
-        trace_truth(scene, visibility, frame, on_wall, normal, rules, settings, silent);
+    const report::Truth wall =
+        report::trace_truth(scene, visibility, frame, on_wall, normal, rules, settings, silent);
     ASSERT_EQ(wall.irradiance.size(), 1u);
     EXPECT_NEAR(wall.irradiance[0].x / (20 * pi), 1, 0.05);
 }
 
 TEST(Truth, RulesAreThoseOfTheBake) {
-    BakeSettings settings;
-    EXPECT_EQ(field_rules(settings), (PathRules{std::nullopt, true}));
+    bake::BakeSettings settings;
+    EXPECT_EQ(report::field_rules(settings), (reference::PathRules{std::nullopt, true}));
     settings.bounces = 1;
     settings.emitters = false;
-    EXPECT_EQ(field_rules(settings), (PathRules{1, false}));
+    EXPECT_EQ(report::field_rules(settings), (reference::PathRules{1, false}));
 }
 
 // ---------------------------------------------------------------- what is written
 
 /// A report of made-up numbers of a scene with this name.
-Report made_up(const std::string& path) {
-    Report report;
+report::Report made_up(const std::string& path) {
+    report::Report report;
     report.device = "a <device> & \"more\"";
     report.threads = 2;
-    SceneReport scene;
+    report::SceneReport scene;
     scene.path = path;
     scene.grids.resize(2);
     for (std::size_t g = 0; g < 2; ++g) {
-        GridResult& grid = scene.grids[g];
+        report::GridResult& grid = scene.grids[g];
         grid.grid.dims = glm::ivec3(16 << g);
         grid.probes = 10;
         grid.floor[0].relative_l1 = 0.2;
         grid.floor[1].relative_l1 = 0.04;
         for (const double t : {0.1, 0.4, 1.6}) {
-            PeerPoint point;
+            report::PeerPoint point;
             point.rays = uint64_t(100 * t);
             point.seconds = {t, t, t};
             point.projected[0].relative_l1 = 0.1 / std::sqrt(t);
@@ -289,8 +293,8 @@ Report made_up(const std::string& path) {
         }
     }
     for (const char* occlusion : {"none", "face"}) {
-        RowResult row;
-        row.row.settings = BakeSettings(*find_solver("lpv"));
+        report::RowResult row;
+        row.row.settings = bake::BakeSettings(*bake::find_solver("lpv"));
         row.shown = {{"unity", {.relative_l1 = 0.55}}, {"vrc", {.relative_l1 = 0.66}}};
         row.row.options = {{"resolution", "16"}, {"occlusion", occlusion}};
         row.command = "lpvbake bake '" + path + "' --resolution 16 --occlusion " + occlusion;
@@ -299,7 +303,7 @@ Report made_up(const std::string& path) {
         row.projected.relative_l1 = 0.6;
         row.front = true;
         row.stages = {{"inject", {0.1, 0.1, 0.1}, "detail"}};
-        row.peer = EqualError{EqualError::Kind::already, 0.25};
+        row.peer = report::EqualError{report::EqualError::Kind::already, 0.25};
         scene.rows.push_back(row);
     }
     scene.rows[1].error.relative_l1 = std::numeric_limits<double>::infinity();
@@ -310,32 +314,32 @@ Report made_up(const std::string& path) {
 const char hostile[] = "x';system \"touch pwned\" #`touch pwned`\\\n$(touch pwned)<script>&.gltf";
 
 TEST(Written, NoTextOfASceneBecomesMarkup) {
-    const std::string page = report_page(made_up(hostile), "<svg/>");
+    const std::string page = report::report_page(made_up(hostile), "<svg/>");
     EXPECT_EQ(page.find("<script"), std::string::npos);
     EXPECT_EQ(page.find("<device>"), std::string::npos);
     EXPECT_NE(page.find("x&#39;;system &quot;touch pwned&quot;"), std::string::npos);
     EXPECT_NE(page.find("&lt;script&gt;&amp;.gltf"), std::string::npos);
     EXPECT_EQ(page.find("http"), std::string::npos); // loads nothing
-    EXPECT_EQ(html_text("<a href='x'>&\""), "&lt;a href=&#39;x&#39;&gt;&amp;&quot;");
+    EXPECT_EQ(report::html_text("<a href='x'>&\""), "&lt;a href=&#39;x&#39;&gt;&amp;&quot;");
 }
 
 TEST(Written, NoTextOfASceneBecomesAPlotCommand) {
-    EXPECT_EQ(plot_string("it's\n`x`\x7f"), "'it''s?`x`?'");
+    EXPECT_EQ(report::plot_string("it's\n`x`\x7f"), "'it''s?`x`?'");
     const TemporaryFolder folder;
     const std::filesystem::path home = std::filesystem::current_path();
     std::filesystem::current_path(folder.path());
-    const std::string svg = plot_svg(plot_script(made_up(hostile)), 1);
+    const std::string svg = report::plot_svg(report::plot_script(made_up(hostile)), 1);
     std::filesystem::current_path(home);
     EXPECT_EQ(folder.count(), 0); // nothing was run
     EXPECT_EQ(svg.find("<script"), std::string::npos);
     EXPECT_NE(svg.find("touch pwned"), std::string::npos); // it stands there as text
     EXPECT_NE(svg.find("exact, SH L1"), std::string::npos);
     EXPECT_NE(svg.find("Pareto front"), std::string::npos);
-    EXPECT_THROW(plot_svg("no command", 1), Error);
+    EXPECT_THROW(report::plot_svg("no command", 1), Error);
 }
 
 TEST(Written, CsvQuotesAndHasOneLineEach) {
-    const std::string csv = report_csv(made_up("a,\"b\".gltf"));
+    const std::string csv = report::report_csv(made_up("a,\"b\".gltf"));
     EXPECT_EQ(std::ranges::count(csv, '\n'), 1 + 2 + 2 * 3 * (3 + 1)); // rows, peers and floors
     EXPECT_NE(csv.find("\n\"a,\"\"b\"\".gltf\",bake,16 none,"), std::string::npos);
     EXPECT_NE(csv.find("stage_inject"), std::string::npos);
@@ -345,7 +349,7 @@ TEST(Written, CsvQuotesAndHasOneLineEach) {
 }
 
 TEST(Written, JsonHasNoInfiniteNumbers) {
-    const nlohmann::ordered_json json = report_json(made_up("a.gltf"));
+    const nlohmann::ordered_json json = report::report_json(made_up("a.gltf"));
     const auto& scene = json["scenes"][0];
     EXPECT_EQ(scene["rows"][0]["error"]["relative_l1"], 0.7);
     EXPECT_TRUE(scene["rows"][1]["error"]["relative_l1"].is_null());
@@ -358,38 +362,38 @@ TEST(Written, JsonHasNoInfiniteNumbers) {
 }
 
 TEST(Written, TextSaysWhoWins) {
-    Report report = made_up("a.gltf");
-    EXPECT_NE(report_text(report).find("lpv: loses everywhere"), std::string::npos);
-    EXPECT_NE(report_text(report).find("unity  threejs   vrc  bevy"), std::string::npos);
-    EXPECT_NE(report_text(report).find("55 %        -  66 %     -"), std::string::npos);
-    EXPECT_NE(report_text(report).find("better at its fewest rays, in 0.25 of the time"),
+    report::Report report = made_up("a.gltf");
+    EXPECT_NE(report::report_text(report).find("lpv: loses everywhere"), std::string::npos);
+    EXPECT_NE(report::report_text(report).find("unity  threejs   vrc  bevy"), std::string::npos);
+    EXPECT_NE(report::report_text(report).find("55 %        -  66 %     -"), std::string::npos);
+    EXPECT_NE(report::report_text(report).find("better at its fewest rays, in 0.25 of the time"),
               std::string::npos);
-    for (RowResult& row : report.scenes[0].rows)
-        row.peer = EqualError{EqualError::Kind::crosses, 12};
-    EXPECT_NE(report_text(report).find("lpv: wins everywhere"), std::string::npos);
-    EXPECT_NE(report_text(report).find("peer needs 12 x as long"), std::string::npos);
-    report.scenes[0].rows[0].peer = EqualError{EqualError::Kind::already, 3};
-    const std::string mixed = verdicts(report.scenes[0]).at(0);
+    for (report::RowResult& row : report.scenes[0].rows)
+        row.peer = report::EqualError{report::EqualError::Kind::crosses, 12};
+    EXPECT_NE(report::report_text(report).find("lpv: wins everywhere"), std::string::npos);
+    EXPECT_NE(report::report_text(report).find("peer needs 12 x as long"), std::string::npos);
+    report.scenes[0].rows[0].peer = report::EqualError{report::EqualError::Kind::already, 3};
+    const std::string mixed = report::verdicts(report.scenes[0]).at(0);
     EXPECT_NE(mixed.find("need longer in 1 row and less time in 0; in 1 they are more accurate"),
               std::string::npos)
         << mixed;
 }
 
 TEST(Written, Base64OfTheStandardsExamples) {
-    EXPECT_EQ(base64(""), "");
-    EXPECT_EQ(base64("f"), "Zg==");
-    EXPECT_EQ(base64("fo"), "Zm8=");
-    EXPECT_EQ(base64("foo"), "Zm9v");
-    EXPECT_EQ(base64("foobar"), "Zm9vYmFy");
-    EXPECT_EQ(base64("\xff\xfe"), "//4=");
+    EXPECT_EQ(report::base64(""), "");
+    EXPECT_EQ(report::base64("f"), "Zg==");
+    EXPECT_EQ(report::base64("fo"), "Zm8=");
+    EXPECT_EQ(report::base64("foo"), "Zm9v");
+    EXPECT_EQ(report::base64("foobar"), "Zm9vYmFy");
+    EXPECT_EQ(report::base64("\xff\xfe"), "//4=");
 }
 
 TEST(Sweep, RowsHaveNoOptionsThatTheirSolverLacks) {
-    const auto rows = sweep_rows({{{"solver", {"lpv", "sn"}},
-                                   {"directions", {"48", "96"}},
-                                   {"quality", {"fast"}},
-                                   {"rsm-size", {"64"}}}},
-                                 {});
+    const auto rows = report::sweep_rows({{{"solver", {"lpv", "sn"}},
+                                           {"directions", {"48", "96"}},
+                                           {"quality", {"fast"}},
+                                           {"rsm-size", {"64"}}}},
+                                         {});
     ASSERT_EQ(rows.size(), 3u);
     using Set = std::vector<std::pair<std::string, std::string>>;
     EXPECT_EQ(rows[0].options, (Set{{"solver", "lpv"}, {"rsm-size", "64"}}));
@@ -400,13 +404,14 @@ TEST(Sweep, RowsHaveNoOptionsThatTheirSolverLacks) {
 // ---------------------------------------------------------------- baselines
 
 TEST(Baseline, TellsWhatBecameWorseAndNothingElse) {
-    const Baseline kept{{"a: sn", {{"error", 0.05}, {"energy", 0.98}, {"seconds", 1.0}}},
-                        {"b: sn", {{"error", 0.0}}}};
-    const auto worse = [&](const std::string& name, double value, const BaselineSlack& slack = {}) {
-        Baseline now = kept;
+    const report::Baseline kept{{"a: sn", {{"error", 0.05}, {"energy", 0.98}, {"seconds", 1.0}}},
+                                {"b: sn", {{"error", 0.0}}}};
+    const auto worse = [&](const std::string& name, double value,
+                           const report::BaselineSlack& slack = {}) {
+        report::Baseline now = kept;
         now["a: sn"][name] = value;
         now["c: sn"] = {{"error", 9}};
-        const BaselineComparison result = compare_baselines(kept, now, slack);
+        const report::BaselineComparison result = report::compare_baselines(kept, now, slack);
         EXPECT_EQ(result.compared, 2u);
         EXPECT_EQ(result.added, 1u);
         return result.worse;
@@ -422,21 +427,22 @@ TEST(Baseline, TellsWhatBecameWorseAndNothingElse) {
     EXPECT_TRUE(worse("seconds", 100).empty()) << "nobody asked for times";
     EXPECT_EQ(worse("seconds", 1.6, {0.02, 0.5}).size(), 1u);
     EXPECT_TRUE(worse("seconds", 1.4, {0.02, 0.5}).empty());
-    Baseline gone = kept;
+    report::Baseline gone = kept;
     gone["a: sn"].erase("error");
-    EXPECT_EQ(compare_baselines(kept, gone, {}).worse.size(), 1u);
-    EXPECT_EQ(compare_baselines(kept, {{"c: sn", {}}}, {}).compared, 0u);
+    EXPECT_EQ(report::compare_baselines(kept, gone, {}).worse.size(), 1u);
+    EXPECT_EQ(report::compare_baselines(kept, {{"c: sn", {}}}, {}).compared, 0u);
 }
 
 TEST(Baseline, FilesKeepIt) {
     const TemporaryFolder folder;
-    const Baseline kept{{"a \"b\": sn 32", {{"error", 0.01234}, {"energy", 1}}}, {"c: lpv", {}}};
-    save_baseline(folder / "a.json", kept);
-    EXPECT_EQ(load_baseline(folder / "a.json"), kept);
+    const report::Baseline kept{{"a \"b\": sn 32", {{"error", 0.01234}, {"energy", 1}}},
+                                {"c: lpv", {}}};
+    report::save_baseline(folder / "a.json", kept);
+    EXPECT_EQ(report::load_baseline(folder / "a.json"), kept);
     for (const char* text : {"", "[]", "{}", "{\"rows\": 1}", "{\"rows\": {\"a\": 1}}",
                              "{\"rows\": {\"a\": {\"error\": null}}}"}) {
         spill(folder / "b.json", text);
-        EXPECT_THROW(load_baseline(folder / "b.json"), Error) << text;
+        EXPECT_THROW(report::load_baseline(folder / "b.json"), Error) << text;
     }
 }
 

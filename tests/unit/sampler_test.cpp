@@ -26,7 +26,7 @@ Volume isotropic(glm::ivec3 dims, const Luminance& luminance) {
         for (c.y = 0; c.y < dims.y; ++c.y)
             for (c.x = 0; c.x < dims.x; ++c.x)
                 volume.sh[0][volume.grid.index(c)] =
-                    glm::vec3(luminance(volume.grid.center(c)) / sh_y0);
+                    glm::vec3(luminance(volume.grid.center(c)) / volume::sh_y0);
     return volume;
 }
 
@@ -175,7 +175,7 @@ TEST(Sampler, FallsBackToValidThenToNearThenToDark) {
     volume.validity.assign(volume.validity.size(), 0.0f);
     allow({5, 5, 5});
     EXPECT_EQ(read_irradiance(volume, p, {1, 0, 0}, Reading::facing), glm::dvec3(0.0));
-    const CellWeights weights = weights_at(volume, p, {1, 0, 0}, Reading::facing);
+    const volume::CellWeights weights = volume::weights_at(volume, p, {1, 0, 0}, Reading::facing);
     for (const double weight : weights.weight)
         EXPECT_EQ(weight, 0.0);
 }

@@ -35,17 +35,17 @@ glm::vec3 random_direction(std::mt19937& random) {
     return glm::normalize(glm::vec3(normal(random), normal(random), normal(random)));
 }
 
-double evaluate(const ShValues& c, int order, glm::vec3 w) {
-    const auto y = sh_basis(order, w);
+double evaluate(const volume::ShValues& c, int order, glm::vec3 w) {
+    const auto y = volume::sh_basis(order, w);
     double sum = 0;
-    for (int k = 0; k < sh_count(order); ++k)
+    for (int k = 0; k < volume::sh_count(order); ++k)
         sum += double(c[size_t(k)]) * double(y[size_t(k)]);
     return sum;
 }
 
-ShValues random_coefficients(std::mt19937& random) {
+volume::ShValues random_coefficients(std::mt19937& random) {
     std::normal_distribution<float> normal;
-    ShValues c;
+    volume::ShValues c;
     for (float& x : c)
         x = normal(random);
     return c;
@@ -54,17 +54,17 @@ ShValues random_coefficients(std::mt19937& random) {
 } // namespace
 
 TEST(Sh, ConstantsAreTheirFormulas) {
-    EXPECT_FLOAT_EQ(sh_y0, float(1 / (2 * std::sqrt(pi))));
-    EXPECT_FLOAT_EQ(sh_y1, float(std::sqrt(3 / pi) / 2));
-    EXPECT_FLOAT_EQ(sh_y2a, float(std::sqrt(15 / pi) / 2));
-    EXPECT_FLOAT_EQ(sh_y2b, float(std::sqrt(5 / pi) / 4));
-    EXPECT_FLOAT_EQ(sh_y2c, float(std::sqrt(15 / pi) / 4));
+    EXPECT_FLOAT_EQ(volume::sh_y0, float(1 / (2 * std::sqrt(pi))));
+    EXPECT_FLOAT_EQ(volume::sh_y1, float(std::sqrt(3 / pi) / 2));
+    EXPECT_FLOAT_EQ(volume::sh_y2a, float(std::sqrt(15 / pi) / 2));
+    EXPECT_FLOAT_EQ(volume::sh_y2b, float(std::sqrt(5 / pi) / 4));
+    EXPECT_FLOAT_EQ(volume::sh_y2c, float(std::sqrt(15 / pi) / 4));
 }
 
 TEST(Sh, BasisIsOrthonormal) {
     std::array<std::array<double, 25>, 25> products{};
     integrate([&](glm::dvec3 w) {
-        const auto y = sh_basis(4, glm::vec3(w));
+        const auto y = volume::sh_basis(4, glm::vec3(w));
         for (size_t i = 0; i < 25; ++i)
             for (size_t j = 0; j <= i; ++j)
                 products[i][j] += double(y[i]) * double(y[j]) * 2 * pi / (400.0 * 400.0);
@@ -77,7 +77,7 @@ TEST(Sh, BasisIsOrthonormal) {
 
 TEST(Sh, OrderOfTheBasis) {
     const glm::vec3 w = glm::normalize(glm::vec3(1, 2, 3));
-    const auto y = sh_basis(2, w);
+    const auto y = volume::sh_basis(2, w);
     const std::array<float, 9> polynomials{1,
                                            w.y,
                                            w.z,
@@ -87,13 +87,14 @@ TEST(Sh, OrderOfTheBasis) {
                                            3 * w.z * w.z - 1,
                                            w.x * w.z,
                                            w.x * w.x - w.y * w.y};
-    const std::array<float, 9> scales{sh_y0,  sh_y1,  sh_y1,  sh_y1, sh_y2a,
-                                      sh_y2a, sh_y2b, sh_y2a, sh_y2c};
+    const std::array<float, 9> scales{volume::sh_y0,  volume::sh_y1,  volume::sh_y1,
+                                      volume::sh_y1,  volume::sh_y2a, volume::sh_y2a,
+                                      volume::sh_y2b, volume::sh_y2a, volume::sh_y2c};
     for (size_t k = 0; k < 9; ++k)
         EXPECT_FLOAT_EQ(y[k], scales[k] * polynomials[k]) << k;
     // Bands above the order are not evaluated.
-    EXPECT_EQ(sh_basis(0, w)[1], 0.0f);
-    EXPECT_EQ(sh_basis(1, w)[4], 0.0f);
+    EXPECT_EQ(volume::sh_basis(0, w)[1], 0.0f);
+    EXPECT_EQ(volume::sh_basis(1, w)[4], 0.0f);
 }
 
 // By the definition over the polar angle from z and the azimuth from x, with the standard library's
@@ -102,7 +103,7 @@ TEST(Sh, HighBandsRunFromMinusLToL) {
     std::mt19937 random(6);
     for (int i = 0; i < 20; ++i) {
         const glm::vec3 w = random_direction(random);
-        const auto y = sh_basis(4, w);
+        const auto y = volume::sh_basis(4, w);
         const double phi = std::atan2(double(w.y), double(w.x));
         for (unsigned l = 3; l <= 4; ++l)
             for (int m = -int(l); m <= int(l); ++m) {
@@ -114,16 +115,16 @@ TEST(Sh, HighBandsRunFromMinusLToL) {
                             scale * turn * std::assoc_legendre(l, order, double(w.z)), 2e-6)
                     << l << ' ' << m;
             }
-        EXPECT_EQ(sh_basis(3, w)[16], 0.0f);
-        EXPECT_EQ(sh_basis(2, w)[9], 0.0f);
+        EXPECT_EQ(volume::sh_basis(3, w)[16], 0.0f);
+        EXPECT_EQ(volume::sh_basis(2, w)[9], 0.0f);
     }
 }
 
 TEST(Sh, OrderFollowsFromTheCount) {
-    for (int order = 0; order <= sh_max_order; ++order)
-        EXPECT_EQ(sh_order_of(size_t(sh_count(order))), order);
+    for (int order = 0; order <= volume::sh_max_order; ++order)
+        EXPECT_EQ(volume::sh_order_of(size_t(volume::sh_count(order))), order);
     for (const size_t count : {0u, 2u, 8u, 10u, 36u})
-        EXPECT_EQ(sh_order_of(count), -1) << count;
+        EXPECT_EQ(volume::sh_order_of(count), -1) << count;
 }
 
 TEST(Sh, ProjectionRecoversABandLimitedField) {
@@ -131,7 +132,7 @@ TEST(Sh, ProjectionRecoversABandLimitedField) {
     const auto c = random_coefficients(random);
     std::array<double, 25> projected{};
     integrate([&](glm::dvec3 w) {
-        const auto y = sh_basis(4, glm::vec3(w));
+        const auto y = volume::sh_basis(4, glm::vec3(w));
         const double value = evaluate(c, 4, glm::vec3(w)) * 2 * pi / (400.0 * 400.0);
         for (size_t k = 0; k < 25; ++k)
             projected[k] += value * double(y[k]);
@@ -149,7 +150,7 @@ TEST(Sh, ClampedCosineConstants) {
         const double integral = integrate(
             [&](glm::dvec3 w) { return std::max(0.0, w.z) * std::legendre(unsigned(l), w.z); });
         EXPECT_NEAR(integral, a[l], 1e-4) << l;
-        EXPECT_NEAR(sh_cosine_factor(l), integral, 1e-4) << l;
+        EXPECT_NEAR(volume::sh_cosine_factor(l), integral, 1e-4) << l;
     }
 }
 
@@ -161,17 +162,18 @@ TEST(Sh, IrradianceIsTheCosineIntegral) {
         const double expected = integrate([&](glm::dvec3 w) {
             return std::max(0.0, glm::dot(glm::dvec3(n), w)) * evaluate(c, order, glm::vec3(w));
         });
-        EXPECT_NEAR(sh_irradiance(std::span(c).first(size_t(sh_count(order))), n), expected, 2e-4);
+        EXPECT_NEAR(volume::sh_irradiance(std::span(c).first(size_t(volume::sh_count(order))), n),
+                    expected, 2e-4);
     }
 }
 
 TEST(Sh, FurnaceGivesPiTimesLuminance) {
     const float luminance = 123.0f;
-    ShValues c{};
-    c[0] = float(integrate([&](glm::dvec3) { return double(luminance * sh_y0); }));
+    volume::ShValues c{};
+    c[0] = float(integrate([&](glm::dvec3) { return double(luminance * volume::sh_y0); }));
     std::mt19937 random(3);
     for (int i = 0; i < 10; ++i)
-        EXPECT_NEAR(sh_irradiance(c, random_direction(random)), pi * luminance, 1e-3);
+        EXPECT_NEAR(volume::sh_irradiance(c, random_direction(random)), pi * luminance, 1e-3);
 }
 
 TEST(Sh, TurnedFieldEqualsFieldAtTurnedDirection) {
@@ -187,10 +189,10 @@ TEST(Sh, TurnedFieldEqualsFieldAtTurnedDirection) {
         const auto before = random_coefficients(random);
         for (int order : {0, 1, 2, 3, 4}) {
             auto after = before;
-            sh_rotate(m, std::span(after).first(size_t(sh_count(order))));
+            volume::sh_rotate(m, std::span(after).first(size_t(volume::sh_count(order))));
             const glm::vec3 w = random_direction(random);
             EXPECT_NEAR(evaluate(after, order, m * w), evaluate(before, order, w), 1e-5);
-            for (size_t k = size_t(sh_count(order)); k < 25; ++k)
+            for (size_t k = size_t(volume::sh_count(order)); k < 25; ++k)
                 EXPECT_EQ(after[k], before[k]);
         }
     }
@@ -200,21 +202,21 @@ TEST(Sh, FlipLooksTheOtherWay) {
     std::mt19937 random(5);
     const auto before = random_coefficients(random);
     auto after = before;
-    sh_flip(after);
+    volume::sh_flip(after);
     for (int i = 0; i < 20; ++i) {
         const glm::vec3 w = random_direction(random);
         EXPECT_NEAR(evaluate(after, 4, -w), evaluate(before, 4, w), 4e-6);
     }
-    sh_flip(after);
+    volume::sh_flip(after);
     EXPECT_EQ(after, before);
 }
 
 TEST(Volume, TotalEnergyIntegratesLuminanceOverTheSphere) {
     Volume volume;
     volume.grid.dims = {3, 1, 1};
-    EXPECT_EQ(total_energy(volume), 0.0);
+    EXPECT_EQ(volume::total_energy(volume), 0.0);
     // A constant luminance L has c_0 = L sqrt(4 pi) and integrates to 4 pi L.
     const float c0 = float(std::sqrt(4 * pi));
     volume.sh = {{glm::vec3(10 * c0), glm::vec3(0), glm::vec3(0, 5 * c0, 0)}};
-    EXPECT_NEAR(total_energy(volume), 4 * pi * (10 + 5 * 0.7152), 1e-4);
+    EXPECT_NEAR(volume::total_energy(volume), 4 * pi * (10 + 5 * 0.7152), 1e-4);
 }

@@ -13,16 +13,16 @@ constexpr double pi = glm::pi<double>();
 
 /// Points, and light at them, of a scene in a frame.
 struct Lit {
-    Lit(const Scene& scene, const Frame& frame, std::optional<int> bounces,
-        const SidePointSettings& settings = {})
+    Lit(const Scene& scene, const scene::Frame& frame, std::optional<int> bounces,
+        const surface::SidePointSettings& settings = {})
         : visibility(scene, frame) {
         Progress silent;
-        LightingSettings lighting;
+        surface::LightingSettings lighting;
         lighting.bounces = bounces;
-        surfaces = light_surfaces(scene, visibility, frame, lighting, silent);
-        sides = draw_side_points(surfaces, glm::vec3(frame.extent), settings);
-        irradiance =
-            irradiance_at(scene, surfaces, frame, sides.points, true, 256, settings.seed, silent);
+        surfaces = surface::light_surfaces(scene, visibility, frame, lighting, silent);
+        sides = surface::draw_side_points(surfaces, glm::vec3(frame.extent), settings);
+        irradiance = surface::irradiance_at(scene, surfaces, frame, sides.points, true, 256,
+                                            settings.seed, silent);
     }
     double area() const {
         double sum = 0;
@@ -30,14 +30,14 @@ struct Lit {
             sum += double(a);
         return sum;
     }
-    Visibility visibility;
-    LitSurfaces surfaces;
-    SidePoints sides;
+    visibility::Visibility visibility;
+    surface::LitSurfaces surfaces;
+    surface::SidePoints sides;
     std::vector<glm::vec3> irradiance;
 };
 
 TEST(SidePoints, AFurnaceLightsAllOfThemAlike) {
-    const Frame frame{glm::dvec3(-1), 0.5, glm::dvec3(20)};
+    const scene::Frame frame{glm::dvec3(-1), 0.5, glm::dvec3(20)};
     const Lit lit(scenes::furnace(8, 0.5f, 1.0f), frame, std::nullopt);
     EXPECT_NEAR(lit.area(), 6 * 16 * 16, 1);
     EXPECT_NEAR(double(lit.sides.points.size()), 4 * 6 * 16 * 16, 10);
@@ -79,7 +79,7 @@ TEST(SidePoints, LieOnTheSidesThatCanBeSeenAndInTheBox) {
     scenes::add_box(scene, one, {5, 0, 0}, {7, 2, 2}, scenes::Facing::outward);
     scenes::add_box(scene, one, {5.5, 0.5, 0.5}, {6, 1, 1}, scenes::Facing::outward); // buried
     scene.lights.push_back(scenes::sun({0, -1, 0}, 1));
-    const auto areas = [&](const Frame& frame, uint32_t seed) {
+    const auto areas = [&](const scene::Frame& frame, uint32_t seed) {
         const Lit lit(scene, frame, 1, {.density = 16, .seed = seed});
         glm::dvec4 sum(0); // up below, above; down; of boxes
         for (size_t i = 0; i < lit.sides.points.size(); ++i) {
@@ -100,32 +100,32 @@ TEST(SidePoints, LieOnTheSidesThatCanBeSeenAndInTheBox) {
 }
 
 TEST(SidePoints, AreAsManyAsAllowedAndStandForTheRest) {
-    const Frame frame{glm::dvec3(-1), 0.5, glm::dvec3(20)};
+    const scene::Frame frame{glm::dvec3(-1), 0.5, glm::dvec3(20)};
     const Lit lit(scenes::furnace(8, 0.5f, 1.0f), frame, 1, {.most_points = 500});
     EXPECT_EQ(lit.sides.points.size(), 500u);
     EXPECT_NEAR(lit.area(), 6 * 16 * 16, 1);
 }
 
 TEST(SidePoints, IrradianceIsThatOfTracedPaths) {
-    const Frame frame{glm::dvec3(-1.2, -0.2, -1.2), 0.15, glm::dvec3(16)};
+    const scene::Frame frame{glm::dvec3(-1.2, -0.2, -1.2), 0.15, glm::dvec3(16)};
     for (const bool sun : {false, true}) {
         const Scene scene = sun ? scenes::cornell_box_with_sun() : scenes::cornell_box_with_point();
         const Lit lit(scene, frame, std::nullopt, {.most_points = 300, .seed = 5});
         std::vector<glm::vec3> at;
         std::vector<glm::dvec3> own;
         std::vector<uint64_t> keys;
-        for (const SidePoint& point : lit.sides.points) {
+        for (const surface::SidePoint& point : lit.sides.points) {
             at.push_back(point.position + 1e-4f * point.normal);
             own.push_back(glm::normalize(glm::dvec3(point.normal)));
             keys.push_back(keys.size());
         }
-        ReferenceSettings settings;
+        reference::ReferenceSettings settings;
         settings.sh_order = 0;
         settings.rays = 4096;
         settings.paths = {std::nullopt, true};
         Progress silent;
-        const ProbeField field =
-            trace_probes(scene, lit.visibility, frame, at, keys, settings, silent, {{}, own});
+        const reference::ProbeField field = reference::trace_probes(
+            scene, lit.visibility, frame, at, keys, settings, silent, {{}, own});
         double off = 0, noise = 0, whole = 0, sum = 0;
         for (size_t i = 0; i < at.size(); ++i)
             for (int c = 0; c < 3; ++c) {

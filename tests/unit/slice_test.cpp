@@ -10,7 +10,7 @@ using namespace lpvbake;
 
 namespace {
 
-glm::vec3 pixel(const Pixels& picture, int x, int y) {
+glm::vec3 pixel(const image::Pixels& picture, int x, int y) {
     const float* p = &picture.samples[size_t(y * picture.width + x) * 3];
     return {p[0], p[1], p[2]};
 }
@@ -31,7 +31,7 @@ TEST(Slice, CellsAreSquaresWithYUp) {
     // Luminance L everywhere around has c_0 = L 2 sqrt(pi).
     const float c0 = float(2 * std::sqrt(std::numbers::pi));
     volume.sh[0][volume.grid.index({3, 2, 1})] = {10 * c0, 0, 2.14f * c0};
-    const Pixels picture = slice_picture(volume, 2, 1, 10.0f);
+    const image::Pixels picture = io::slice_picture(volume, 2, 1, 10.0f);
     EXPECT_EQ(picture.width, 256);
     EXPECT_EQ(picture.height, 192);
     EXPECT_EQ(picture.channels, 3);
@@ -43,19 +43,19 @@ TEST(Slice, CellsAreSquaresWithYUp) {
     }
     EXPECT_EQ(pixel(picture, 191, 0), glm::vec3(0));
     EXPECT_EQ(pixel(picture, 192, 64), glm::vec3(0));
-    const Pixels other = slice_picture(volume, 2, 0, 10.0f);
+    const image::Pixels other = io::slice_picture(volume, 2, 0, 10.0f);
     EXPECT_EQ(other.samples, std::vector<float>(other.samples.size(), 0.0f));
 }
 
 TEST(Slice, OtherAxes) {
     Volume volume = dark();
     volume.sh[0][volume.grid.index({3, 0, 1})] = glm::vec3(100);
-    const Pixels top = slice_picture(volume, 1, 0, 1.0f); // x right, z down
+    const image::Pixels top = io::slice_picture(volume, 1, 0, 1.0f); // x right, z down
     EXPECT_EQ(top.width, 256);
     EXPECT_EQ(top.height, 128);
     EXPECT_NEAR(pixel(top, 255, 127).g, 1, 1e-6);
     EXPECT_EQ(pixel(top, 255, 0), glm::vec3(0));
-    const Pixels side = slice_picture(volume, 0, 3, 1.0f); // z right, y up
+    const image::Pixels side = io::slice_picture(volume, 0, 3, 1.0f); // z right, y up
     EXPECT_EQ(side.height, 3 * side.width / 2);
     EXPECT_GE(side.height, 256);
     EXPECT_NEAR(pixel(side, side.width - 1, side.height - 1).g, 1, 1e-6);
@@ -68,7 +68,7 @@ TEST(Slice, ExposesForThe99thPercentile) {
     volume.sh.assign(4, std::vector<glm::vec3>(202));
     for (size_t i = 0; i < 101; ++i) // half of the slice stays black and does not count
         volume.sh[0][i] = glm::vec3(float(i + 1));
-    const Pixels picture = slice_picture(volume, 2, 0);
+    const image::Pixels picture = io::slice_picture(volume, 2, 0);
     const int block = picture.width / 101;
     const auto at = [&](int x) { return pixel(picture, x * block, picture.height - 1).x; };
     EXPECT_NEAR(at(100), 1.0f, 1e-6);
@@ -80,7 +80,7 @@ TEST(Slice, ExposesForThe99thPercentile) {
 TEST(Slice, MarksTheInsideOfGeometry) {
     Volume volume = dark();
     volume.validity[volume.grid.index({1, 2, 0})] = 0;
-    const Pixels picture = slice_picture(volume, 2, 0);
+    const image::Pixels picture = io::slice_picture(volume, 2, 0);
     int hatched = 0;
     for (int y = 0; y < picture.height; ++y)
         for (int x = 0; x < picture.width; ++x) {
@@ -98,19 +98,21 @@ TEST(Slice, RejectsSlicesThatDoNotExist) {
     const Volume volume = dark();
     for (glm::ivec2 bad :
          {glm::ivec2(2, 2), glm::ivec2(2, -1), glm::ivec2(3, 0), glm::ivec2(-1, 0)})
-        EXPECT_EQ(error_of("4 x 3 x 2", [&] { slice_picture(volume, bad.x, bad.y); }).kind,
+        EXPECT_EQ(error_of("4 x 3 x 2", [&] { io::slice_picture(volume, bad.x, bad.y); }).kind,
                   ErrorKind::argument);
 }
 
 TEST(Slice, PngIsWrittenWhole) {
     const TemporaryFolder folder;
-    write_png(folder / "a.png", slice_picture(dark(), 2, 0));
+    io::write_png(folder / "a.png", io::slice_picture(dark(), 2, 0));
     const std::string bytes = slurp(folder / "a.png");
-    const Rgba8 image = decode_image(std::as_bytes(std::span(bytes)), "a.png", 1 << 20);
+    const image::Rgba8 image =
+        image::decode_image(std::as_bytes(std::span(bytes)), "a.png", 1 << 20);
     EXPECT_EQ(image.width, 256);
     EXPECT_EQ(folder.count(), 1);
     EXPECT_EQ(
-        error_of("none", [&] { write_png(folder / "none/a.png", slice_picture(dark(), 2, 0)); })
+        error_of("none",
+                 [&] { io::write_png(folder / "none/a.png", io::slice_picture(dark(), 2, 0)); })
             .kind,
         ErrorKind::file);
 }

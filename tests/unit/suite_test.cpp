@@ -46,35 +46,35 @@ TEST(SuiteTruth, PolygonSendsWhatLambertsFormulaSays) {
     const double y0 = std::sqrt(0.25 / pi), y1 = std::sqrt(0.75 / pi);
     for (const glm::dvec3 point :
          {glm::dvec3(0, 1, 0), glm::dvec3(0.3, 0.1, -0.8), glm::dvec3(4, 2, 1)}) {
-        const auto light = polygon_light(square, point);
+        const auto light = report::polygon_light(square, point);
         const glm::dvec3 expected = lambert(square, point);
         const double size = glm::length(expected);
         EXPECT_NEAR(light[1] / y1, expected.y, 6e-3 * size);
         EXPECT_NEAR(light[2] / y1, expected.z, 6e-3 * size);
         EXPECT_NEAR(light[3] / y1, expected.x, 6e-3 * size);
-        EXPECT_EQ(polygon_light(square, glm::dvec3(point.x, -point.y, point.z))[0], 0.0);
+        EXPECT_EQ(report::polygon_light(square, glm::dvec3(point.x, -point.y, point.z))[0], 0.0);
     }
     // The face of a cube takes a sixth of the sphere around its centre.
-    EXPECT_NEAR(polygon_light(square, {0, 1, 0})[0] / y0, 4.0 * pi / 6.0, 1e-6);
+    EXPECT_NEAR(report::polygon_light(square, {0, 1, 0})[0] / y0, 4.0 * pi / 6.0, 1e-6);
 }
 
 TEST(SuiteTruth, FurnaceIsTheSeriesOfItsBounces) {
-    const FurnaceTruth furnace{2.0, 0.5};
-    EXPECT_DOUBLE_EQ(furnace_luminance(furnace, 0), 2.0);
-    EXPECT_DOUBLE_EQ(furnace_luminance(furnace, 1), 3.0);
-    EXPECT_DOUBLE_EQ(furnace_luminance(furnace, 2), 3.5);
-    EXPECT_DOUBLE_EQ(furnace_luminance(furnace, std::nullopt), 4.0);
+    const report::FurnaceTruth furnace{2.0, 0.5};
+    EXPECT_DOUBLE_EQ(report::furnace_luminance(furnace, 0), 2.0);
+    EXPECT_DOUBLE_EQ(report::furnace_luminance(furnace, 1), 3.0);
+    EXPECT_DOUBLE_EQ(report::furnace_luminance(furnace, 2), 3.5);
+    EXPECT_DOUBLE_EQ(report::furnace_luminance(furnace, std::nullopt), 4.0);
 }
 
 /// Mean of the constant coefficient as a luminance.
 double traced(const Scene& scene, std::optional<int> bounces) {
     const Grid grid{{0, 0, 0}, 0.25, {4, 4, 4}};
-    const Visibility visibility(scene, {grid.origin, grid.cell, glm::dvec3(grid.dims)});
+    const visibility::Visibility visibility(scene, {grid.origin, grid.cell, glm::dvec3(grid.dims)});
     const std::vector<size_t> cells{grid.index({1, 1, 1}), grid.index({2, 2, 1})};
     Progress silent;
-    const Volume field =
-        find_truth(TracedTruth{}, scene, visibility, grid, cells, {bounces, 4096, 0.01}, silent)
-            .volume;
+    const Volume field = report::find_truth(report::TracedTruth{}, scene, visibility, grid, cells,
+                                            {bounces, 4096, 0.01}, silent)
+                             .volume;
     EXPECT_EQ(std::ranges::count(field.validity, 1.0f), 2);
     return double(field.sh[0][cells[0]].x + field.sh[0][cells[1]].x) / 2 / std::sqrt(4.0 * pi);
 }
@@ -100,22 +100,22 @@ Volume uniform(double luminance) {
 }
 
 struct Judged {
-    SuiteCase suite_case;
-    SuiteLimits limits;
-    TruthField truth{uniform(1.0), 0.0};
-    SuiteCells cells;
+    report::SuiteCase suite_case;
+    report::SuiteLimits limits;
+    report::TruthField truth{uniform(1.0), 0.0};
+    report::SuiteCells cells;
 
     Judged() {
         for (size_t i = 0; i < 64; i += 3)
             cells.probes.push_back(i);
     }
-    SuiteRow operator()(const Volume& baked, const Volume* other = nullptr) const {
-        return judge(suite_case, limits, baked, truth, cells, other);
+    report::SuiteRow operator()(const Volume& baked, const Volume* other = nullptr) const {
+        return report::judge(suite_case, limits, baked, truth, cells, other);
     }
 };
 
 /// Expects one failure that contains `text`.
-void expect_failure(const SuiteRow& row, const std::string& text) {
+void expect_failure(const report::SuiteRow& row, const std::string& text) {
     ASSERT_EQ(row.failures.size(), 1u) << text;
     EXPECT_NE(row.failures[0].find(text), std::string::npos) << row.failures[0];
 }
@@ -127,7 +127,7 @@ TEST(SuiteJudge, EveryLimitCanFail) {
     EXPECT_NEAR(*judged(uniform(1.1)).error, 0.1, 1e-5);
     expect_failure(judged(uniform(1.3)), "error is 0.3, at most 0.2");
     judged.limits = {};
-    judged.limits.energy = SuiteRange{0.9, 1.1};
+    judged.limits.energy = report::SuiteRange{0.9, 1.1};
     EXPECT_TRUE(judged(uniform(1.0)).failures.empty());
     expect_failure(judged(uniform(1.2)), "energy is 1.2, at most 1.1");
     expect_failure(judged(uniform(0.8)), "energy is 0.8, at least 0.9");
@@ -145,7 +145,7 @@ TEST(SuiteJudge, NanAndInfinityFailWithoutAnyLimit) {
          {std::numeric_limits<float>::quiet_NaN(), -std::numeric_limits<float>::infinity()}) {
         Volume volume = uniform(1.0);
         volume.sh[2][1].y = bad; // no probe
-        const SuiteRow row = judged(volume);
+        const report::SuiteRow row = judged(volume);
         EXPECT_EQ(row.not_finite, 1u);
         expect_failure(row, "NaN or infinite: 1 number");
         volume = uniform(1.0);
@@ -162,9 +162,9 @@ TEST(SuiteJudge, AFieldMayNotCallItsCellsInvalid) {
 
 TEST(SuiteJudge, LeaksAreMeasuredInTheRegion) {
     Judged judged;
-    judged.suite_case.region = SuiteRegion{};
+    judged.suite_case.region = report::SuiteRegion{};
     judged.cells.region = {1, 2};
-    judged.limits.leak = SuiteRange{0.95, 1.05};
+    judged.limits.leak = report::SuiteRange{0.95, 1.05};
     EXPECT_TRUE(judged(uniform(1.0)).failures.empty());
     Volume volume = uniform(1.0);
     volume.sh[0][2] *= 1.5f;
@@ -172,7 +172,7 @@ TEST(SuiteJudge, LeaksAreMeasuredInTheRegion) {
     expect_failure(judged(volume), "leak is 1.25, at most 1.05");
 
     judged.suite_case.region->dark = true;
-    judged.limits.leak = SuiteRange{0, 0};
+    judged.limits.leak = report::SuiteRange{0, 0};
     volume.sh[0][1] = volume.sh[0][2] = glm::vec3(0.0f);
     EXPECT_TRUE(judged(volume).failures.empty());
     volume.sh[0][1].y = 1e-20f;
@@ -181,8 +181,8 @@ TEST(SuiteJudge, LeaksAreMeasuredInTheRegion) {
 
 TEST(SuiteJudge, ComparesWithTheOtherCase) {
     Judged judged;
-    judged.suite_case.truth = NoTruth{};
-    judged.suite_case.same_as = SuiteSame{"other", 4.0};
+    judged.suite_case.truth = report::NoTruth{};
+    judged.suite_case.same_as = report::SuiteSame{"other", 4.0};
     judged.limits.same = 0.01;
     Volume other = uniform(0.25);
     other.grid = {{1e6, 0, 0}, 3.0, {4, 4, 4}}; // elsewhere, and of another scale
@@ -212,9 +212,9 @@ protected:
     }
     json& first() { return document_["cases"][0]; }
     std::string path() const { return folder_ / "suite.json"; }
-    Suite load() const {
+    report::Suite load() const {
         spill(path(), document_.dump());
-        return load_suite(path());
+        return report::load_suite(path());
     }
     void expect_refused(const char* pointer, const json& value, const std::string& text) {
         const json before = document_;
@@ -237,9 +237,9 @@ TEST_F(SuiteFile, IsReadAsItStands) {
     first()["region"] = {{"lo", {0, 0, 0}}, {"hi", {1, 1, 1}}, {"dark", true}};
     first()["limits"]["lpv"]["leak"] = {0, 0.5};
     first()["cheap"] = true;
-    const Suite suite = load();
+    const report::Suite suite = load();
     ASSERT_EQ(suite.cases.size(), 1u);
-    const SuiteCase& c = suite.cases[0];
+    const report::SuiteCase& c = suite.cases[0];
     EXPECT_EQ(c.name, "room");
     EXPECT_EQ(c.options.resolution, 8);
     EXPECT_EQ(c.options.margin, 2);
@@ -250,7 +250,7 @@ TEST_F(SuiteFile, IsReadAsItStands) {
     EXPECT_EQ(c.options.probes, 9u);
     EXPECT_EQ(c.options.rays, 128u);
     EXPECT_EQ(c.options.noise, 0.5);
-    EXPECT_TRUE(std::holds_alternative<TracedTruth>(c.truth));
+    EXPECT_TRUE(std::holds_alternative<report::TracedTruth>(c.truth));
     EXPECT_TRUE(c.region->dark && c.cheap);
     EXPECT_EQ(c.limits.at("lpv").leak->hi, 0.5);
     EXPECT_EQ(c.limits.at("lpv").error, 0.01);
@@ -305,9 +305,9 @@ TEST_F(SuiteFile, WhatIsWrongIsNamedInOneLine) {
     expect_refused("/cases/0/cheap", true, "cases[0]: lacks \"limits\"");
 
     spill(path(), "{\"cases\": [");
-    EXPECT_EQ(error_of("suite.json: not JSON", [&] { load_suite(path()); }).kind,
+    EXPECT_EQ(error_of("suite.json: not JSON", [&] { report::load_suite(path()); }).kind,
               ErrorKind::invalid);
-    EXPECT_EQ(error_of("none.json", [&] { load_suite(folder_ / "none.json"); }).kind,
+    EXPECT_EQ(error_of("none.json", [&] { report::load_suite(folder_ / "none.json"); }).kind,
               ErrorKind::file);
 }
 
@@ -321,11 +321,11 @@ TEST_F(SuiteFile, ScenesMayNotLeaveTheFolderThroughALink) {
 // ---------------------------------------------------------------- running
 
 /// The truth of the furnace, as a solver that is right would have it, times `factor`.
-SuiteSolver exact(const char* name, float factor, std::optional<int> bounces) {
-    return {name, [=](const Scene& scene, const SuiteOptions& o, Progress&) {
+report::SuiteSolver exact(const char* name, float factor, std::optional<int> bounces) {
+    return {name, [=](const Scene& scene, const report::SuiteOptions& o, Progress&) {
                 const Bounds box = bounds_of(scene);
                 Volume volume;
-                volume.grid = fit_grid(box.lo, box.hi, {o.resolution, 0.0, o.margin});
+                volume.grid = volume::fit_grid(box.lo, box.hi, {o.resolution, 0.0, o.margin});
                 double luminance = 2.0; // all bounces
                 if (bounces)
                     luminance = 2.0 - std::pow(0.5, *bounces);
@@ -336,19 +336,21 @@ SuiteSolver exact(const char* name, float factor, std::optional<int> bounces) {
             }};
 }
 
-std::vector<SuiteRow> run(const Suite& suite, const std::vector<SuiteSolver>& solvers,
-                          const SuiteSelection& selection = {}) {
+std::vector<report::SuiteRow> run(const report::Suite& suite,
+                                  const std::vector<report::SuiteSolver>& solvers,
+                                  const report::SuiteSelection& selection = {}) {
     Progress silent;
     std::vector<std::string> told;
-    std::vector<SuiteRow> rows = run_suite(suite, selection, solvers, silent,
-                                           [&](const SuiteRow& row) { told.push_back(row.name); });
+    std::vector<report::SuiteRow> rows =
+        report::run_suite(suite, selection, solvers, silent,
+                          [&](const report::SuiteRow& row) { told.push_back(row.name); });
     EXPECT_EQ(told.size(), rows.size());
     return rows;
 }
 
 TEST_F(SuiteFile, ASolverIsHeldToTheBouncesOfTheCase) {
     EXPECT_TRUE(run(load(), {exact("lpv", 1.0f, {})})[0].failures.empty());
-    const SuiteSolver lazy = exact("lpv", 1.0f, 1);
+    const report::SuiteSolver lazy = exact("lpv", 1.0f, 1);
     EXPECT_NEAR(*run(load(), {lazy})[0].energy, 0.75, 1e-5);
     EXPECT_EQ(run(load(), {lazy})[0].failures.size(), 2u); // error and energy
 }
@@ -361,20 +363,20 @@ TEST_F(SuiteFile, WhatGoesWrongInOneRowIsThatRowsFailure) {
     later["cheap"] = true;
     document_["cases"] = {first(), broken, later};
     spill(folder_ / "broken.gltf", "not a scene");
-    const Suite suite = load();
-    const std::vector<SuiteRow> rows = run(suite, {exact("lpv", 1.0f, {})});
+    const report::Suite suite = load();
+    const std::vector<report::SuiteRow> rows = run(suite, {exact("lpv", 1.0f, {})});
     ASSERT_EQ(rows.size(), 3u);
     EXPECT_TRUE(rows[0].measured && rows[0].failures.empty());
     EXPECT_FALSE(rows[1].measured);
     expect_failure(rows[1], "broken.gltf");
     EXPECT_TRUE(rows[2].measured && rows[2].failures.empty());
 
-    SuiteSolver failing = exact("lpv", 1.0f, {});
-    failing.bake = [](const Scene&, const SuiteOptions&, Progress&) -> Volume {
+    report::SuiteSolver failing = exact("lpv", 1.0f, {});
+    failing.bake = [](const Scene&, const report::SuiteOptions&, Progress&) -> Volume {
         throw Error(ErrorKind::memory, "too large");
     };
     expect_failure(run(suite, {failing}, {{"later"}, {}, false})[0], "too large");
-    failing.bake = [](const Scene&, const SuiteOptions&, Progress&) -> Volume {
+    failing.bake = [](const Scene&, const report::SuiteOptions&, Progress&) -> Volume {
         throw Error(ErrorKind::interrupted, "stop");
     };
     EXPECT_THROW(run(suite, {failing}), Error);
@@ -392,11 +394,12 @@ TEST_F(SuiteFile, TruthIsTracedOnceACase) {
     json later = first();
     later["name"] = "later";
     document_["cases"] = {first(), later};
-    const auto traced = [&](const std::vector<SuiteSolver>& solvers) {
+    const auto traced = [&](const std::vector<report::SuiteSolver>& solvers) {
         Counter counter;
-        const std::vector<SuiteRow> rows = run_suite(load(), {}, solvers, counter, [](auto&) {});
+        const std::vector<report::SuiteRow> rows =
+            report::run_suite(load(), {}, solvers, counter, [](auto&) {});
         EXPECT_EQ(rows.size(), 2 * solvers.size());
-        for (const SuiteRow& row : rows)
+        for (const report::SuiteRow& row : rows)
             EXPECT_EQ(row.error, rows[0].error);
         return counter.traced;
     };
@@ -410,15 +413,17 @@ TEST_F(SuiteFile, RowsCanBeSelected) {
     later["name"] = "later";
     later["cheap"] = true;
     document_["cases"] = {first(), later};
-    const Suite suite = load();
-    const std::vector<SuiteSolver> solvers{exact("lpv", 1.0f, {}), exact("other", 1.0f, {})};
+    const report::Suite suite = load();
+    const std::vector<report::SuiteSolver> solvers{exact("lpv", 1.0f, {}),
+                                                   exact("other", 1.0f, {})};
     EXPECT_EQ(run(suite, solvers).size(), 2u); // nobody limits the other solver
     EXPECT_EQ(run(suite, solvers, {{"later"}, {}, false}).at(0).name, "later");
     EXPECT_EQ(run(suite, solvers, {{}, {}, true}).size(), 1u);
     EXPECT_EQ(run(suite, solvers, {{}, {"lpv"}, false}).size(), 2u);
-    for (const SuiteSelection& wrong :
-         {SuiteSelection{{"nobody"}, {}, false}, SuiteSelection{{}, {"nobody"}, false},
-          SuiteSelection{{}, {"other"}, false}, SuiteSelection{{"room"}, {}, true}})
+    for (const report::SuiteSelection& wrong :
+         {report::SuiteSelection{{"nobody"}, {}, false},
+          report::SuiteSelection{{}, {"nobody"}, false},
+          report::SuiteSelection{{}, {"other"}, false}, report::SuiteSelection{{"room"}, {}, true}})
         EXPECT_EQ(error_of("", [&] { run(suite, solvers, wrong); }).kind, ErrorKind::argument);
 }
 
@@ -430,7 +435,7 @@ TEST(HardCases, ScenesAreWhatTheyWereBuiltAs) {
     scenes::write_gltf(built, folder / "a.gltf");
     const Scene read = load_gltf(folder / "a.gltf", {});
     EXPECT_TRUE(read.warnings.empty());
-    EXPECT_EQ(triangle_count(read), triangle_count(built));
+    EXPECT_EQ(scene::triangle_count(read), scene::triangle_count(built));
     EXPECT_EQ(bounds_of(read).lo, bounds_of(built).lo);
     EXPECT_EQ(bounds_of(read).hi, bounds_of(built).hi);
     ASSERT_EQ(read.lights.size(), 2u);
@@ -449,10 +454,11 @@ class HardCasesOnDevice : public testing::DeviceTest {};
 TEST_F(HardCasesOnDevice, TheCheapPartHolds) {
     TemporaryFolder folder;
     scenes::write_hard_cases(folder.path().string());
-    const Suite suite = load_suite(folder / "suite.json");
-    const std::vector<SuiteRow> rows = run(suite, suite_solvers(device()), {{}, {}, true});
+    const report::Suite suite = report::load_suite(folder / "suite.json");
+    const std::vector<report::SuiteRow> rows =
+        run(suite, report::suite_solvers(device()), {{}, {}, true});
     EXPECT_GE(rows.size(), 60u);
-    for (const SuiteRow& row : rows)
+    for (const report::SuiteRow& row : rows)
         for (const std::string& failure : row.failures)
             ADD_FAILURE() << row.name << " by " << row.solver << ": " << failure;
 }

@@ -41,10 +41,10 @@ TEST(Vdb, FullPrecisionRoundTripsExactly) {
                 const Volume volume =
                     random_volume(dims, order, occlusion, unsigned(order + dims.x));
                 const std::string path = folder / "a.vdb";
-                const WriteReport report = write_volume(path, volume, Precision::full);
+                const WriteReport report = io::write_volume(path, volume, Precision::full);
                 EXPECT_TRUE(report.warnings.empty());
                 EXPECT_EQ(report.bytes(), std::filesystem::file_size(path));
-                expect_equal(read_vdb(path), volume);
+                expect_equal(io::read_vdb(path), volume);
             }
     EXPECT_EQ(folder.count(), 1);
 }
@@ -53,18 +53,18 @@ TEST(Vdb, AbsentValidityStaysAbsent) {
     const TemporaryFolder folder;
     Volume volume = random_volume({4, 5, 6}, 1, false, 1);
     volume.validity.clear();
-    write_volume(folder / "a.vdb", volume, Precision::full);
-    expect_equal(read_vdb(folder / "a.vdb"), volume);
+    io::write_volume(folder / "a.vdb", volume, Precision::full);
+    expect_equal(io::read_vdb(folder / "a.vdb"), volume);
 }
 
 TEST(Vdb, HalfRoundTripsWithinHalf) {
     const TemporaryFolder folder;
     const Volume volume = random_volume({33, 40, 29}, 1, true, 2);
-    const WriteReport full = write_volume(folder / "full.vdb", volume, Precision::full);
-    const WriteReport half = write_volume(folder / "half.vdb", volume, Precision::half);
+    const WriteReport full = io::write_volume(folder / "full.vdb", volume, Precision::full);
+    const WriteReport half = io::write_volume(folder / "half.vdb", volume, Precision::half);
     EXPECT_TRUE(half.warnings.empty());
     EXPECT_LT(double(half.bytes()), 0.7 * double(full.bytes()));
-    const Volume back = read_vdb(folder / "half.vdb");
+    const Volume back = io::read_vdb(folder / "half.vdb");
     for (size_t i = 0; i < volume.grid.size(); ++i) {
         for (size_t k = 0; k < 4; ++k) {
             for (int c = 0; c < 3; ++c)
@@ -79,16 +79,16 @@ TEST(Vdb, HalfThatDoesNotFitIsWrittenInFull) {
     const TemporaryFolder folder;
     Volume volume = random_volume({5, 5, 5}, 1, false, 3);
     volume.sh[2][17] = {0, -65505, 0};
-    const WriteReport report = write_volume(folder / "a.vdb", volume, Precision::half);
+    const WriteReport report = io::write_volume(folder / "a.vdb", volume, Precision::half);
     ASSERT_EQ(report.warnings.size(), 1u);
     EXPECT_NE(report.warnings[0].find("sh_l1_z reaches 65505"), std::string::npos)
         << report.warnings[0];
-    expect_equal(read_vdb(folder / "a.vdb"), volume);
+    expect_equal(io::read_vdb(folder / "a.vdb"), volume);
     volume.sh[2][17] = {0, -65504, 0};
-    EXPECT_TRUE(write_volume(folder / "a.vdb", volume, Precision::half).warnings.empty());
+    EXPECT_TRUE(io::write_volume(folder / "a.vdb", volume, Precision::half).warnings.empty());
     const Volume dim = random_volume({5, 5, 5}, 1, false, 3, 1e-7f);
-    EXPECT_EQ(write_volume(folder / "dim.vdb", dim, Precision::half).warnings.size(), 1u);
-    expect_equal(read_vdb(folder / "dim.vdb"), dim);
+    EXPECT_EQ(io::write_volume(folder / "dim.vdb", dim, Precision::half).warnings.size(), 1u);
+    expect_equal(io::read_vdb(folder / "dim.vdb"), dim);
 }
 
 TEST(Vdb, BytesDependOnContentAlone) {
@@ -98,7 +98,7 @@ TEST(Vdb, BytesDependOnContentAlone) {
         const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
                                         size_t(threads));
         const std::string path = folder / ("t" + std::to_string(threads) + ".vdb");
-        write_volume(path, what, Precision::full);
+        io::write_volume(path, what, Precision::full);
         return slurp(path);
     };
     const std::string one = bytes(1, volume);
@@ -119,7 +119,7 @@ TEST(Vdb, BytesDependOnContentAlone) {
 TEST(Vdb, OpensInVdbPrint) {
     const TemporaryFolder folder;
     const std::string path = folder / "a.vdb";
-    write_volume(path, random_volume({7, 13, 9}, 1, true, 5), Precision::full);
+    io::write_volume(path, random_volume({7, 13, 9}, 1, true, 5), Precision::full);
     const std::string text = output_of("vdb_print -l -m " + path);
     for (const char* expected : {"sh_l0",
                                  "sh_l1_y",
@@ -166,7 +166,7 @@ TEST(Vdb, OpensInPython) {
     volume.sh[3][lit] = {0, 0, 4};
     volume.sh[0][volume.grid.index({2, 3, 4})] = {1, 2, 3};
     const std::string path = folder / "a.vdb";
-    write_volume(path, volume, Precision::full);
+    io::write_volume(path, volume, Precision::full);
     EXPECT_EQ(output_of(reader + R"(
 grids = {g.name: g for g in vdb.readAllGridMetadata(file)}
 print(sorted(grids))
@@ -202,20 +202,22 @@ TEST(Vdb, EmptySpaceCostsNothing) {
     volume.grid = {{0, 0, 0}, 1, {64, 64, 64}};
     volume.sh.assign(4, std::vector<glm::vec3>(volume.grid.size()));
     volume.validity.assign(volume.grid.size(), 0);
-    const uint64_t none = write_volume(folder / "a.vdb", volume, Precision::full).bytes();
+    const uint64_t none = io::write_volume(folder / "a.vdb", volume, Precision::full).bytes();
     EXPECT_LT(none, 20000u);
-    expect_equal(read_vdb(folder / "a.vdb").sh == volume.sh ? volume : Volume(), volume);
+    expect_equal(io::read_vdb(folder / "a.vdb").sh == volume.sh ? volume : Volume(), volume);
     // Uniform space becomes tiles.
     volume.validity.assign(volume.grid.size(), 1);
-    EXPECT_LT(write_volume(folder / "a.vdb", volume, Precision::full).bytes(), 2 * none + 100000);
-    EXPECT_EQ(read_vdb(folder / "a.vdb").validity, volume.validity);
+    EXPECT_LT(io::write_volume(folder / "a.vdb", volume, Precision::full).bytes(),
+              2 * none + 100000);
+    EXPECT_EQ(io::read_vdb(folder / "a.vdb").validity, volume.validity);
 }
 
 TEST(Vdb, RefusesWhatIsNotAVolume) {
     const TemporaryFolder folder;
     const std::string path = folder / "a.vdb";
     const auto refused = [&](const Volume& volume) {
-        const Error error = error_of(path, [&] { write_volume(path, volume, Precision::full); });
+        const Error error =
+            error_of(path, [&] { io::write_volume(path, volume, Precision::full); });
         EXPECT_EQ(error.kind, ErrorKind::failure);
         EXPECT_EQ(folder.count(), 0);
         return std::string(error.what());
@@ -260,11 +262,11 @@ TEST(Vdb, RefusesWhatIsNotAVolume) {
 TEST(Vdb, RejectsDamagedFiles) {
     const TemporaryFolder folder;
     const std::string path = folder / "a.vdb";
-    write_volume(path, random_volume({5, 6, 7}, 1, false, 8), Precision::full);
+    io::write_volume(path, random_volume({5, 6, 7}, 1, false, 8), Precision::full);
     const std::string good = slurp(path);
     const auto kind = [&](const std::string& bytes) {
         spill(path, bytes);
-        return error_of(path, [&] { read_vdb(path); }).kind;
+        return error_of(path, [&] { io::read_vdb(path); }).kind;
     };
     for (size_t length = 0; length < good.size(); length += 997)
         EXPECT_EQ(kind(good.substr(0, length)), ErrorKind::invalid) << length;
@@ -277,13 +279,13 @@ TEST(Vdb, RejectsDamagedFiles) {
     }
     EXPECT_EQ(kind(std::string(5000, 'x')), ErrorKind::invalid);
     std::filesystem::remove(path);
-    EXPECT_EQ(error_of(path, [&] { read_vdb(path); }).kind, ErrorKind::file);
+    EXPECT_EQ(error_of(path, [&] { io::read_vdb(path); }).kind, ErrorKind::file);
     std::filesystem::create_directory(path);
-    EXPECT_EQ(error_of(path, [&] { read_vdb(path); }).kind, ErrorKind::file);
+    EXPECT_EQ(error_of(path, [&] { io::read_vdb(path); }).kind, ErrorKind::file);
     EXPECT_EQ(
         error_of(path,
                  [&] {
-                     write_volume(path, random_volume({2, 2, 2}, 0, false, 1), Precision::full);
+                     io::write_volume(path, random_volume({2, 2, 2}, 0, false, 1), Precision::full);
                  })
             .kind,
         ErrorKind::file);
@@ -296,7 +298,7 @@ TEST(Vdb, RejectsFilesOfOthers) {
               + "grid = vdb.FloatGrid()\ngrid.fill((0,0,0), (3,3,3), 1.0)\ngrid.name = 'sh_l0'\n"
                 "vdb.write(file, grids=[grid])\" "
               + path);
-    const Error error = error_of(path, [&] { read_vdb(path); });
+    const Error error = error_of(path, [&] { io::read_vdb(path); });
     EXPECT_EQ(error.kind, ErrorKind::invalid);
     EXPECT_NE(std::string(error.what()).find("not written by lpvbake"), std::string::npos);
 }
@@ -305,12 +307,12 @@ TEST(Io, DispatchesOnTheExtension) {
     const TemporaryFolder folder;
     const Volume volume = random_volume({3, 4, 5}, 1, true, 9);
     for (const char* name : {"a.vdb", "b.VDB", "c.exr", "d.Exr"}) {
-        write_volume(folder / name, volume, Precision::full);
+        io::write_volume(folder / name, volume, Precision::full);
         expect_equal(read_volume(folder / name), volume);
     }
     for (const char* name : {"a.png", "a", "vdb"}) {
         const Error error =
-            error_of(name, [&] { write_volume(folder / name, volume, Precision::full); });
+            error_of(name, [&] { io::write_volume(folder / name, volume, Precision::full); });
         EXPECT_EQ(error.kind, ErrorKind::argument);
         EXPECT_NE(std::string(error.what()).find(".vdb or .exr"), std::string::npos);
         EXPECT_EQ(error_of(name, [&] { read_volume(folder / name); }).kind, ErrorKind::argument);

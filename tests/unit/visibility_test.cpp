@@ -35,7 +35,7 @@ struct Met {
 };
 
 /// Plane first, then three half-plane tests, in double.
-std::vector<Met> brute_force(const Scene& scene, const Ray& ray) {
+std::vector<Met> brute_force(const Scene& scene, const visibility::Ray& ray) {
     std::vector<Met> met;
     const Mesh& mesh = scene.meshes[0];
     const glm::dvec3 o{ray.origin}, d{ray.direction};
@@ -60,33 +60,33 @@ std::vector<Met> brute_force(const Scene& scene, const Ray& ray) {
 
 TEST(Visibility, AgreesWithBruteForce) {
     const Scene scene = random_soup(400, 1);
-    const Visibility visibility(scene, Frame{});
+    const visibility::Visibility visibility(scene, scene::Frame{});
     std::mt19937 random(2);
     std::uniform_real_distribution<float> at(0.0f, 10.0f);
-    std::vector<Crossing> crossings;
+    std::vector<visibility::Crossing> crossings;
     int hits = 0, different = 0;
     for (int i = 0; i < 2000; ++i) {
         const glm::vec3 from{at(random), at(random), at(random)};
         const glm::vec3 to{at(random), at(random), at(random)};
-        const Ray ray{from, to - from, 0.0f, 1.0f};
+        const visibility::Ray ray{from, to - from, 0.0f, 1.0f};
         const std::vector<Met> expected = brute_force(scene, ray);
         visibility.crossings(ray, crossings);
-        const Hit hit = visibility.closest(ray);
+        const visibility::Hit hit = visibility.closest(ray);
         // Rays within rounding of an edge may differ; they are few.
         if (crossings.size() != expected.size()) {
             ++different;
             continue;
         }
         EXPECT_EQ(visibility.transmittance(ray), expected.empty() ? 1.0f : 0.0f);
-        EXPECT_EQ(hit.instance == no_hit, expected.empty());
+        EXPECT_EQ(hit.instance == visibility::no_hit, expected.empty());
         for (size_t k = 0; k < expected.size(); ++k) {
             EXPECT_NEAR(double(crossings[k].t), expected[k].t, 1e-5);
-            EXPECT_EQ(crossings[k].facing == Facing::back, expected[k].back);
+            EXPECT_EQ(crossings[k].facing == visibility::Facing::back, expected[k].back);
             ++hits;
         }
         if (!expected.empty()) {
             EXPECT_NEAR(double(hit.t), expected[0].t, 1e-5);
-            EXPECT_EQ(hit.facing == Facing::back, expected[0].back);
+            EXPECT_EQ(hit.facing == visibility::Facing::back, expected[0].back);
             const Mesh& mesh = scene.meshes[0];
             const glm::uvec3 v = mesh.triangles[hit.triangle];
             const glm::vec3 p = (1.0f - hit.barycentric.x - hit.barycentric.y) * mesh.positions[v.x]
@@ -103,7 +103,7 @@ TEST(Visibility, ClosedBoxIsTightAtEdgesAndCorners) {
     Scene scene;
     scenes::add_box(scene, scenes::add_material(scene, glm::vec3(0.5f)), glm::vec3(0.0f),
                     glm::vec3(1.0f), scenes::Facing::outward);
-    const Visibility visibility(scene, Frame{});
+    const visibility::Visibility visibility(scene, scene::Frame{});
     for (int x = 0; x <= 8; ++x)
         for (int y = 0; y <= 8; ++y)
             for (int z = 0; z <= 8; ++z) {
@@ -111,9 +111,9 @@ TEST(Visibility, ClosedBoxIsTightAtEdgesAndCorners) {
                 const glm::vec3 away = to - glm::vec3(0.5f);
                 if (std::max({std::abs(away.x), std::abs(away.y), std::abs(away.z)}) < 0.5f)
                     continue; // not on the box
-                const Ray ray{glm::vec3(0.5f), away, 0.0f, 4.0f};
+                const visibility::Ray ray{glm::vec3(0.5f), away, 0.0f, 4.0f};
                 EXPECT_EQ(visibility.transmittance(ray), 0.0f) << x << ' ' << y << ' ' << z;
-                EXPECT_EQ(visibility.closest(ray).facing, Facing::back);
+                EXPECT_EQ(visibility.closest(ray).facing, visibility::Facing::back);
             }
 }
 
@@ -122,11 +122,11 @@ TEST(Visibility, MirroredInstanceKeepsItsFrontAndItsBarycentrics) {
     const int material = scenes::add_material(scene, glm::vec3(0.5f));
     scenes::add_quad(scene, material, {0, 0, 0}, {1, 0, 0}, {0, 1, 0},
                      glm::scale(glm::dmat4(1.0), glm::dvec3(-1, 1, 1)));
-    const Visibility visibility(scene, Frame{});
-    const Ray ray{{-0.7f, 0.2f, 1.0f}, {0, 0, -1}, 0.0f, 2.0f};
-    const Hit hit = visibility.closest(ray);
-    ASSERT_NE(hit.instance, no_hit);
-    EXPECT_EQ(hit.facing, Facing::front); // the quad faces +Z before and after
+    const visibility::Visibility visibility(scene, scene::Frame{});
+    const visibility::Ray ray{{-0.7f, 0.2f, 1.0f}, {0, 0, -1}, 0.0f, 2.0f};
+    const visibility::Hit hit = visibility.closest(ray);
+    ASSERT_NE(hit.instance, visibility::no_hit);
+    EXPECT_EQ(hit.facing, visibility::Facing::front); // the quad faces +Z before and after
     EXPECT_NEAR(hit.normal.z, 1.0f, 1e-6f);
     const Mesh& mesh = scene.meshes[0];
     const glm::uvec3 v = mesh.triangles[hit.triangle];
@@ -144,8 +144,8 @@ TEST(Visibility, BlendedLayersMultiply) {
     scene.materials[size_t(glass)].base_color.w = 0.25f;
     for (int i = 0; i < 3; ++i)
         scenes::add_quad(scene, glass, {0, 0, float(i)}, {1, 0, 0}, {0, 1, 0});
-    const Visibility visibility(scene, Frame{});
-    const Ray ray{{0.3f, 0.6f, -1.0f}, {0, 0, 1}, 0.0f, 4.0f};
+    const visibility::Visibility visibility(scene, scene::Frame{});
+    const visibility::Ray ray{{0.3f, 0.6f, -1.0f}, {0, 0, 1}, 0.0f, 4.0f};
     EXPECT_FLOAT_EQ(visibility.transmittance(ray), 0.75f * 0.75f * 0.75f);
     // Stochastic nearest hits meet the first layer with probability alpha.
     std::mt19937 random(3);
@@ -154,7 +154,7 @@ TEST(Visibility, BlendedLayersMultiply) {
     for (int i = 0; i < 4000; ++i)
         first +=
             visibility.closest({{at(random), at(random), -1.0f}, {0, 0, 1}, 0.0f, 1.5f}).instance
-            != no_hit;
+            != visibility::no_hit;
     EXPECT_NEAR(first / 4000.0, 0.25, 0.03);
 }
 
@@ -162,13 +162,13 @@ TEST(Visibility, CulledBacksAreNotThere) {
     Scene scene;
     scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)), {0, 0, 0}, {1, 0, 0},
                      {0, 1, 0});
-    const Ray to_front{{0.3f, 0.6f, 1.0f}, {0, 0, -1}, 0.0f, 2.0f};
-    const Ray to_back{{0.3f, 0.6f, -1.0f}, {0, 0, 1}, 0.0f, 2.0f};
-    EXPECT_EQ(Visibility(scene, Frame{}).transmittance(to_back), 0.0f);
+    const visibility::Ray to_front{{0.3f, 0.6f, 1.0f}, {0, 0, -1}, 0.0f, 2.0f};
+    const visibility::Ray to_back{{0.3f, 0.6f, -1.0f}, {0, 0, 1}, 0.0f, 2.0f};
+    EXPECT_EQ(visibility::Visibility(scene, scene::Frame{}).transmittance(to_back), 0.0f);
     scene.rules.cull_backfaces = true;
-    const Visibility visibility(scene, Frame{});
+    const visibility::Visibility visibility(scene, scene::Frame{});
     EXPECT_EQ(visibility.transmittance(to_back), 1.0f);
-    EXPECT_EQ(visibility.closest(to_back).instance, no_hit);
+    EXPECT_EQ(visibility.closest(to_back).instance, visibility::no_hit);
     EXPECT_EQ(visibility.transmittance(to_front), 0.0f);
 }
 
@@ -182,17 +182,19 @@ TEST(Visibility, FrameMakesTinyAndFarScenesAlike) {
                 scene, scenes::add_material(scene, glm::vec3(0.5f)), {0, 0, 0}, {1, 0, 0},
                 {0, 1, 0},
                 glm::scale(glm::translate(glm::dmat4(1.0), glm::dvec3(offset)), glm::dvec3(scale)));
-            const Frame frame{glm::dvec3(offset) - 0.5 * scale, scale, glm::dvec3(2.0)};
-            const Visibility visibility(scene, frame);
-            const Hit hit = visibility.closest({{0.9f, 0.9f, 1.5f}, {0, 0, -1}, 0.0f, 10.0f});
-            ASSERT_NE(hit.instance, no_hit) << scale << ' ' << offset;
+            const scene::Frame frame{glm::dvec3(offset) - 0.5 * scale, scale, glm::dvec3(2.0)};
+            const visibility::Visibility visibility(scene, frame);
+            const visibility::Hit hit =
+                visibility.closest({{0.9f, 0.9f, 1.5f}, {0, 0, -1}, 0.0f, 10.0f});
+            ASSERT_NE(hit.instance, visibility::no_hit) << scale << ' ' << offset;
             EXPECT_NEAR(hit.t, 1.0f, 1e-5f);
         }
 }
 
 TEST(Visibility, EightsAnswerAsSingleRays) {
     for (const bool cull : {false, true})
-        for (const Bundle bundle : {Bundle::loose, Bundle::tight}) {
+        for (const visibility::Bundle bundle :
+             {visibility::Bundle::loose, visibility::Bundle::tight}) {
             // Opaque, blended, cut out by a vertex's alpha, and double-sided triangles.
             Scene scene = random_soup(150, 4);
             scene.rules.cull_backfaces = cull;
@@ -209,15 +211,15 @@ TEST(Visibility, EightsAnswerAsSingleRays) {
                         scene.meshes.back().colors.push_back({1, 1, 1, i % 3 ? 0.0f : 1.0f});
                 scene.instances.push_back({m, glm::dmat4(1.0)});
             }
-            const Visibility visibility(scene, Frame{});
+            const visibility::Visibility visibility(scene, scene::Frame{});
             std::mt19937 random(6);
             std::uniform_real_distribution<float> at(0.0f, 10.0f);
-            std::vector<Ray> rays(4003); // the last eight are not full
-            for (Ray& ray : rays)
+            std::vector<visibility::Ray> rays(4003); // the last eight are not full
+            for (visibility::Ray& ray : rays)
                 ray = {{at(random), at(random), at(random)}, {}, 0.01f, 0.5f};
-            for (Ray& ray : rays)
+            for (visibility::Ray& ray : rays)
                 ray.direction = glm::vec3(at(random), at(random), at(random)) - ray.origin;
-            std::vector<Hit> hits(rays.size()), on_all_threads(rays.size());
+            std::vector<visibility::Hit> hits(rays.size()), on_all_threads(rays.size());
             std::vector<float> open(rays.size()), open_on_all_threads(rays.size());
             visibility.closest_of_eights(rays, bundle, hits);
             visibility.transmittance_of_eights(rays, bundle, open);
@@ -226,7 +228,7 @@ TEST(Visibility, EightsAnswerAsSingleRays) {
             std::array<int, 4> met{};
             int missed = 0, different = 0, partly = 0, on_threads = 0;
             for (size_t i = 0; i < rays.size(); ++i) {
-                const Hit hit = visibility.closest(rays[i]);
+                const visibility::Hit hit = visibility.closest(rays[i]);
                 const float through = visibility.transmittance(rays[i]);
                 on_threads += on_all_threads[i].triangle != hits[i].triangle
                               || open_on_all_threads[i] != open[i];
@@ -236,7 +238,7 @@ TEST(Visibility, EightsAnswerAsSingleRays) {
                     continue;
                 }
                 partly += through > 0.0f && through < 1.0f;
-                if (hit.instance == no_hit) {
+                if (hit.instance == visibility::no_hit) {
                     ++missed;
                     continue;
                 }
@@ -257,22 +259,22 @@ TEST(Visibility, EightsAnswerAsSingleRays) {
 
 TEST(Visibility, PackedRaysMeetWhatSingleRaysMeet) {
     const Scene scene = random_soup(400, 1);
-    const Visibility visibility(scene, Frame{});
+    const visibility::Visibility visibility(scene, scene::Frame{});
     std::mt19937 random(7);
     std::uniform_real_distribution<float> at(0.0f, 10.0f);
-    std::vector<Ray> rays(1001);
+    std::vector<visibility::Ray> rays(1001);
     int64_t hits = 0;
-    for (Ray& ray : rays) {
+    for (visibility::Ray& ray : rays) {
         ray = {{at(random), at(random), at(random)}, {}, 0.0f, 0.3f};
         ray.direction = glm::vec3(at(random), at(random), at(random)) - ray.origin;
-        hits += visibility.closest(ray).instance != no_hit;
+        hits += visibility.closest(ray).instance != visibility::no_hit;
     }
     EXPECT_GT(hits, 100);
     EXPECT_LT(hits, 900);
-    PackedRays packed;
-    packed.add(rays, Bundle::loose, false);
-    packed.add(rays, Bundle::loose, true);
-    packed.add({}, Bundle::loose, true);
+    visibility::PackedRays packed;
+    packed.add(rays, visibility::Bundle::loose, false);
+    packed.add(rays, visibility::Bundle::loose, true);
+    packed.add({}, visibility::Bundle::loose, true);
     EXPECT_EQ(packed.size(), 2 * rays.size());
     EXPECT_NEAR(double(packed.trace(visibility)), double(2 * hits), 4);
     EXPECT_EQ(packed.trace(visibility), packed.trace(visibility));
@@ -280,10 +282,11 @@ TEST(Visibility, PackedRaysMeetWhatSingleRaysMeet) {
 
 TEST(Visibility, EmptySceneBlocksNothing) {
     const Scene scene;
-    const Visibility visibility(scene, Frame{});
+    const visibility::Visibility visibility(scene, scene::Frame{});
     std::vector<float> open(1);
-    visibility.transmittance_of_eights(std::vector<Ray>{{{0, 0, 0}, {1, 0, 0}, 0.0f, 1e3f}},
-                                       Bundle::tight, open);
+    visibility.transmittance_of_eights(
+        std::vector<visibility::Ray>{{{0, 0, 0}, {1, 0, 0}, 0.0f, 1e3f}}, visibility::Bundle::tight,
+        open);
     EXPECT_EQ(open[0], 1.0f);
     EXPECT_EQ(visibility.transmittance({{0, 0, 0}, {1, 0, 0}, 0.0f, 1e3f}), 1.0f);
 }

@@ -28,9 +28,9 @@ Volume lit_around(const Scene& scene, const Grid& grid, const Luminance& luminan
         for (int y = 0; y < grid.dims.y; ++y)
             for (int x = 0; x < grid.dims.x; ++x)
                 volume.sh[0][grid.index({x, y, z})] =
-                    glm::vec3(float(luminance(grid.center({x, y, z})) / double(sh_y0)));
-    const Visibility visibility(scene, {grid.origin, grid.cell, glm::dvec3(grid.dims)});
-    volume.walls = find_walls(visibility, grid.dims, {}, most_walls, walls_reach);
+                    glm::vec3(float(luminance(grid.center({x, y, z})) / double(volume::sh_y0)));
+    const visibility::Visibility visibility(scene, {grid.origin, grid.cell, glm::dvec3(grid.dims)});
+    volume.walls = visibility::find_walls(visibility, grid.dims, {}, most_walls, walls_reach);
     return volume;
 }
 
@@ -118,10 +118,11 @@ TEST(Walls, ArePlanesThroughTheNearestOfWhatIsLeft) {
     scenes::add_quad(scene, grey, {-9, 1.2f, -9}, {0, 0, 40}, {40, 0, 0}); // floor
     scenes::add_quad(scene, grey, {3, -9, -9}, {0, 40, 0}, {0, 0, 40});    // wall
     const Grid grid{glm::dvec3(0), 1.0, {8, 6, 4}};
-    const Visibility visibility(scene, {grid.origin, grid.cell, glm::dvec3(grid.dims)});
+    const visibility::Visibility visibility(scene, {grid.origin, grid.cell, glm::dvec3(grid.dims)});
     std::vector<float> validity(grid.size(), 1.0f);
     validity[grid.index({4, 2, 0})] = 0;
-    const auto walls = find_walls(visibility, grid.dims, validity, most_walls, walls_reach);
+    const auto walls =
+        visibility::find_walls(visibility, grid.dims, validity, most_walls, walls_reach);
     ASSERT_EQ(walls.size(), 3u);
     const auto expect = [&](glm::ivec3 cell, glm::vec3 first, glm::vec3 second) {
         const std::size_t i = grid.index(cell);
@@ -157,13 +158,13 @@ TEST(Walls, WhatIsMostlyNotThereIsNone) {
     const int pane = scenes::add_material(scene, glm::vec3(0.5f));
     scene.materials[size_t(pane)].alpha_mode = AlphaMode::blend;
     scenes::add_quad(scene, pane, {-9, 1.2f, -9}, {0, 0, 40}, {40, 0, 0});
-    const Frame frame{glm::dvec3(0), 1.0, glm::dvec3(4)};
+    const scene::Frame frame{glm::dvec3(0), 1.0, glm::dvec3(4)};
     for (const auto& [alpha, there] : {std::pair{0.4f, false}, {0.6f, true}}) {
         scene.materials[size_t(pane)].base_color.a = alpha;
-        EXPECT_EQ(
-            find_walls(Visibility(scene, frame), glm::ivec3(4), {}, most_walls, walls_reach)[0][5]
-                != glm::vec3(0),
-            there);
+        EXPECT_EQ(visibility::find_walls(visibility::Visibility(scene, frame), glm::ivec3(4), {},
+                                         most_walls, walls_reach)[0][5]
+                      != glm::vec3(0),
+                  there);
     }
 }
 

@@ -5,19 +5,19 @@
 #include "image/image.h"
 #include "lpvbake/export.h"
 
-namespace lpvbake {
+namespace lpvbake::image {
 
 struct ImageModule {
-    decltype(lpvbake::decode_image)* decode;
-    decltype(lpvbake::decode_exr)* decode_exr;
-    decltype(lpvbake::read_picture)* read_picture;
-    decltype(lpvbake::encode_png)* encode_png;
+    decltype(lpvbake::image::decode_image)* decode;
+    decltype(lpvbake::image::decode_exr)* decode_exr;
+    decltype(lpvbake::image::read_picture)* read_picture;
+    decltype(lpvbake::image::encode_png)* encode_png;
 };
 
 inline constexpr char image_module_file[] = "lpvbake_oiio.so";
 inline constexpr char image_module_symbol[] = "lpvbake_image_module";
 
-} // namespace lpvbake
+} // namespace lpvbake::image
 
 /// The module's one symbol.
-extern "C" LPVBAKE_API const lpvbake::ImageModule* lpvbake_image_module();
+extern "C" LPVBAKE_API const lpvbake::image::ImageModule* lpvbake_image_module();

@@ -15,7 +15,7 @@
 #include <memory>
 #include <utility>
 
-namespace lpvbake {
+namespace lpvbake::image {
 namespace {
 
 using OIIO::ImageInput;
@@ -207,16 +207,17 @@ Pixels read_picture_file(const std::string& path, uint64_t max_texels) {
 }
 
 } // namespace
-} // namespace lpvbake
+} // namespace lpvbake::image
 
-const lpvbake::ImageModule* lpvbake_image_module() {
-    static const lpvbake::ImageModule table = [] {
+const lpvbake::image::ImageModule* lpvbake_image_module() {
+    static const lpvbake::image::ImageModule table = [] {
         // One thread each: images are small, bytes must not depend on threads, and OpenEXR's own
         // pool (-1: none) would outnumber what the user asked for.
         OIIO::attribute("threads", 1);
         OIIO::attribute("exr_threads", -1);
-        return lpvbake::ImageModule{lpvbake::decode, lpvbake::decode_exr_bytes,
-                                    lpvbake::read_picture_file, lpvbake::encode_png_bytes};
+        return lpvbake::image::ImageModule{lpvbake::image::decode, lpvbake::image::decode_exr_bytes,
+                                           lpvbake::image::read_picture_file,
+                                           lpvbake::image::encode_png_bytes};
     }();
     return &table;
 }

@@ -4,7 +4,7 @@
 #include <cstring>
 #include <limits>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 namespace {
 
 template <typename Stored, typename Result, typename Convert>
@@ -89,4 +89,4 @@ std::vector<uint32_t> to_indices(const Elements& elements) {
     }
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

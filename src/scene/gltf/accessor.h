@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 
 /// The component types of glTF 2.0, by their numbers there.
 enum class Component : int {
@@ -42,4 +42,4 @@ std::vector<float> to_floats(const Elements& elements);
 /// All components as integers. Float components are not allowed.
 std::vector<uint32_t> to_indices(const Elements& elements);
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

@@ -4,7 +4,7 @@
 #include <limits>
 #include <new>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 namespace {
 
 constexpr uint64_t unlimited = std::numeric_limits<uint64_t>::max();
@@ -35,21 +35,21 @@ AllocationLimit::~AllocationLimit() {
     left = unlimited;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf
 
 // Every form that has a counterpart here, so that what one allocates the other can free. Those for
 // over-aligned types stay the system's.
 void* operator new(size_t size) {
-    return lpvbake::allocate_or_throw(size);
+    return lpvbake::scene::gltf::allocate_or_throw(size);
 }
 void* operator new[](size_t size) {
-    return lpvbake::allocate_or_throw(size);
+    return lpvbake::scene::gltf::allocate_or_throw(size);
 }
 void* operator new(size_t size, const std::nothrow_t&) noexcept {
-    return lpvbake::allocate(size);
+    return lpvbake::scene::gltf::allocate(size);
 }
 void* operator new[](size_t size, const std::nothrow_t&) noexcept {
-    return lpvbake::allocate(size);
+    return lpvbake::scene::gltf::allocate(size);
 }
 void operator delete(void* memory) noexcept {
     std::free(memory);

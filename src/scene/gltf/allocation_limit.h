@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 
 /// While it lives, all that this thread asks of operator new, freed or not, may come to `bytes`;
 /// beyond that operator new throws std::bad_alloc. Limits do not nest.
@@ -17,4 +17,4 @@ public:
     AllocationLimit& operator=(const AllocationLimit&) = delete;
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 namespace {
 
 /// A sampler's keys: `parts` runs of `width` values each, three for CUBICSPLINE (in-tangent, value,
@@ -165,4 +165,4 @@ double duration(const Document& document, int animation) {
     return last;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 
 /// What an animation sets of a node; the rest stays as the file has it.
 struct NodePose {
@@ -34,4 +34,4 @@ double duration(const Document& document, int animation);
 /// A unit quaternion of x, y, z, w. Throws Error for one without a length.
 glm::dquat unit_quaternion(const Document& document, glm::dvec4 xyzw, const std::string& place);
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

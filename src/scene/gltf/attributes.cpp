@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 namespace {
 
 /// `count` elements that begin `offset` bytes into a buffer view. `stride` 0: packed.
@@ -122,4 +122,4 @@ void check_attribute_type(const Document& document, int accessor_index, bool may
         document.fail(place, "must be of floats, unless KHR_mesh_quantization is used");
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

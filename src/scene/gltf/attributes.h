@@ -6,7 +6,7 @@
 
 #include <glm/glm.hpp>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 
 /// `width` floats an element. `user` is the JSON path of who asks. Throws Error.
 std::vector<float> read_floats(const Document& document, int accessor, int width,
@@ -34,4 +34,4 @@ std::vector<glm::vec<N, float>> read_vectors(const Document& document, int acces
     return to_vectors<N>(read_floats(document, accessor, N, user));
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

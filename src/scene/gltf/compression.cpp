@@ -13,7 +13,7 @@
 #include <new>
 #include <optional>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 namespace {
 
 [[noreturn]] void refuse(const std::string& place, const std::string& why) {
@@ -225,4 +225,4 @@ std::vector<unsigned char> decode_meshopt(const MeshoptView& view, const std::st
     return result;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

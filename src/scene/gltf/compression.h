@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 
 /// EXT_meshopt_compression's or KHR_meshopt_compression's description of a buffer view.
 struct MeshoptView {
@@ -50,4 +50,4 @@ struct DracoMesh {
 DracoMesh decode_draco(std::span<const unsigned char> bytes, const DracoLimits& limits,
                        const std::string& place);
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

@@ -13,7 +13,7 @@
 #include <cstring>
 #include <exception>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 namespace {
 
 using nlohmann::json;
@@ -422,4 +422,4 @@ Document parse_document(const std::string& path, const LoadSettings& settings) {
     return document;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

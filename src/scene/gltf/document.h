@@ -16,7 +16,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 
 using Bytes = std::span<const unsigned char>;
 
@@ -74,4 +74,4 @@ const tinygltf::Value* find_extension(const tinygltf::ExtensionMap& extensions, 
 /// thrown, whatever the threads did.
 void for_all(size_t count, const std::function<void(size_t)>& f);
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

@@ -7,7 +7,7 @@
 #include <cstring>
 #include <fstream>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 namespace {
 
 namespace fs = std::filesystem;
@@ -146,4 +146,4 @@ std::vector<unsigned char> decode_data_uri(std::string_view uri, const std::stri
     return bytes;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 
 /// Bytes of a regular file. Throws Error (file) whose text begins with `place`.
 uint64_t file_size(const std::filesystem::path& path, const std::string& place);
@@ -30,4 +30,4 @@ std::filesystem::path resolve_uri(const std::filesystem::path& folder, std::stri
 /// The bytes of "data:...;base64,...". Throws Error (invalid), beginning with `place`.
 std::vector<unsigned char> decode_data_uri(std::string_view uri, const std::string& place);
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

@@ -9,7 +9,7 @@
 #include <initializer_list>
 #include <string_view>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 namespace {
 
 using nlohmann::json;
@@ -106,9 +106,7 @@ Light light_from(const Place& place) {
     return light;
 }
 
-} // namespace
-
-std::vector<Light> load_lights(const std::string& path) {
+std::vector<Light> lights_of(const std::string& path) {
     const std::vector<unsigned char> text = read_file(path, path);
     json root;
     try {
@@ -127,6 +125,16 @@ std::vector<Light> load_lights(const std::string& path) {
     for (size_t i = 0; i < list.value.size(); ++i)
         lights.push_back(light_from({list.value[i], list.path + "[" + std::to_string(i) + "]"}));
     return lights;
+}
+
+} // namespace
+
+} // namespace lpvbake::scene::gltf
+
+namespace lpvbake {
+
+std::vector<Light> load_lights(const std::string& path) {
+    return scene::gltf::lights_of(path);
 }
 
 } // namespace lpvbake

@@ -6,7 +6,7 @@
 #include "scene/gltf/meshes.h"
 #include "scene/gltf/nodes.h"
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 namespace {
 
 /// Of textures the mean counts: a few white texels are clamped without a word.
@@ -103,9 +103,13 @@ Scene load(const std::string& path, const LoadSettings& settings) {
 
 } // namespace
 
+} // namespace lpvbake::scene::gltf
+
+namespace lpvbake {
+
 Scene load_gltf(const std::string& path, const LoadSettings& settings) {
     try {
-        return load(path, settings);
+        return scene::gltf::load(path, settings);
     } catch (const Error&) {
         throw;
     } catch (const std::bad_alloc&) {

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 namespace {
 
 glm::dvec2 pair(const tinygltf::Value& object, const char* key, glm::dvec2 otherwise) {
@@ -129,4 +129,4 @@ SourceMaterial read_material(const Document& document, int index, const Material
     return result;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

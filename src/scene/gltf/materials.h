@@ -5,7 +5,7 @@
 
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 
 /// Which coordinates a texture is looked up with: set TEXCOORD_<set>, transformed by
 /// KHR_texture_transform, uv' = offset + R(rotation) * (scale * uv), R turning counter-clockwise as
@@ -49,4 +49,4 @@ SourceMaterial read_material(const Document& document, int index, const Material
 std::vector<glm::dvec3> load_textures(Document& document, std::vector<SourceMaterial>& materials,
                                       bool skip_colors, Scene& scene);
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

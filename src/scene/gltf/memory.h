@@ -7,7 +7,7 @@
 #include <limits>
 #include <string>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 
 /// Sums what is about to be allocated. Asked before every allocation whose size a file decides, by
 /// one thread, so that whoever asks for too much is the same one in every run.
@@ -36,4 +36,4 @@ private:
     uint64_t taken_ = 0;
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

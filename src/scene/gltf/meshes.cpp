@@ -9,7 +9,7 @@
 #include <map>
 #include <optional>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 namespace {
 
 constexpr uint64_t max_vertices = uint64_t{1} << 31; ///< of one primitive; also its indices
@@ -484,4 +484,4 @@ std::vector<Mesh> read_meshes(Document& document, const Graph& graph, const Jobs
     return meshes;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 
 /// One primitive of a shape, to become a Mesh.
 struct Job {
@@ -31,4 +31,4 @@ Jobs collect_jobs(Document& document, const LoadSettings& settings, const Graph&
 std::vector<Mesh> read_meshes(Document& document, const Graph& graph, const Jobs& jobs,
                               const std::vector<SourceMaterial>& materials);
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

@@ -12,7 +12,7 @@
 #include <optional>
 #include <tuple>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 namespace {
 
 // ---------------------------------------------------------------- transforms
@@ -384,4 +384,4 @@ Graph walk(Document& document, const LoadSettings& settings, const Pose& pose) {
     return graph;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

@@ -4,7 +4,7 @@
 #include "scene/gltf/animation.h"
 #include "scene/gltf/document.h"
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 
 /// A glTF mesh in one shape. Placed with other weights or another skin, it is another shape.
 struct Shape {
@@ -32,4 +32,4 @@ struct Graph {
 /// Throws Error, also for nodes that form anything but trees.
 Graph walk(Document& document, const LoadSettings& settings, const Pose& pose);
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

@@ -6,7 +6,7 @@
 
 #include <limits>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 namespace {
 
 using nlohmann::json;
@@ -438,4 +438,4 @@ void check_schema(const json& root, const std::string& file) {
             checker.check(place + rule.path, rule.kind, rule.array);
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

@@ -7,7 +7,7 @@
 #include <string>
 #include <string_view>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 
 /// Most bytes that a value of JSON takes here and in tinygltf, its text aside.
 inline constexpr uint64_t json_element_bytes = 384;
@@ -23,4 +23,4 @@ nlohmann::json parse_json(std::string_view text, const std::string& file);
 /// type and every index points into its array.
 void check_schema(const nlohmann::json& root, const std::string& file);
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

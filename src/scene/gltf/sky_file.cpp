@@ -13,7 +13,7 @@ Sky load_sky(const std::string& path, std::vector<std::string>& warnings, double
     constexpr double brightest = 1e12; // the sun's disc has 1.6e9
     // Samples, and texels of the same.
     const uint64_t most = std::min(max_bytes / (6 * sizeof(float)), uint64_t(1) << 28);
-    const Pixels pixels = read_picture(path, most);
+    const image::Pixels pixels = image::read_picture(path, most);
     std::vector<glm::vec3> texels;
     texels.reserve(pixels.samples.size() / 3);
     size_t bad = 0;
@@ -33,7 +33,7 @@ Sky load_sky(const std::string& path, std::vector<std::string>& warnings, double
         warnings.push_back(format("%s: is %d x %d texels; an equirectangular picture is twice as "
                                   "wide as high",
                                   path.c_str(), pixels.width, pixels.height));
-    return make_sky(pixels.width, pixels.height, std::move(texels), glm::radians(turn));
+    return scene::make_sky(pixels.width, pixels.height, std::move(texels), glm::radians(turn));
 }
 
 } // namespace lpvbake

@@ -9,7 +9,7 @@
 #include <cmath>
 #include <map>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 namespace {
 
 constexpr uint64_t max_image_texels = 1ull << 28; ///< of one image, 16384 x 16384
@@ -111,11 +111,12 @@ private:
     std::vector<unsigned char> storage_;
 };
 
-ImageHeader header_of(const Document& document, int index) {
+image::ImageHeader header_of(const Document& document, int index) {
     constexpr uint64_t head = 1 << 20; // metadata before a JPEG's size is smaller, but for few
     for (const uint64_t most : {head, std::numeric_limits<uint64_t>::max()}) {
         const EncodedImage image(document, index, most);
-        if (const auto header = read_image_header(std::as_bytes(image.bytes)); header.texels() > 0)
+        if (const auto header = image::read_image_header(std::as_bytes(image.bytes));
+            header.texels() > 0)
             return header;
     }
     return {}; // the decoder says what is wrong
@@ -144,7 +145,7 @@ DecodedImage with_statistics(Image image) {
     for (int channel = 0; channel < 3; ++channel)
         for (int value = 0; value < 256; ++value)
             if (const uint64_t count = counts[channel][value]; count > 0) {
-                const double linear = srgb_to_linear(value / 255.0);
+                const double linear = colour::srgb_to_linear(value / 255.0);
                 const double share = static_cast<double>(count) / texels;
                 result.mean[channel] += share * linear;
                 result.mean_stored[channel] += share * (value / 255.0);
@@ -164,7 +165,7 @@ uint8_t stored_value(float linear) {
     static const Table table = [] {
         Table t;
         for (int i = 0; i < 255; ++i)
-            t.half_ways[i] = static_cast<float>(srgb_to_linear((i + 0.5) / 255.0));
+            t.half_ways[i] = static_cast<float>(colour::srgb_to_linear((i + 0.5) / 255.0));
         t.half_ways[255] = 2.0f;
         for (int i = 0; i <= parts; ++i)
             t.counts[i] = static_cast<uint8_t>(
@@ -180,7 +181,7 @@ uint8_t stored_value(float linear) {
 
 /// Half as wide and half as high: the mean of 2 x 2 texels, colour in linear light.
 Image halved(const Image& image) {
-    const std::array<float, 256>& linear = linear_values();
+    const std::array<float, 256>& linear = colour::linear_values();
     Image half{image.name, std::max(1, image.width / 2), std::max(1, image.height / 2), {}};
     half.rgba.resize(size_t{4} * half.width * half.height);
     uint8_t* out = half.rgba.data();
@@ -212,8 +213,8 @@ std::string name_of(const Document& document, int index) {
 
 DecodedImage load_image(const Document& document, int index, int halvings) {
     const EncodedImage encoded(document, index, std::numeric_limits<uint64_t>::max());
-    Rgba8 decoded =
-        decode_image(std::as_bytes(encoded.bytes), place_of(document, index), max_image_texels);
+    image::Rgba8 decoded = image::decode_image(std::as_bytes(encoded.bytes),
+                                               place_of(document, index), max_image_texels);
     DecodedImage result = with_statistics(
         {name_of(document, index), decoded.width, decoded.height, std::move(decoded.texels)});
     for (int i = 0; i < halvings; ++i)
@@ -224,7 +225,7 @@ DecodedImage load_image(const Document& document, int index, int halvings) {
 /// The image without texels; one that cannot be decoded is refused all the same, if its header
 /// shows it.
 Image size_of(const Document& document, int index) {
-    const ImageHeader header = header_of(document, index);
+    const image::ImageHeader header = header_of(document, index);
     if (header.texels() == 0 || header.texels() > max_image_texels)
         return load_image(document, index, 0).image;
     return {name_of(document, index), int(header.width), int(header.height), {}};
@@ -307,7 +308,7 @@ void transmit(Document& document, SourceMaterial& source, double share, glm::dve
         return;
     }
     const glm::dvec3 color = glm::min(glm::dvec3(material.base_color) * mean_texel, 1.0);
-    const double passing = share * glm::dot(color, rec709_luminance);
+    const double passing = share * glm::dot(color, colour::rec709_luminance);
     if (material.alpha_mode == AlphaMode::opaque)
         material.base_color.a = 1.0f;
     material.alpha_mode = AlphaMode::blend;
@@ -394,4 +395,4 @@ std::vector<glm::dvec3> load_textures(Document& document, std::vector<SourceMate
     return mean_texels;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

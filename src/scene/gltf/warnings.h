@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::scene::gltf {
 
 /// Lines of "file: place: what". Of one kind the first three places are named and the others
 /// counted, so that a broken file of a million nodes does not bury what else there is to say.
@@ -36,4 +36,4 @@ private:
     std::map<std::string, size_t> count_of_;
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::scene::gltf

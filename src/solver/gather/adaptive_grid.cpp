@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <array>
 
-namespace lpvbake::gather {
+namespace lpvbake::solver::gather {
 namespace {
 
 /// Trilinear, from the corners of a box.
@@ -84,20 +84,20 @@ bool AdaptiveGrid::smooth(const CellBox& box, int edge) const {
         double mean_0 = 0.0;
         size_t k = 0;
         for (int l = 0; l <= bands; ++l)
-            for (const size_t end = size_t(sh_count(l)); k < end; ++k) {
+            for (const size_t end = size_t(volume::sh_count(l)); k < end; ++k) {
                 double mean = 0.0;
                 for (const size_t cell : corners)
                     mean += double(volume_.sh[k][cell][channel]) / 8.0;
                 if (k == 0)
                     mean_0 = mean;
                 for (size_t i = 0; i < 8; ++i) {
-                    const double off =
-                        sh_cosine_factor(l) * (double(volume_.sh[k][corners[i]][channel]) - mean);
+                    const double off = volume::sh_cosine_factor(l)
+                                       * (double(volume_.sh[k][corners[i]][channel]) - mean);
                     square[i] += off * off;
                 }
             }
         // Mean over the sphere: of the square, sum / 4 pi; of irradiance, A_0 c_0 Y_0.
-        const double bound = double(tolerance_) * sh_cosine_factor(0) * mean_0;
+        const double bound = double(tolerance_) * volume::sh_cosine_factor(0) * mean_0;
         for (const double s : square)
             if (!(s <= bound * bound))
                 return false;
@@ -158,4 +158,4 @@ uint64_t AdaptiveGrid::interpolated() const {
     }));
 }
 
-} // namespace lpvbake::gather
+} // namespace lpvbake::solver::gather

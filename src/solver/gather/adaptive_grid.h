@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-namespace lpvbake::gather {
+namespace lpvbake::solver::gather {
 
 /// Edge of the boxes whose corners are solved first, cells.
 inline constexpr int coarse_edge = 4;
@@ -60,4 +60,4 @@ private:
     float tolerance_;
 };
 
-} // namespace lpvbake::gather
+} // namespace lpvbake::solver::gather

@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-namespace lpvbake::gather {
+namespace lpvbake::solver::gather {
 
 uint64_t batch_bytes(int order, uint64_t list_bytes) {
     return list_bytes + most_jobs * (lanes * sizeof(glm::vec4) + sizeof(Job))
@@ -97,4 +97,4 @@ void Batcher::run() {
     cells_.clear();
 }
 
-} // namespace lpvbake::gather
+} // namespace lpvbake::solver::gather

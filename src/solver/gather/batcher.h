@@ -9,7 +9,7 @@
 #include <span>
 #include <vector>
 
-namespace lpvbake::gather {
+namespace lpvbake::solver::gather {
 
 /// Sources of one job, in vec4: what exceeds them goes into another job.
 inline constexpr size_t job_words = 4096;
@@ -57,4 +57,4 @@ private:
     std::vector<float> results_;
 };
 
-} // namespace lpvbake::gather
+} // namespace lpvbake::solver::gather

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake::gather {
+namespace lpvbake::solver::gather {
 namespace {
 
 /// Subtrees of fewer emitters are built by one thread.
@@ -14,13 +14,14 @@ constexpr uint32_t own_task = 4096;
 /// By how much a cluster counts larger for normals that differ.
 constexpr float bend = 40.0f;
 
-std::vector<Emitter> emitters_of(const LitSurfaces& surfaces, float above) {
+std::vector<Emitter> emitters_of(const surface::LitSurfaces& surfaces, float above) {
     std::vector<Emitter> emitters;
     for (size_t i = 0; i < surfaces.patches.size(); ++i) {
-        const Patch& patch = surfaces.patches[i];
+        const surface::Patch& patch = surfaces.patches[i];
         for (size_t side = 0; side < 2; ++side) {
             Emitter e;
-            e.luminance = patch.alpha * luminance_above(surfaces.luminance[2 * i + side], above);
+            e.luminance =
+                patch.alpha * surface::luminance_above(surfaces.luminance[2 * i + side], above);
             e.power = (e.luminance.x + e.luminance.y + e.luminance.z) * patch.area;
             if (!(e.power > 0.0f))
                 continue;
@@ -41,7 +42,7 @@ std::vector<Emitter> emitters_of(const LitSurfaces& surfaces, float above) {
 struct Builder {
     std::vector<Emitter>& emitters;
     std::vector<Cluster>& nodes;
-    const Visibility& visibility;
+    const visibility::Visibility& visibility;
 
     void build(uint32_t node, uint32_t first, uint32_t count) {
         if (count == 1) {
@@ -153,7 +154,7 @@ glm::vec3 Emitter::point(glm::vec2 u) const {
     if (crossed)
         u.y = 0.5f;
     const glm::vec3 p = a + root * (1.0f - u.y) * (b - a) + root * u.y * (c - a);
-    return p + 2.0f * ray_offset(p) * normal;
+    return p + 2.0f * surface::ray_offset(p) * normal;
 }
 
 uint32_t Clusters::emitter_at(const Cluster& cluster, double share) const {
@@ -164,7 +165,8 @@ uint32_t Clusters::emitter_at(const Cluster& cluster, double share) const {
     return uint32_t(std::max<ptrdiff_t>(at - power_before.begin() - 1, cluster.first));
 }
 
-Clusters make_clusters(const LitSurfaces& surfaces, const Visibility& visibility, float above) {
+Clusters make_clusters(const surface::LitSurfaces& surfaces,
+                       const visibility::Visibility& visibility, float above) {
     Clusters clusters;
     clusters.emitters = emitters_of(surfaces, above);
     const auto count = uint32_t(clusters.emitters.size());
@@ -188,4 +190,4 @@ bool faces_away(const Cluster& cluster, glm::vec3 centre, glm::vec3 half) {
     return glm::dot(n, centre - middle) + glm::dot(glm::abs(n), reach) <= 0.0f;
 }
 
-} // namespace lpvbake::gather
+} // namespace lpvbake::solver::gather

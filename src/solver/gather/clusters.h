@@ -5,7 +5,7 @@
 
 #include <vector>
 
-namespace lpvbake::gather {
+namespace lpvbake::solver::gather {
 
 /// One side of a patch that sends light, a triangle whose corners run counter-clockwise as seen
 /// from where the light goes. Frame units.
@@ -49,10 +49,10 @@ struct Clusters {
 /// together, normals counting most (after Walter et al. 2005): parts are flat before they are
 /// small. The same tree for any number of threads.
 /// Of the light no more is taken than what luminance_above() leaves.
-Clusters make_clusters(const LitSurfaces& surfaces, const Visibility& visibility,
-                       float above = 0.0f);
+Clusters make_clusters(const surface::LitSurfaces& surfaces,
+                       const visibility::Visibility& visibility, float above = 0.0f);
 
 /// True if nothing in the box `centre` +- `half` is before the cluster's surfaces.
 bool faces_away(const Cluster& cluster, glm::vec3 centre, glm::vec3 half);
 
-} // namespace lpvbake::gather
+} // namespace lpvbake::solver::gather

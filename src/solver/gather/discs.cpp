@@ -13,7 +13,7 @@
 #include <functional>
 #include <optional>
 
-namespace lpvbake {
+namespace lpvbake::solver::gather {
 namespace {
 
 const double pi = glm::pi<double>();
@@ -28,11 +28,11 @@ glm::dvec2 spread(uint32_t key, int i) {
 /// One map, and how cells look into it.
 class Map {
 public:
-    explicit Map(const Rsm& rsm) : rsm_(rsm), size_(rsm.width, rsm.height) {}
+    explicit Map(const vpl::Rsm& rsm) : rsm_(rsm), size_(rsm.width, rsm.height) {}
 
     /// Where the light sees a point, texels; inside the map.
     glm::dvec2 place(glm::dvec3 point) const {
-        const RsmView& view = rsm_.view;
+        const raster::RsmView& view = rsm_.view;
         const glm::dvec3 to = point - view.origin;
         const double depth = view.perspective ? glm::dot(to, view.axis) : 1.0;
         if (!(depth > 0.0)) // behind the light
@@ -54,7 +54,7 @@ public:
     /// Surface that a texel stands for, frame units squared; seen edge-on, twenty times as much as
     /// seen from above at most.
     double footprint(size_t i) const {
-        const RsmView& view = rsm_.view;
+        const raster::RsmView& view = rsm_.view;
         const double across = 4.0 * glm::length(view.u) * glm::length(view.v) / (size_.x * size_.y);
         const glm::dvec3 normal(rsm_.normal[i]);
         if (!view.perspective)
@@ -64,21 +64,21 @@ public:
         return across * depth * depth
                * std::min(depth / std::max(-glm::dot(normal, ray), 1e-30), 20.0 * depth / distance);
     }
-    const Rsm& operator*() const { return rsm_; }
+    const vpl::Rsm& operator*() const { return rsm_; }
 
 private:
-    const Rsm& rsm_;
+    const vpl::Rsm& rsm_;
     glm::dvec2 size_;
 };
 
 /// Light of one map in one cell; returns the number of rays.
 uint64_t gather_cell(const Map& map, uint32_t key, int samples, double unit, glm::ivec3 cell,
-                     const Visibility& visibility, Volume& volume) {
+                     const visibility::Visibility& visibility, Volume& volume) {
     struct Sample {
         glm::vec3 towards; ///< unit
         glm::vec3 light;   ///< nits times solid angle
     };
-    thread_local std::vector<Ray> rays;
+    thread_local std::vector<visibility::Ray> rays;
     thread_local std::vector<Sample> seen;
     thread_local std::vector<float> open;
     rays.clear();
@@ -107,12 +107,13 @@ uint64_t gather_cell(const Map& map, uint32_t key, int samples, double unit, glm
         const double emitting = pi * footprint * unit * unit;
         seen.push_back(
             {glm::vec3(glm::normalize(to)), (*map).power[*texel] * float(angle_of / emitting)});
-        rays.push_back({glm::vec3(center), point + ray_offset(point) * normal - glm::vec3(center)});
+        rays.push_back(
+            {glm::vec3(center), point + surface::ray_offset(point) * normal - glm::vec3(center)});
     }
     open.resize(rays.size());
-    visibility.transmittance_of_eights(rays, Bundle::loose, open);
+    visibility.transmittance_of_eights(rays, visibility::Bundle::loose, open);
     for (size_t i = 0; i < seen.size(); ++i) {
-        const ShValues basis = sh_basis(volume.sh_order, seen[i].towards);
+        const volume::ShValues basis = volume::sh_basis(volume.sh_order, seen[i].towards);
         for (size_t k = 0; k < volume.sh.size(); ++k)
             volume.sh[k][index] += open[i] * basis[k] * seen[i].light;
     }
@@ -121,16 +122,16 @@ uint64_t gather_cell(const Map& map, uint32_t key, int samples, double unit, glm
 
 } // namespace
 
-DiscReport gather_discs(const gpu::Device& device, const Scene& scene, const Frame& frame,
-                        const Visibility& visibility, const DiscSettings& settings, Volume& volume,
-                        Progress& progress) {
+DiscReport gather_discs(const gpu::Device& device, const Scene& scene, const scene::Frame& frame,
+                        const visibility::Visibility& visibility, const DiscSettings& settings,
+                        Volume& volume, Progress& progress) {
     DiscReport report;
-    RsmPass pass(device, scene, frame);
+    vpl::RsmPass pass(device, scene, frame);
     const int size = std::min(settings.map_size, largest_disc_map);
     const glm::ivec3 dims = volume.grid.dims;
     uint64_t done = 0;
     for (const Light& light : scene.lights) {
-        pass.render(light, size, [&](const Rsm& rsm) {
+        pass.render(light, size, [&](const vpl::Rsm& rsm) {
             const Map map(rsm);
             const uint32_t key = uint32_t(++report.maps);
             const auto slice = [&](const tbb::blocked_range<int>& range, uint64_t rays) {
@@ -150,4 +151,4 @@ DiscReport gather_discs(const gpu::Device& device, const Scene& scene, const Fra
     return report;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::gather

@@ -7,7 +7,7 @@
 #include "visibility/visibility.h"
 #include "volume/volume.h"
 
-namespace lpvbake {
+namespace lpvbake::solver::gather {
 
 /// Most texels along a side of a map that discs are laid in.
 inline constexpr int largest_disc_map = 1024;
@@ -33,8 +33,8 @@ struct DiscReport {
 /// points by numbers of its own: what is left is noise from cell to cell, which falls with the
 /// number of samples. The same bits for any number of threads. Throws Error (memory, device), and
 /// whatever `progress` throws.
-DiscReport gather_discs(const gpu::Device& device, const Scene& scene, const Frame& frame,
-                        const Visibility& visibility, const DiscSettings& settings, Volume& volume,
-                        Progress& progress);
+DiscReport gather_discs(const gpu::Device& device, const Scene& scene, const scene::Frame& frame,
+                        const visibility::Visibility& visibility, const DiscSettings& settings,
+                        Volume& volume, Progress& progress);
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::gather

@@ -11,10 +11,8 @@
 #include <algorithm>
 #include <chrono>
 
-namespace lpvbake {
+namespace lpvbake::solver::gather {
 namespace {
-
-using namespace gather;
 
 constexpr size_t chunk = 1024; ///< packets whose lists the host makes at a time
 constexpr uint64_t usual_list_bytes = uint64_t(32) << 20;
@@ -253,9 +251,9 @@ GatherProgram::GatherProgram(const gpu::Device& device, const GatherSettings& se
       local_size_(device.is_cpu() ? lanes : 64),
       surfaces_(compile(device, local_size_, settings.order, part_surfaces)) {}
 
-GatherReport GatherProgram::gather(const LitSurfaces& surfaces, const Sky& sky,
-                                   const Visibility& visibility, Volume& volume, Progress& progress,
-                                   float above) const {
+GatherReport GatherProgram::gather(const surface::LitSurfaces& surfaces, const Sky& sky,
+                                   const visibility::Visibility& visibility, Volume& volume,
+                                   Progress& progress, float above) const {
     GatherReport report;
     const Grid& grid = volume.grid;
     volume.sh_order = settings_.order;
@@ -275,4 +273,4 @@ GatherReport GatherProgram::gather(const LitSurfaces& surfaces, const Sky& sky,
     return report;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::gather

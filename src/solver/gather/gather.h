@@ -7,7 +7,7 @@
 #include "surface/lit_surfaces.h"
 #include "volume/volume.h"
 
-namespace lpvbake {
+namespace lpvbake::solver::gather {
 
 struct GatherSettings {
     int order = 2; ///< of the harmonics: 1, 2 or 4
@@ -53,8 +53,9 @@ public:
     /// cells whose validity (which has to be there) is above 0; in the others it is 0. The same
     /// bits for any number of threads and any window. Throws Error (memory, device), and whatever
     /// `progress` throws. With a limit `above` only luminance_above() it leaves the surfaces.
-    GatherReport gather(const LitSurfaces& surfaces, const Sky& sky, const Visibility& visibility,
-                        Volume& volume, Progress& progress, float above = 0.0f) const;
+    GatherReport gather(const surface::LitSurfaces& surfaces, const Sky& sky,
+                        const visibility::Visibility& visibility, Volume& volume,
+                        Progress& progress, float above = 0.0f) const;
 
 private:
     const gpu::Device& device_;
@@ -64,4 +65,4 @@ private:
     gpu::Program surfaces_;
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::gather

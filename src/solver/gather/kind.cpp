@@ -11,7 +11,7 @@
 #include <cmath>
 #include <future>
 
-namespace lpvbake {
+namespace lpvbake::solver::gather {
 namespace {
 
 constexpr int orders[] = {1, 2, 4};
@@ -69,7 +69,7 @@ int map_size(const Grid& grid, const SolverSettings& settings) {
     if (settings["rsm-samples"] == 0)
         return 0;
     const int wanted = int(settings["rsm-size"]);
-    return std::min(wanted > 0 ? wanted : usual_map_size(grid.dims), largest_disc_map);
+    return std::min(wanted > 0 ? wanted : vpl::usual_map_size(grid.dims), largest_disc_map);
 }
 
 double expected_error(const SolverSettings& settings, bool) {
@@ -111,7 +111,7 @@ public:
     void solve(const Inputs& inputs, Stages& stages, Volume& volume) override {
         find_validity(inputs, stages, volume);
         stages.begin("gather");
-        const LitSurfaces none;
+        const surface::LitSurfaces none;
         const GatherReport report =
             program_.get().gather(inputs.lit ? *inputs.lit : none, inputs.scene.sky,
                                   inputs.visibility, volume, stages.progress());
@@ -157,4 +157,4 @@ constinit const SolverKind gather_kind{
     },
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::gather

@@ -3,8 +3,8 @@
 
 #include "solver/solver.h"
 
-namespace lpvbake {
+namespace lpvbake::solver::gather {
 
 extern const SolverKind gather_kind;
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::gather

@@ -7,7 +7,7 @@
 #ifdef __cplusplus
 #include <cstdint>
 #define LPVBAKE_SHARED_CONST inline constexpr
-namespace lpvbake::gather {
+namespace lpvbake::solver::gather {
 using uint = std::uint32_t;
 #else
 #define LPVBAKE_SHARED_CONST const
@@ -59,7 +59,7 @@ constexpr uint result_floats(int order) {
     return 3 * terms(order) * lanes;
 }
 static_assert(sizeof(Job) == 16);
-} // namespace lpvbake::gather
+} // namespace lpvbake::solver::gather
 #endif
 
 #undef LPVBAKE_SHARED_CONST

@@ -9,7 +9,7 @@
 #include <cmath>
 #include <numeric>
 
-namespace lpvbake::gather {
+namespace lpvbake::solver::gather {
 namespace {
 
 /// A side of the square of points that a bin is sampled at.
@@ -49,7 +49,7 @@ std::vector<SkyBin> make_sky_bins(const Sky& sky, int count, int order) {
     }
     tbb::parallel_for(size_t(0), bins.size(), [&](size_t i) {
         SkyBin& bin = bins[i];
-        const auto terms = size_t(sh_count(order));
+        const auto terms = size_t(volume::sh_count(order));
         std::vector<double> sum(3 * terms, 0.0);
         for (int a = 0; a < samples; ++a)
             for (int b = 0; b < samples; ++b) {
@@ -58,10 +58,10 @@ std::vector<SkyBin> make_sky_bins(const Sky& sky, int count, int order) {
                 const auto along = [](float begin, float end, int step) {
                     return glm::mix(double(begin), double(end), double(step) / samples);
                 };
-                const glm::dvec3 luminance =
-                    sky_mean(sky, along(bin.low, bin.high, a), along(bin.low, bin.high, a + 1),
-                             along(bin.from, bin.to, b), along(bin.from, bin.to, b + 1));
-                const ShValues y = sh_basis(order, w);
+                const glm::dvec3 luminance = scene::sky_mean(
+                    sky, along(bin.low, bin.high, a), along(bin.low, bin.high, a + 1),
+                    along(bin.from, bin.to, b), along(bin.from, bin.to, b + 1));
+                const volume::ShValues y = volume::sh_basis(order, w);
                 for (size_t k = 0; k < terms; ++k)
                     for (size_t c = 0; c < 3; ++c)
                         sum[3 * k + c] += luminance[int(c)] * double(y[k]);
@@ -77,4 +77,4 @@ std::vector<SkyBin> make_sky_bins(const Sky& sky, int count, int order) {
     return black ? std::vector<SkyBin>{} : bins;
 }
 
-} // namespace lpvbake::gather
+} // namespace lpvbake::solver::gather

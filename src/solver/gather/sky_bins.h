@@ -5,7 +5,7 @@
 
 #include <vector>
 
-namespace lpvbake::gather {
+namespace lpvbake::solver::gather {
 
 /// Directions between two heights and two azimuths around +y, the same solid angle in every bin.
 struct SkyBin {
@@ -25,4 +25,4 @@ inline constexpr size_t sky_group = 4;
 /// none for a black sky.
 std::vector<SkyBin> make_sky_bins(const Sky& sky, int count, int order);
 
-} // namespace lpvbake::gather
+} // namespace lpvbake::solver::gather

@@ -8,7 +8,7 @@
 #include <cstring>
 #include <queue>
 
-namespace lpvbake::gather {
+namespace lpvbake::solver::gather {
 namespace {
 
 constexpr uint32_t strata = 16;       ///< points of a cluster that cells may test
@@ -35,12 +35,12 @@ glm::vec3 centre_of(glm::ivec3 cell) {
 
 } // namespace
 
-Occupied::Occupied(const std::vector<Patch>& patches, const Grid& grid) {
+Occupied::Occupied(const std::vector<surface::Patch>& patches, const Grid& grid) {
     for (int edge = 1; edge <= zone_edge; edge *= 2) {
         grids_.push_back({{}, 1.0, (grid.dims + edge - 1) / edge});
         levels_.emplace_back(grids_.back().size(), uint8_t(0));
     }
-    for (const Patch& patch : patches) {
+    for (const surface::Patch& patch : patches) {
         if (!(patch.area > 0.0f))
             continue;
         const glm::vec3 a = patch.at({0.0f, 0.0f}), b = patch.at({1.0f, 0.0f}),
@@ -151,7 +151,7 @@ bool Zone::usable(glm::ivec3 point) const {
 }
 
 /// The ray by which a cell looks at a source. False: the cluster has its back to it.
-bool Zone::aim(glm::vec3 from, uint32_t source, uint32_t pattern, Ray& ray,
+bool Zone::aim(glm::vec3 from, uint32_t source, uint32_t pattern, visibility::Ray& ray,
                float& threshold) const {
     const uint32_t shift = mix_word(source + 1), key = mix_word(pattern ^ shift);
     threshold = unit(key);
@@ -180,7 +180,7 @@ void Zone::test(glm::ivec3 point, const std::vector<uint64_t>& open, uint64_t* o
     tests_.clear();
     ways_.clear();
     for (uint32_t i = 0; i < sources; ++i) {
-        Ray ray;
+        visibility::Ray ray;
         float threshold;
         if ((open[i / 64] >> (i % 64) & 1) && aim(from, i, pattern, ray, threshold)) {
             tests_.push_back({i, threshold});
@@ -189,7 +189,7 @@ void Zone::test(glm::ivec3 point, const std::vector<uint64_t>& open, uint64_t* o
     }
     passes_.resize(ways_.size());
     rays_ += ways_.size();
-    world_.visibility.transmittance_of_eights(ways_, Bundle::loose, passes_);
+    world_.visibility.transmittance_of_eights(ways_, visibility::Bundle::loose, passes_);
     for (size_t i = 0; i < tests_.size(); ++i) {
         const uint32_t source = tests_[i].source;
         own[source / 64] |= uint64_t(passes_[i] > tests_[i].threshold) << (source % 64);
@@ -334,4 +334,4 @@ void Zone::descend(uint32_t cluster, uint32_t mask, glm::vec3 centre, glm::vec3 
     }
 }
 
-} // namespace lpvbake::gather
+} // namespace lpvbake::solver::gather

@@ -12,7 +12,7 @@
 #include <span>
 #include <vector>
 
-namespace lpvbake::gather {
+namespace lpvbake::solver::gather {
 
 /// Cells along the edge of a zone.
 inline constexpr int zone_edge = 16;
@@ -21,7 +21,7 @@ inline constexpr int zone_edge = 16;
 /// along x and so on.
 class Occupied {
 public:
-    Occupied(const std::vector<Patch>& patches, const Grid& grid);
+    Occupied(const std::vector<surface::Patch>& patches, const Grid& grid);
     /// True if a surface may cross the box from cell `lo` to lo + 2^level; lo a multiple of that.
     bool operator()(glm::ivec3 lo, int level) const;
 
@@ -33,7 +33,7 @@ private:
 /// What all zones share.
 struct Surroundings {
     const Grid& grid;
-    const Visibility& visibility;
+    const visibility::Visibility& visibility;
     const Clusters& clusters;
     const std::vector<SkyBin>& sky;
     const Occupied& occupied;
@@ -75,7 +75,8 @@ private:
     size_t slot(glm::ivec3 point) const;
     const uint64_t* bits(glm::ivec3 point);
     bool usable(glm::ivec3 point) const;
-    bool aim(glm::vec3 from, uint32_t source, uint32_t pattern, Ray& ray, float& threshold) const;
+    bool aim(glm::vec3 from, uint32_t source, uint32_t pattern, visibility::Ray& ray,
+             float& threshold) const;
     void test(glm::ivec3 point, const std::vector<uint64_t>& open, uint64_t* own);
     uint32_t mask_of(std::span<const glm::ivec3> cells, size_t source) const;
     void descend(uint32_t cluster, uint32_t mask, glm::vec3 centre, glm::vec3 half,
@@ -96,8 +97,8 @@ private:
         float threshold;
     };
     std::vector<Test> tests_;
-    std::vector<Ray> ways_;
+    std::vector<visibility::Ray> ways_;
     std::vector<float> passes_;
 };
 
-} // namespace lpvbake::gather
+} // namespace lpvbake::solver::gather

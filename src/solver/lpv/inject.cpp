@@ -8,14 +8,14 @@
 #include <cmath>
 #include <numeric>
 
-namespace lpvbake {
+namespace lpvbake::solver::lpv {
 namespace {
 
 constexpr size_t nowhere = ~size_t(0);
 /// How far a ray starts before the surface it leaves, and how far a centre has to lie before it.
 constexpr float lift = 1e-3f;
 
-size_t front_cell(const Vpl& vpl, const Visibility& visibility, const Grid& grid) {
+size_t front_cell(const vpl::Vpl& vpl, const visibility::Visibility& visibility, const Grid& grid) {
     const glm::vec3 target = vpl.position + 0.5f * vpl.normal;
     // floor, never truncation: cell -1 is not cell 0.
     const glm::ivec3 base{glm::floor(target)};
@@ -48,7 +48,8 @@ size_t front_cell(const Vpl& vpl, const Visibility& visibility, const Grid& grid
 
 } // namespace
 
-Injection inject(std::span<const Vpl> vpls, const Visibility& visibility, const Grid& grid) {
+Injection inject(std::span<const vpl::Vpl> vpls, const visibility::Visibility& visibility,
+                 const Grid& grid) {
     std::vector<size_t> cells(vpls.size());
     tbb::parallel_for(size_t(0), vpls.size(),
                       [&](size_t i) { cells[i] = front_cell(vpls[i], visibility, grid); });
@@ -69,7 +70,7 @@ Injection inject(std::span<const Vpl> vpls, const Visibility& visibility, const 
         double power = 0.0;
         size_t i = first;
         for (; i < order.size() && cells[order[i]] == cell; ++i) {
-            const Vpl& vpl = vpls[order[i]];
+            const vpl::Vpl& vpl = vpls[order[i]];
             const glm::dvec3 n{vpl.normal};
             const double lobe[4] = {k0, k1 * n.y, k1 * n.z, k1 * n.x};
             for (size_t channel = 0; channel < 3; ++channel) {
@@ -90,4 +91,4 @@ Injection inject(std::span<const Vpl> vpls, const Visibility& visibility, const 
     return injection;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::lpv

@@ -8,7 +8,7 @@
 #include <span>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::solver::lpv {
 
 /// The light that starts in each cell: SH L1 of intensity (cd) in travel direction.
 struct Injection {
@@ -22,6 +22,7 @@ struct Injection {
 /// p + n / 2 (grid units) whose centre is before the surface and seen from it, among the 27
 /// around that point. So no light starts behind a wall, however the wall lies in the grid.
 /// Sums run in the order of the VPLs, in double.
-Injection inject(std::span<const Vpl> vpls, const Visibility& visibility, const Grid& grid);
+Injection inject(std::span<const vpl::Vpl> vpls, const visibility::Visibility& visibility,
+                 const Grid& grid);
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::lpv

@@ -13,7 +13,7 @@
 #include <cmath>
 #include <future>
 
-namespace lpvbake {
+namespace lpvbake::solver::lpv {
 namespace {
 
 constexpr int orders[] = {1};
@@ -42,7 +42,7 @@ constexpr Parameter parameters[] = {
      .kind = ValueKind::whole,
      .lo = 1,
      .hi = 64,
-     .usual = RsmSettings().kernel,
+     .usual = vpl::RsmSettings().kernel,
      .unit = "texels",
      .help = "texels along a side of a block that becomes virtual point lights"},
     {.name = "iterations",
@@ -63,7 +63,7 @@ LpvSettings settings_of(const SolverSettings& settings) {
 
 int map_size(const Grid& grid, const SolverSettings& settings) {
     const int wanted = int(settings["rsm-size"]);
-    return wanted > 0 ? wanted : usual_map_size(grid.dims);
+    return wanted > 0 ? wanted : vpl::usual_map_size(grid.dims);
 }
 
 double expected_error(const SolverSettings&, bool once) {
@@ -114,12 +114,13 @@ public:
     void solve(const Inputs& inputs, Stages& stages, Volume& volume) override {
         const Grid& grid = inputs.grid;
         const Occlusion mode = settings_.occlusion;
-        const std::vector<Vpl> vpls = find_vpls(inputs, stages);
+        const std::vector<vpl::Vpl> vpls = find_vpls(inputs, stages);
 
         GeometryVolume geometry;
         if (mode != Occlusion::none) {
             stages.begin("geometry");
-            const std::vector<Patch> patches = make_patches(inputs.scene, inputs.frame, 1.0f);
+            const std::vector<surface::Patch> patches =
+                surface::make_patches(inputs.scene, inputs.frame, 1.0f);
             geometry = make_geometry_volume(patches, grid);
             stages.end(counted(patches.size(), "patch", "patches"));
         }
@@ -166,20 +167,20 @@ public:
 
 private:
     /// All light as virtual point lights: that of the maps, of lit surfaces and of the sky.
-    std::vector<Vpl> find_vpls(const Inputs& inputs, Stages& stages) const {
-        std::vector<Vpl> vpls;
+    std::vector<vpl::Vpl> find_vpls(const Inputs& inputs, Stages& stages) const {
+        std::vector<vpl::Vpl> vpls;
         const auto [count, size] = inputs.maps;
         if (count > 0) {
             stages.begin("rsm", inputs.scene.lights.size());
-            vpls = render_vpls(inputs.device, inputs.scene, inputs.frame, {size, rsm_kernel_},
-                               stages.progress());
+            vpls = vpl::render_vpls(inputs.device, inputs.scene, inputs.frame, {size, rsm_kernel_},
+                                    stages.progress());
             stages.end(format("%s of %d x %d, %s", counted(uint64_t(count), "map").c_str(), size,
                               size, counted(vpls.size(), "VPL").c_str()));
         }
         if (inputs.lit)
-            emit_vpls(*inputs.lit, inputs.frame, vpls);
-        if (has_sky(inputs.scene))
-            sky_vpls(inputs.scene.sky, inputs.visibility, inputs.frame, vpls);
+            vpl::emit_vpls(*inputs.lit, inputs.frame, vpls);
+        if (scene::has_sky(inputs.scene))
+            vpl::sky_vpls(inputs.scene.sky, inputs.visibility, inputs.frame, vpls);
         return vpls;
     }
 
@@ -211,4 +212,4 @@ constinit const SolverKind lpv_kind{
     },
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::lpv

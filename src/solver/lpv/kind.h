@@ -3,8 +3,8 @@
 
 #include "solver/solver.h"
 
-namespace lpvbake {
+namespace lpvbake::solver::lpv {
 
 extern const SolverKind lpv_kind;
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::lpv

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::solver::lpv {
 namespace {
 
 constexpr int most_iterations = 100'000;
@@ -13,9 +13,9 @@ constexpr int most_iterations = 100'000;
 } // namespace
 
 uint64_t lpv_device_bytes(const Grid& grid, Occlusion occlusion) {
-    const lpv::PropagateLayout layout = lpv::layout_of(grid);
+    const PropagateLayout layout = layout_of(grid);
     return 3 * layout.elements() * sizeof(glm::vec4)
-           + layout.elements(lpv::planes_of(occlusion)) * sizeof(float) + (uint64_t(1) << 20);
+           + layout.elements(planes_of(occlusion)) * sizeof(float) + (uint64_t(1) << 20);
 }
 
 LpvProgram::LpvProgram(const gpu::Device& device, const Grid& grid, Occlusion occlusion,
@@ -24,18 +24,18 @@ LpvProgram::LpvProgram(const gpu::Device& device, const Grid& grid, Occlusion oc
       grid_(grid),
       occlusion_(occlusion),
       window_(window),
-      programs_(lpv::compile_propagate(device, grid, occlusion)) {}
+      programs_(compile_propagate(device, grid, occlusion)) {}
 
 LpvField LpvProgram::propagate(const Injection& injection, std::span<const float> transmittance,
                                const LpvSettings& settings, Progress& progress) const {
-    const lpv::PropagatePlan plan = lpv::plan_propagate(device_, grid_, occlusion_, window_);
-    lpv::Propagator propagator(device_, grid_, plan, programs_, injection, transmittance);
+    const PropagatePlan plan = plan_propagate(device_, grid_, occlusion_, window_);
+    Propagator propagator(device_, grid_, plan, programs_, injection, transmittance);
     LpvField field;
     field.residual = injection.power > 0.0 ? 1.0 : 0.0;
     const int most = settings.iterations > 0 ? settings.iterations : most_iterations;
     const double tolerance = settings.iterations > 0 ? 0.0 : double(settings.tolerance);
     while (field.iterations < most && field.residual > tolerance) {
-        const int steps = std::min(lpv::Propagator::most_steps, most - field.iterations);
+        const int steps = std::min(Propagator::most_steps, most - field.iterations);
         field.residual = propagator.run(steps) / injection.power;
         field.iterations += steps;
         // What is left falls by about the same factor every step.
@@ -64,4 +64,4 @@ void to_luminance(const LpvField& field, Volume& volume) {
     });
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::lpv

@@ -10,7 +10,7 @@
 
 #include <span>
 
-namespace lpvbake {
+namespace lpvbake::solver::lpv {
 
 struct LpvSettings {
     int iterations = 0; ///< 0: until the front holds less than `tolerance`, at most 100,000
@@ -47,11 +47,11 @@ private:
     Grid grid_;
     Occlusion occlusion_;
     uint64_t window_;
-    lpv::PropagatePrograms programs_;
+    PropagatePrograms programs_;
 };
 
 /// Intensity to incident luminance: L(w) = I(-w) / (1.5 h^2), 1.5 h^2 being the mean projected area
 /// of a cell. Fills Volume::sh.
 void to_luminance(const LpvField& field, Volume& volume);
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::lpv

@@ -8,7 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 #define LPVBAKE_SHARED_CONST inline constexpr
-namespace lpvbake::lpv {
+namespace lpvbake::solver::lpv {
 using uint = std::uint32_t;
 #else
 #define LPVBAKE_SHARED_CONST const
@@ -135,7 +135,7 @@ constexpr PropagateTiling cpu_tiling(uint nx) {
 // For everything else: rows of a group coalesce, and short marches leave enough invocations to fill
 // a large device even with a grid of 64 cells a side (98304 of them).
 inline constexpr PropagateTiling gpu_tiling{64, 32, 1, 8, 1};
-} // namespace lpvbake::lpv
+} // namespace lpvbake::solver::lpv
 #endif
 
 #undef LPVBAKE_SHARED_CONST

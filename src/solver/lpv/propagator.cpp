@@ -12,7 +12,7 @@
 #include <cmath>
 #include <limits>
 
-namespace lpvbake::lpv {
+namespace lpvbake::solver::lpv {
 namespace {
 
 constexpr uint64_t texel = sizeof(glm::vec4);
@@ -45,8 +45,8 @@ double budget(const float* lobe) {
     for (const LpvFace& face : lpv_faces()) {
         const glm::dvec3 w{face.toward};
         const double intensity =
-            double(sh_y0) * double(lobe[0])
-            + double(sh_y1)
+            double(volume::sh_y0) * double(lobe[0])
+            + double(volume::sh_y1)
                   * (w.y * double(lobe[1]) + w.z * double(lobe[2]) + w.x * double(lobe[3]));
         leaving += std::max(0.0, intensity) * (face.normal == face.toward ? far_angle : side_angle);
     }
@@ -225,4 +225,4 @@ std::vector<float> Propagator::download() const {
     return coefficients;
 }
 
-} // namespace lpvbake::lpv
+} // namespace lpvbake::solver::lpv

@@ -9,7 +9,7 @@
 #include <span>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::solver::lpv {
 
 /// How geometry stands in the light's way.
 enum class Occlusion {
@@ -17,8 +17,6 @@ enum class Occlusion {
     sh,   ///< geometry volume in SH L1: soft, leaks a quarter through a full wall
     face, ///< scalar transmittance of the links between cells: no leaks
 };
-
-namespace lpv {
 
 /// Floats of transmittance a cell.
 uint32_t planes_of(Occlusion occlusion);
@@ -77,6 +75,4 @@ private:
     int done_ = 0; ///< steps
 };
 
-} // namespace lpv
-
-} // namespace lpvbake
+} // namespace lpvbake::solver::lpv

@@ -4,7 +4,7 @@
 #include <array>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::solver::sn {
 namespace {
 
 // A set that is closed under the 48 symmetries of the cube integrates all harmonics but those that
@@ -102,4 +102,4 @@ std::vector<glm::dvec3> sn_octant_directions(int count) {
     return directions;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::sn

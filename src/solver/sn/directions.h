@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::solver::sn {
 
 /// How many directions a set may have, rising.
 std::span<const int> sn_direction_counts();
@@ -24,4 +24,4 @@ int sn_exact_band(int count);
 /// The unit directions of octant (+, +, +), a permutation of each base direction after the other.
 std::vector<glm::dvec3> sn_octant_directions(int count);
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::sn

@@ -6,7 +6,7 @@
 #include <array>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::solver::sn {
 namespace {
 
 constexpr size_t mean_rays = 8192;
@@ -20,11 +20,11 @@ glm::vec2 spread(uint32_t index) {
 
 } // namespace
 
-glm::vec3 SnLight::luminance(const Hit& hit, glm::vec3 direction) const {
-    if (hit.instance == no_hit)
-        return sky_luminance(sky, direction);
+glm::vec3 SnLight::luminance(const visibility::Hit& hit, glm::vec3 direction) const {
+    if (hit.instance == visibility::no_hit)
+        return scene::sky_luminance(sky, direction);
     const glm::vec3 all = lit.leaving(hit, direction);
-    return all - luminance_above(all, limit);
+    return all - surface::luminance_above(all, limit);
 }
 
 float mean_luminance(const SnLight& light, const Grid& grid, std::span<const float> validity) {
@@ -36,8 +36,8 @@ float mean_luminance(const SnLight& light, const Grid& grid, std::span<const flo
         return 0.0f;
     std::array<float, mean_rays> seen;
     tbb::parallel_for(size_t(0), mean_rays / block, [&](size_t part) {
-        std::array<Ray, block> rays;
-        std::array<Hit, block> hits;
+        std::array<visibility::Ray, block> rays;
+        std::array<visibility::Hit, block> hits;
         for (size_t i = 0; i < block; ++i) {
             const size_t sample = part * block + i;
             const uint32_t cell = cells[sample * cells.size() / mean_rays];
@@ -49,7 +49,7 @@ float mean_luminance(const SnLight& light, const Grid& grid, std::span<const flo
                        0.0f,
                        HUGE_VALF};
         }
-        light.visibility.closest_of_eights(rays, Bundle::loose, hits);
+        light.visibility.closest_of_eights(rays, visibility::Bundle::loose, hits);
         for (size_t i = 0; i < block; ++i) {
             const glm::vec3 luminance = light.luminance(hits[i], rays[i].direction);
             seen[part * block + i] = (luminance.x + luminance.y + luminance.z) / 3.0f;
@@ -64,16 +64,16 @@ float mean_luminance(const SnLight& light, const Grid& grid, std::span<const flo
 void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
                     std::span<const glm::vec3> travel, size_t stride,
                     std::span<glm::vec4> luminance) {
-    std::array<Ray, 8> rays;
-    std::array<Hit, 8> hits;
+    std::array<visibility::Ray, 8> rays;
+    std::array<visibility::Hit, 8> hits;
     for (size_t d = 0; d < travel.size(); ++d) {
         for (size_t i = 0; i < places.size(); ++i)
             rays[i] = {glm::vec3(places[i].cell) + 0.5f, -travel[d], 0.0f, HUGE_VALF};
-        light.visibility.closest_of_eights(std::span(rays).first(places.size()), Bundle::tight,
-                                           hits);
+        light.visibility.closest_of_eights(std::span(rays).first(places.size()),
+                                           visibility::Bundle::tight, hits);
         for (size_t i = 0; i < places.size(); ++i)
             luminance[i * stride + d] = glm::vec4(light.luminance(hits[i], -travel[d]), 0.0f);
     }
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::sn

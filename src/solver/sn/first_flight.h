@@ -7,17 +7,17 @@
 
 #include <span>
 
-namespace lpvbake {
+namespace lpvbake::solver::sn {
 
 /// Light of surfaces and the sky; refers to them.
 struct SnLight {
-    const LitSurfaces& lit;
-    const Visibility& visibility;
+    const surface::LitSurfaces& lit;
+    const visibility::Visibility& visibility;
     Sky sky;
     float limit = HUGE_VALF; ///< nits; surfaces are seen without luminance_above() this
 
     /// What a ray of this direction sees at its hit, nits.
-    glm::vec3 luminance(const Hit& hit, glm::vec3 direction) const;
+    glm::vec3 luminance(const visibility::Hit& hit, glm::vec3 direction) const;
 };
 
 /// Mean luminance (mean of the channels, nits) that arrives in the cells whose validity is above 0,
@@ -32,7 +32,8 @@ struct SnPlace {
 
 /// The luminance (nits) that arrives along each direction of travel in the centres of up to eight
 /// cells: luminance[cell * stride + direction].
-void trace_arriving(const SnLight& light, std::span<const SnPlace> places, std::span<const glm::vec3> travel,
-          size_t stride, std::span<glm::vec4> luminance);
+void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
+                    std::span<const glm::vec3> travel, size_t stride,
+                    std::span<glm::vec4> luminance);
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::sn

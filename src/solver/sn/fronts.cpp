@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-namespace lpvbake::sn {
+namespace lpvbake::solver::sn {
 namespace {
 
 /// Calls visit(p, q, r) for the places of a front whose coordinates are not below `lowest`.
@@ -89,4 +89,4 @@ FrontOrder order_fronts(const Octant& octant, const Occupancy& surfaces, bool bo
     return order;
 }
 
-} // namespace lpvbake::sn
+} // namespace lpvbake::solver::sn

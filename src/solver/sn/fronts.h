@@ -9,7 +9,7 @@
 #include <cstdint>
 #include <vector>
 
-namespace lpvbake::sn {
+namespace lpvbake::solver::sn {
 
 /// The coordinates of an octant, along the way of its light.
 struct Octant {
@@ -55,4 +55,4 @@ struct FrontOrder {
 FrontOrder order_fronts(const Octant& octant, const Occupancy& surfaces, bool boundary,
                         int slab_layers);
 
-} // namespace lpvbake::sn
+} // namespace lpvbake::solver::sn

@@ -3,8 +3,8 @@
 
 #include "solver/solver.h"
 
-namespace lpvbake {
+namespace lpvbake::solver::sn {
 
 extern const SolverKind sn_kind;
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::sn

@@ -6,7 +6,7 @@
 #include <atomic>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::solver::sn {
 namespace {
 
 /// By how much a cube counts as larger than it is (cells): a surface that touches it is not missed.
@@ -40,10 +40,10 @@ bool meets_cube(const std::array<glm::vec3, 3>& corner, float half) {
     return true;
 }
 
-void occupy(const std::vector<Patch>& patches, Occupancy& occupancy) {
+void occupy(const std::vector<surface::Patch>& patches, Occupancy& occupancy) {
     const glm::ivec3 cubes = occupancy.dims + 1;
     tbb::parallel_for(size_t(0), patches.size(), [&](size_t index) {
-        const Patch& patch = patches[index];
+        const surface::Patch& patch = patches[index];
         const std::array<glm::vec3, 3> corner = {patch.at({0, 0}), patch.at({1, 0}),
                                                  patch.at({0, 1})};
         const glm::vec3 lo = glm::min(corner[0], glm::min(corner[1], corner[2]));
@@ -74,7 +74,7 @@ void occupy(const std::vector<Patch>& patches, Occupancy& occupancy) {
 
 } // namespace
 
-Occupancy find_occupied(const std::vector<Patch>& patches, glm::ivec3 dims) {
+Occupancy find_occupied(const std::vector<surface::Patch>& patches, glm::ivec3 dims) {
     Occupancy occupancy;
     occupancy.dims = dims;
     const glm::ivec3 cubes = dims + 1;
@@ -83,4 +83,4 @@ Occupancy find_occupied(const std::vector<Patch>& patches, glm::ivec3 dims) {
     return occupancy;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::sn

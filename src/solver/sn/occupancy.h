@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::solver::sn {
 
 struct Occupancy {
     glm::ivec3 dims{0};
@@ -23,6 +23,6 @@ struct Occupancy {
 };
 
 /// Finds the cubes that hold a surface, or come within a thousandth of a cell of one.
-Occupancy find_occupied(const std::vector<Patch>& patches, glm::ivec3 dims);
+Occupancy find_occupied(const std::vector<surface::Patch>& patches, glm::ivec3 dims);
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::sn

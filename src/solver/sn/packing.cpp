@@ -8,12 +8,12 @@
 
 #include <algorithm>
 
-namespace lpvbake::sn {
+namespace lpvbake::solver::sn {
 
 Directions direction_table(const Octant& octant, std::span<const glm::dvec3> positive,
                            uint32_t stride, int total, int order) {
     const SweepLayout& layout = octant.layout;
-    const size_t coefficients = size_t(sh_count(order));
+    const size_t coefficients = size_t(volume::sh_count(order));
     const uint32_t back[] = {1, layout.pitch(), 0};
     Directions directions;
     directions.table.assign(stride * direction_vec4s, glm::vec4(0.0f));
@@ -32,7 +32,7 @@ Directions direction_table(const Octant& octant, std::span<const glm::dvec3> pos
         for (int a = 0; a < 3; ++a)
             travel[layout.axes[a]] = float(d[a] * octant.sign[layout.axes[a]]);
         directions.travel.push_back(travel);
-        const ShValues basis = sh_basis(order, -travel);
+        const volume::ShValues basis = volume::sh_basis(order, -travel);
         for (size_t k = 0; k < coefficients; ++k)
             directions.weights[coefficients * i + k] =
                 float(4.0 * glm::pi<double>() / total * double(basis[k]));
@@ -46,7 +46,7 @@ void fill_ring(const Sky& sky, const Directions& directions, uint32_t stride, ui
     for (size_t i = 0; i < ring.size(); ++i) {
         const size_t d = i % stride;
         ring[i] = d < directions.travel.size()
-                      ? glm::vec4(sky_luminance(sky, -directions.travel[d]), 0.0f)
+                      ? glm::vec4(scene::sky_luminance(sky, -directions.travel[d]), 0.0f)
                       : glm::vec4(0.0f);
     }
 }
@@ -90,4 +90,4 @@ void trace_given(const FrontOrder& order, const SnLight& light, const Directions
     });
 }
 
-} // namespace lpvbake::sn
+} // namespace lpvbake::solver::sn

@@ -10,7 +10,7 @@
 #include <span>
 #include <vector>
 
-namespace lpvbake::sn {
+namespace lpvbake::solver::sn {
 
 /// The directions of a batch, for the kernels.
 struct Directions {
@@ -44,4 +44,4 @@ void pack_fronts(const FrontOrder& order, const SweepLayout& layout, uint32_t st
 void trace_given(const FrontOrder& order, const SnLight& light, const Directions& directions,
                  uint32_t stride, Chunk& chunk);
 
-} // namespace lpvbake::sn
+} // namespace lpvbake::solver::sn

@@ -11,7 +11,7 @@
 #include <algorithm>
 #include <limits>
 
-namespace lpvbake {
+namespace lpvbake::solver::sn {
 namespace {
 
 /// What is brighter than so many times the mean is gathered, not swept: a bright spot, small as
@@ -21,7 +21,7 @@ constexpr float peak = 1.5f;
 
 /// The sky is either gathered or swept.
 bool is_peak(const Sky& sky, float limit) {
-    const glm::dvec3 mean = sky_mean(sky, -1.0, 1.0, 0.0, 2.0 * glm::pi<double>());
+    const glm::dvec3 mean = scene::sky_mean(sky, -1.0, 1.0, 0.0, 2.0 * glm::pi<double>());
     return (mean.x + mean.y + mean.z) / 3.0 > double(limit);
 }
 
@@ -33,11 +33,11 @@ Sky sky_along(const Sky& sky, int count) {
             directions.push_back(glm::vec3(d)
                                  * glm::vec3(signs & 1 ? -1.0f : 1.0f, signs & 2 ? -1.0f : 1.0f,
                                              signs & 4 ? -1.0f : 1.0f));
-    return averaged_sky(sky, directions);
+    return scene::averaged_sky(sky, directions);
 }
 
-GatherSettings peak_settings(const SnSettings& settings) {
-    GatherSettings gather;
+gather::GatherSettings peak_settings(const SnSettings& settings) {
+    gather::GatherSettings gather;
     // A window shows little of the sky: its edges are what is seen of the number of bins.
     gather.sky_bins = 8 * settings.directions;
     gather.order = settings.order == 3 ? 4 : settings.order; // 3 it does not know
@@ -45,7 +45,8 @@ GatherSettings peak_settings(const SnSettings& settings) {
 }
 
 /// True if surfaces lie beyond the places beside the grid.
-bool reaches_out(const LitSurfaces& lit, const Visibility& visibility, const Grid& grid) {
+bool reaches_out(const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
+                 const Grid& grid) {
     return !lit.patches.empty()
            && (glm::any(glm::lessThan(visibility.lo(), glm::vec3(-0.5f)))
                || glm::any(glm::greaterThan(visibility.hi(), glm::vec3(grid.dims) + 0.5f)));
@@ -55,14 +56,14 @@ bool reaches_out(const LitSurfaces& lit, const Visibility& visibility, const Gri
 
 uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings) {
     const uint64_t sweep =
-        sn::sweep_bytes(grid, sn_direction_count(settings.directions), settings.order);
-    return std::max(sweep, gather_device_bytes(peak_settings(settings)));
+        sweep_bytes(grid, sn_direction_count(settings.directions), settings.order);
+    return std::max(sweep, gather::gather_device_bytes(peak_settings(settings)));
 }
 
 uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& settings) {
-    const uint64_t sweep = grid.size() * (1 + 8 + sizeof(SnPlace)) + 4 * sn::chunk_bytes;
-    return grid.size() * uint64_t(sh_count(settings.order)) * 12
-           + std::max(sweep, gather_host_bytes(grid, patches, peak_settings(settings)));
+    const uint64_t sweep = grid.size() * (1 + 8 + sizeof(SnPlace)) + 4 * chunk_bytes;
+    return grid.size() * uint64_t(volume::sh_count(settings.order)) * 12
+           + std::max(sweep, gather::gather_host_bytes(grid, patches, peak_settings(settings)));
 }
 
 double sn_seconds(const Grid& grid, const SnSettings& settings) {
@@ -80,49 +81,50 @@ SnProgram::SnProgram(const gpu::Device& device, const Grid& grid, const SnSettin
           std::min({window ? window : std::numeric_limits<uint64_t>::max(),
                     device.info().max_storage_range, device.info().max_texels * sizeof(glm::vec4)})
           - device.info().window_alignment),
-      stride_(sn::swept_directions(sn::SweepLayout(grid.dims), settings_.directions, largest_,
-                                   device.is_cpu())),
-      sweep_(sn::compile_sweep(device, stride_, settings.order)) {}
+      stride_(swept_directions(SweepLayout(grid.dims), settings_.directions, largest_,
+                               device.is_cpu())),
+      sweep_(compile_sweep(device, stride_, settings.order)) {}
 
-float SnProgram::gather_peaks(const LitSurfaces& lit, const Visibility& visibility, const Sky& sky,
+float SnProgram::gather_peaks(const surface::LitSurfaces& lit,
+                              const visibility::Visibility& visibility, const Sky& sky,
                               Progress& progress, Volume& volume) const {
     const float limit = peak * mean_luminance({lit, visibility, sky}, volume.grid, volume.validity);
     gather_.gather(lit, is_peak(sky, limit) ? sky : Sky(), visibility, volume, progress, limit);
     volume.sh_order = settings_.order;
-    volume.sh.resize(size_t(sh_count(settings_.order)));
+    volume.sh.resize(size_t(volume::sh_count(settings_.order)));
     return limit;
 }
 
-void SnProgram::sweep(const LitSurfaces& lit, const Visibility& visibility, const Sky& sky,
-                      float limit, Progress& progress, Volume& volume) const {
+void SnProgram::sweep(const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
+                      const Sky& sky, float limit, Progress& progress, Volume& volume) const {
     if (limit == 0.0f)
         return; // peaks are all there is
     progress.begin("sweep", 100);
     const SnLight light{lit, visibility,
                         is_peak(sky, limit) ? Sky() : sky_along(sky, settings_.directions), limit};
-    const sn::SweepPlan plan = sn::plan_sweep(device_, grid_, settings_.order, stride_, largest_);
+    const SweepPlan plan = plan_sweep(device_, grid_, settings_.order, stride_, largest_);
     const Occupancy occupancy = find_occupied(lit.patches, grid_.dims);
     const bool boundary = reaches_out(lit, visibility, grid_);
     const std::vector<glm::dvec3> positive = sn_octant_directions(settings_.directions);
     const size_t batches = (positive.size() + stride_ - 1) / stride_;
-    sn::Sweeper sweeper(device_, grid_, plan, sweep_);
+    Sweeper sweeper(device_, grid_, plan, sweep_);
     std::vector<glm::vec4> ring;
-    sn::Chunk chunk;
+    Chunk chunk;
     for (int number = 0; number < 8; ++number) {
-        const sn::Octant octant(grid_, plan.layout, number);
-        const sn::FrontOrder order = sn::order_fronts(octant, occupancy, boundary, plan.slab);
+        const Octant octant(grid_, plan.layout, number);
+        const FrontOrder order = order_fronts(octant, occupancy, boundary, plan.slab);
         for (size_t batch = 0; batch < batches; ++batch) {
             const size_t first = batch * stride_;
-            const sn::Directions directions =
-                sn::direction_table(octant,
-                                    std::span(positive).subspan(
-                                        first, std::min(size_t(stride_), positive.size() - first)),
-                                    stride_, settings_.directions, settings_.order);
-            sn::fill_ring(light.sky, directions, stride_, plan.ring_texels(), ring);
+            const Directions directions =
+                direction_table(octant,
+                                std::span(positive).subspan(
+                                    first, std::min(size_t(stride_), positive.size() - first)),
+                                stride_, settings_.directions, settings_.order);
+            fill_ring(light.sky, directions, stride_, plan.ring_texels(), ring);
             sweeper.begin(directions, ring);
             for (int begin = 0; begin < order.fronts(); begin = chunk.end) {
-                sn::pack_fronts(order, plan.layout, stride_, plan.chunk, begin, chunk);
-                sn::trace_given(order, light, directions, stride_, chunk);
+                pack_fronts(order, plan.layout, stride_, plan.chunk, begin, chunk);
+                trace_given(order, light, directions, stride_, chunk);
                 sweeper.run(order, chunk);
                 const double share = double(chunk.end) / order.fronts();
                 progress.advance(
@@ -133,4 +135,4 @@ void SnProgram::sweep(const LitSurfaces& lit, const Visibility& visibility, cons
     sweeper.add_to(volume);
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::sn

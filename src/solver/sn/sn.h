@@ -15,7 +15,7 @@
 #include "surface/lit_surfaces.h"
 #include "volume/volume.h"
 
-namespace lpvbake {
+namespace lpvbake::solver::sn {
 
 struct SnSettings {
     int directions = 240; ///< over the sphere; rounded up to one of sn_direction_counts()
@@ -44,23 +44,23 @@ public:
     /// a limit, 1.5 times the mean luminance in the valid cells (Volume::validity has to be there;
     /// other cells get none), and returns the limit, nits. The scene's units are the grid's cells,
     /// as `frame` has them. Throws as GatherProgram::gather.
-    float gather_peaks(const LitSurfaces& lit, const Visibility& visibility, const Sky& sky,
-                       Progress& progress, Volume& volume) const;
+    float gather_peaks(const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
+                       const Sky& sky, Progress& progress, Volume& volume) const;
 
     /// Adds the light below the limit, that of surfaces and the sky beyond the grid as well. Tells
     /// `progress` the share that is done, of 100. Throws Error (memory, device) and whatever
     /// `progress` throws.
-    void sweep(const LitSurfaces& lit, const Visibility& visibility, const Sky& sky, float limit,
-               Progress& progress, Volume& volume) const;
+    void sweep(const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
+               const Sky& sky, float limit, Progress& progress, Volume& volume) const;
 
 private:
     const gpu::Device& device_;
     Grid grid_;
     SnSettings settings_;
-    GatherProgram gather_;
+    gather::GatherProgram gather_;
     uint64_t largest_; ///< bytes that a binding sees
     uint32_t stride_;  ///< directions of an octant that are swept at once
-    sn::SweepPrograms sweep_;
+    SweepPrograms sweep_;
 };
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::sn

@@ -11,7 +11,7 @@
 
 #include <glm/glm.hpp>
 #define LPVBAKE_SHARED_CONST inline constexpr
-namespace lpvbake::sn {
+namespace lpvbake::solver::sn {
 using uint = std::uint32_t;
 #else
 #define LPVBAKE_SHARED_CONST const
@@ -121,7 +121,7 @@ struct SweepTiling {
 /// One subgroup a group, which then reads what is the same for all lanes once.
 inline constexpr SweepTiling cpu_tiling{lanes, 16, 4};
 inline constexpr SweepTiling gpu_tiling{64, 1, 1};
-} // namespace lpvbake::sn
+} // namespace lpvbake::solver::sn
 #endif
 
 #undef LPVBAKE_SHARED_CONST

@@ -12,7 +12,7 @@
 #include <algorithm>
 #include <limits>
 
-namespace lpvbake::sn {
+namespace lpvbake::solver::sn {
 namespace {
 
 constexpr uint64_t texel = sizeof(glm::vec4);
@@ -53,7 +53,7 @@ uint32_t swept_directions(const SweepLayout& layout, int directions, uint64_t mo
 }
 
 uint32_t projected_directions(uint32_t stride, int order) {
-    const uint32_t most = max_project_weights / uint32_t(sh_count(order));
+    const uint32_t most = max_project_weights / uint32_t(volume::sh_count(order));
     for (uint32_t parts = 1;; ++parts)
         if (stride % (parts * lanes) == 0 && stride / parts <= most)
             return stride / parts;
@@ -67,7 +67,7 @@ uint64_t sweep_bytes(const Grid& grid, int directions, int order) {
     const SweepLayout layout(grid.dims);
     const uint32_t stride =
         swept_directions(layout, directions, std::numeric_limits<uint64_t>::max(), false);
-    return grid.size() * sh_vec4s(uint32_t(sh_count(order))) * texel
+    return grid.size() * sh_vec4s(uint32_t(volume::sh_count(order))) * texel
            + layout.ring_texels(stride) * texel + 3 * chunk_bytes;
 }
 
@@ -75,7 +75,7 @@ SweepPlan plan_sweep(const gpu::Device& device, const Grid& grid, int order, uin
                      uint64_t largest) {
     const gpu::DeviceInfo& info = device.info();
     const SweepLayout layout(grid.dims);
-    const uint64_t cell_bytes = sh_vec4s(uint32_t(sh_count(order))) * texel;
+    const uint64_t cell_bytes = sh_vec4s(uint32_t(volume::sh_count(order))) * texel;
     const uint64_t layer_cells = uint64_t(grid.dims.x) * uint64_t(grid.dims.y);
     const uint64_t front_cells = layout.slots(); // the largest front has at most so many
     if (layer_cells * cell_bytes > largest || layout.ring_texels(stride) * texel > largest
@@ -107,7 +107,7 @@ SweepPrograms compile_sweep(const gpu::Device& device, uint32_t stride, int orde
                                    Binding::texels_rgba32, Binding::storage};
     const uint32_t constants[] = {tiling.local_size, tiling.march};
     const uint32_t project_constants[] = {tiling.local_size, tiling.project_march,
-                                          uint32_t(sh_count(order)),
+                                          uint32_t(volume::sh_count(order)),
                                           projected_directions(stride, order)};
     return {
         gpu::Program(device, shaders::transport_comp, transport, sizeof(TransportPush), constants),
@@ -135,7 +135,7 @@ Sweeper::Sweeper(const gpu::Device& device, const Grid& grid, const SweepPlan& p
 }
 
 void Sweeper::begin(const Directions& directions, std::span<const glm::vec4> ring) {
-    const size_t coefficients = size_t(sh_count(plan_.order));
+    const size_t coefficients = size_t(volume::sh_count(plan_.order));
     put(device_, table_, std::span(directions.table));
     for (uint32_t d = 0; d < plan_.stride; d += plan_.at_once)
         gpu::upload(device_, weights_, d / plan_.at_once * plan_.weight_bytes,
@@ -201,7 +201,7 @@ void Sweeper::record_transport(uint32_t first, uint32_t last, int front) {
 void Sweeper::record_project(std::span<const Entry> cells, uint32_t first, uint32_t last) {
     const uint64_t slab_cells = uint64_t(plan_.slab) * plan_.layer_cells;
     const auto slab_of = [&](uint32_t entry) { return cells[entry].cell / slab_cells; };
-    const uint64_t quads = sh_vec4s(uint32_t(sh_count(plan_.order)));
+    const uint64_t quads = sh_vec4s(uint32_t(volume::sh_count(plan_.order)));
     const uint32_t a_group = plan_.tiling.local_size * plan_.tiling.project_march;
     for (uint32_t until; first < last; first = until) {
         until = last;
@@ -228,7 +228,7 @@ void Sweeper::record_project(std::span<const Entry> cells, uint32_t first, uint3
 }
 
 void Sweeper::add_to(Volume& volume) const {
-    const size_t coefficients = size_t(sh_count(plan_.order));
+    const size_t coefficients = size_t(volume::sh_count(plan_.order));
     const uint64_t floats = plan_.cell_bytes / sizeof(float);
     std::vector<float> layer(plan_.layer_cells * floats);
     for (int z = 0; z < grid_.dims.z; ++z) {
@@ -243,4 +243,4 @@ void Sweeper::add_to(Volume& volume) const {
     }
 }
 
-} // namespace lpvbake::sn
+} // namespace lpvbake::solver::sn

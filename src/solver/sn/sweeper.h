@@ -5,7 +5,7 @@
 #include "solver/sn/packing.h"
 #include "volume/volume.h"
 
-namespace lpvbake::sn {
+namespace lpvbake::solver::sn {
 
 /// The kernels.
 struct SweepPrograms {
@@ -82,4 +82,4 @@ private:
     gpu::Batch batch_;
 };
 
-} // namespace lpvbake::sn
+} // namespace lpvbake::solver::sn

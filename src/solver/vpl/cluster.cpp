@@ -5,14 +5,14 @@
 
 #include <algorithm>
 
-namespace lpvbake {
+namespace lpvbake::solver::vpl {
 
 namespace {
 
 constexpr float same_facing = 0.7f; ///< least cosine between normals that join: 45 degrees
 
 float luminance(glm::vec3 rgb) {
-    return glm::dot(rgb, glm::vec3(rec709_luminance));
+    return glm::dot(rgb, glm::vec3(colour::rec709_luminance));
 }
 
 struct Candidate {
@@ -77,4 +77,4 @@ void cluster_vpls(const Rsm& rsm, int kernel, std::vector<Vpl>& vpls) {
         vpls.insert(vpls.end(), row.begin(), row.end());
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::vpl

@@ -5,7 +5,7 @@
 #include <glm/gtc/constants.hpp>
 #include <tbb/parallel_for.h>
 
-namespace lpvbake {
+namespace lpvbake::solver::vpl {
 namespace {
 
 /// Directions of equal cosine-weighted solid angle around +z: rings of 4, 8 and 12.
@@ -26,9 +26,10 @@ std::vector<glm::vec3> portal_directions() {
 
 } // namespace
 
-void emit_vpls(const LitSurfaces& surfaces, const Frame& frame, std::vector<Vpl>& vpls) {
+void emit_vpls(const surface::LitSurfaces& surfaces, const scene::Frame& frame,
+               std::vector<Vpl>& vpls) {
     for (size_t i = 0; i < surfaces.luminance.size(); ++i) {
-        const Patch& patch = surfaces.patches[i / 2];
+        const surface::Patch& patch = surfaces.patches[i / 2];
         const glm::vec3 luminance = surfaces.luminance[i];
         if (luminance == glm::vec3(0.0f) || glm::any(glm::lessThan(patch.position, glm::vec3(0.0f)))
             || glm::any(glm::greaterThan(patch.position, glm::vec3(frame.extent))))
@@ -48,7 +49,7 @@ void emit_vpls(const LitSurfaces& surfaces, const Frame& frame, std::vector<Vpl>
     }
 }
 
-void sky_vpls(const Sky& sky, const Visibility& visibility, const Frame& frame,
+void sky_vpls(const Sky& sky, const visibility::Visibility& visibility, const scene::Frame& frame,
               std::vector<Vpl>& vpls) {
     static const std::vector<glm::vec3> directions = portal_directions();
     const glm::ivec3 dims(frame.extent);
@@ -71,10 +72,10 @@ void sky_vpls(const Sky& sky, const Visibility& visibility, const Frame& frame,
                 towards[u] = d.x;
                 towards[v] = d.y;
                 sum += visibility.transmittance({face.position, towards, 0.0f, HUGE_VALF})
-                       * sky_rest(sky, towards);
+                       * scene::sky_rest(sky, towards);
             }
             face.power = sum * float(power / double(directions.size()));
-            for (const Light& sun : sky_suns(sky)) {
+            for (const Light& sun : scene::sky_suns(sky)) {
                 const glm::vec3 towards(-sun.direction);
                 if (towards[axis] * outward > 0.0f)
                     face.power +=
@@ -88,4 +89,4 @@ void sky_vpls(const Sky& sky, const Visibility& visibility, const Frame& frame,
     }
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::vpl

@@ -6,15 +6,16 @@
 
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::solver::vpl {
 
 /// Appends VPLs for each side of a patch in the grid that light leaves, four that share its power
 /// of pi * L * A (lm).
-void emit_vpls(const LitSurfaces& surfaces, const Frame& frame, std::vector<Vpl>& vpls);
+void emit_vpls(const surface::LitSurfaces& surfaces, const scene::Frame& frame,
+               std::vector<Vpl>& vpls);
 
 /// Appends the sky's light where it enters the grid: a VPL on each outer face of a border cell, as
 /// bright as the sky that cosine-distributed rays meet from there.
-void sky_vpls(const Sky& sky, const Visibility& visibility, const Frame& frame,
+void sky_vpls(const Sky& sky, const visibility::Visibility& visibility, const scene::Frame& frame,
               std::vector<Vpl>& vpls);
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::vpl

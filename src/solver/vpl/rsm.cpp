@@ -8,14 +8,14 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lpvbake {
+namespace lpvbake::solver::vpl {
 
 namespace {
 
 /// Moves a point of a triangle a hair towards the centroid: by a thousandth of the way, at most a
 /// hundredth of a cell. A point on an edge may otherwise lie, by rounding, behind the wall that
 /// meets its own there, and would light what is behind that wall.
-glm::vec3 pulled_inward(const RsmVertex* vertex, glm::dvec3 point) {
+glm::vec3 pulled_inward(const raster::RsmVertex* vertex, glm::dvec3 point) {
     const glm::dvec3 centroid = (glm::dvec3(vertex[0].position) + glm::dvec3(vertex[1].position)
                                  + glm::dvec3(vertex[2].position))
                                 / 3.0;
@@ -24,7 +24,7 @@ glm::vec3 pulled_inward(const RsmVertex* vertex, glm::dvec3 point) {
 }
 
 /// Depth at which a view's ray meets a triangle's plane, in double.
-double depth_at(const RsmView& view, glm::dvec2 at, const RsmVertex* triangle) {
+double depth_at(const raster::RsmView& view, glm::dvec2 at, const raster::RsmVertex* triangle) {
     const glm::dvec3 normal(triangle->plane);
     const double slope = glm::dot(normal, view.along(at));
     // RasterTexel edge-on the plane may be met far away: the triangle's own depths are the limit.
@@ -38,19 +38,20 @@ double depth_at(const RsmView& view, glm::dvec2 at, const RsmVertex* triangle) {
 }
 
 /// From reflectance and triangle to position, normal and power.
-void resolve(std::span<const RasterTexel> texels, const RsmGeometry& geometry, const Frame& frame,
-             const RsmView& view, const Light& light, const Tile& tile, Rsm& rsm) {
+void resolve(std::span<const raster::RasterTexel> texels, const raster::RsmGeometry& geometry,
+             const scene::Frame& frame, const raster::RsmView& view, const Light& light,
+             const raster::Tile& tile, Rsm& rsm) {
     const glm::dvec3 color(light.color);
     const glm::ivec2 corner(tile.corner);
-    const TexelFlux texel_flux(light, frame, view, tile.size.x);
+    const raster::TexelFlux texel_flux(light, frame, view, tile.size.x);
     tbb::parallel_for(0, rsm.height, [&](int row) {
         for (int column = 0; column < rsm.width; ++column) {
             const std::size_t i = std::size_t(row) * rsm.width + column;
-            const RasterTexel& texel = texels[i];
+            const raster::RasterTexel& texel = texels[i];
             rsm.position[i] = rsm.normal[i] = rsm.power[i] = glm::vec3(0);
             if (texel.triangle == 0)
                 continue;
-            const RsmVertex* vertex = &geometry.vertices[3 * uint64_t(texel.triangle - 1)];
+            const raster::RsmVertex* vertex = &geometry.vertices[3 * uint64_t(texel.triangle - 1)];
             const glm::dvec2 at = tile.at(column, row);
             const glm::dvec3 along = view.along(at), normal(vertex->plane);
             const double depth = depth_at(view, at, vertex);
@@ -76,34 +77,35 @@ int usual_map_size(glm::ivec3 dims) {
 }
 
 struct RsmPass::Impl {
-    Frame frame;
+    scene::Frame frame;
     bool cull;
-    Raster raster;
+    raster::Raster raster;
 };
 
-RsmPass::RsmPass(const gpu::Device& device, const Scene& scene, const Frame& frame)
-    : impl_(new Impl{frame, scene.rules.cull_backfaces, Raster(device, scene, frame)}) {}
+RsmPass::RsmPass(const gpu::Device& device, const Scene& scene, const scene::Frame& frame)
+    : impl_(new Impl{frame, scene.rules.cull_backfaces, raster::Raster(device, scene, frame)}) {}
 RsmPass::~RsmPass() = default;
 
 void RsmPass::render(const Light& light, int size, const std::function<void(const Rsm&)>& consume) {
     const auto& [frame, cull, raster] = *impl_;
-    const RsmGeometry& geometry = raster.geometry();
+    const raster::RsmGeometry& geometry = raster.geometry();
     Rsm rsm;
-    for (const RsmView& view : views_of(light, frame, geometry.lo, geometry.hi))
-        for (int y = 0; y < size; y += max_tile)
-            for (int x = 0; x < size; x += max_tile) {
-                rsm.width = std::min(max_tile, size - x);
-                rsm.height = std::min(max_tile, size - y);
+    for (const raster::RsmView& view : raster::views_of(light, frame, geometry.lo, geometry.hi))
+        for (int y = 0; y < size; y += raster::max_tile)
+            for (int x = 0; x < size; x += raster::max_tile) {
+                rsm.width = std::min(raster::max_tile, size - x);
+                rsm.height = std::min(raster::max_tile, size - y);
                 rsm.view = view;
                 const std::size_t texels = std::size_t(rsm.width) * rsm.height;
                 rsm.position.resize(texels);
                 rsm.normal.resize(texels);
                 rsm.power.resize(texels);
-                Tile tile{glm::ivec2(size), {x, y}, {rsm.width, rsm.height}};
-                tile.seed = uint32_t(y / max_tile) * 65536u + uint32_t(x / max_tile);
+                raster::Tile tile{glm::ivec2(size), {x, y}, {rsm.width, rsm.height}};
+                tile.seed =
+                    uint32_t(y / raster::max_tile) * 65536u + uint32_t(x / raster::max_tile);
                 resolve(raster.draw(view, tile, cull), geometry, frame, view, light, tile, rsm);
                 consume(rsm);
             }
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::vpl

@@ -9,7 +9,7 @@
 #include <memory>
 #include <vector>
 
-namespace lpvbake {
+namespace lpvbake::solver::vpl {
 
 /// One map, or a tile of one: row-major texels. A texel that sees nothing, or a black back, has
 /// power 0.
@@ -19,7 +19,7 @@ struct Rsm {
     std::vector<glm::vec3> position; ///< frame units
     std::vector<glm::vec3> normal;   ///< unit, of the triangle, on the lit side
     std::vector<glm::vec3> power;    ///< reflected power of the texel, lm a channel
-    RsmView view;                    ///< of the whole map
+    raster::RsmView view;            ///< of the whole map
 };
 
 /// A virtual point light: emits power / pi * max(0, n.w) candela.
@@ -40,7 +40,7 @@ int usual_map_size(glm::ivec3 dims);
 /// GPU resources for rendering one scene's maps: geometry, textures, pipeline, targets.
 class RsmPass {
 public:
-    RsmPass(const gpu::Device& device, const Scene& scene, const Frame& frame);
+    RsmPass(const gpu::Device& device, const Scene& scene, const scene::Frame& frame);
     ~RsmPass();
     /// Renders every map of a light (one, six for a point light or a wide spot) in tiles of at most
     /// 1024 texels a side and hands each tile to `consume` in a fixed order. Positions and normals
@@ -59,4 +59,4 @@ private:
 /// of the downsampling in Kaplanyan and Dachsbacher 2010, made to conserve power.
 void cluster_vpls(const Rsm& rsm, int kernel, std::vector<Vpl>& vpls);
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::vpl

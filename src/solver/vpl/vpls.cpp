@@ -1,9 +1,10 @@
 #include "solver/vpl/vpls.h"
 
-namespace lpvbake {
+namespace lpvbake::solver::vpl {
 
-std::vector<Vpl> render_vpls(const gpu::Device& device, const Scene& scene, const Frame& frame,
-                             const RsmSettings& settings, Progress& progress) {
+std::vector<Vpl> render_vpls(const gpu::Device& device, const Scene& scene,
+                             const scene::Frame& frame, const RsmSettings& settings,
+                             Progress& progress) {
     std::vector<Vpl> vpls;
     RsmPass pass(device, scene, frame);
     uint64_t done = 0;
@@ -15,4 +16,4 @@ std::vector<Vpl> render_vpls(const gpu::Device& device, const Scene& scene, cons
     return vpls;
 }
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::vpl

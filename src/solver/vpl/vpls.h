@@ -4,11 +4,12 @@
 #include "lpvbake/progress.h"
 #include "solver/vpl/rsm.h"
 
-namespace lpvbake {
+namespace lpvbake::solver::vpl {
 
 /// Renders every light's maps and clusters them, in the order of the lights. Advances `progress` by
 /// one a light.
-std::vector<Vpl> render_vpls(const gpu::Device& device, const Scene& scene, const Frame& frame,
-                             const RsmSettings& settings, Progress& progress);
+std::vector<Vpl> render_vpls(const gpu::Device& device, const Scene& scene,
+                             const scene::Frame& frame, const RsmSettings& settings,
+                             Progress& progress);
 
-} // namespace lpvbake
+} // namespace lpvbake::solver::vpl
