@@ -1,52 +1,94 @@
 #include "volume/dilate.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace lpvbake::volume {
+namespace {
+
+constexpr std::size_t nobody = ~std::size_t(0);
+
+/// Cells by which `place` lies beyond the walls of a valid cell; 0 before them.
+double depth_beyond_walls(const Volume& volume, std::size_t cell, glm::ivec3 place) {
+    const glm::dvec3 x(place - volume.grid.cell_at(cell));
+    double depth = 0;
+    for (const auto& planes : volume.walls) {
+        const glm::dvec3 w(planes[cell]);
+        if (const double distance = glm::length(w); distance > 0)
+            depth = std::max(depth, glm::dot(x, w) / distance - distance);
+    }
+    return depth;
+}
+
+/// A neighbour that a cell can be filled from.
+struct Neighbour {
+    std::size_t cell;
+    double weight; ///< 1 / distance
+    double depth;  ///< of the cell beyond the neighbour's walls, cells
+};
+
+/// Fills a cell; returns the valid cell on whose side it lies, nobody where no neighbour is known.
+/// sides[cell] is the same of those that are known.
+std::size_t fill(Volume& volume, glm::ivec3 place, const std::vector<std::size_t>& sides) {
+    std::array<Neighbour, 27> around;
+    std::size_t count = 0;
+    for (int n = 0; n < 27; ++n) {
+        const glm::ivec3 step = glm::ivec3(n % 3, n / 3 % 3, n / 9) - 1;
+        if (!volume.grid.contains(place + step))
+            continue;
+        const std::size_t beside = volume.grid.index(place + step);
+        if (const std::size_t side = sides[beside]; side != nobody)
+            around[count++] = {beside, 1.0 / glm::length(glm::dvec3(step)),
+                               depth_beyond_walls(volume, side, place)};
+    }
+    const auto end = around.begin() + std::ptrdiff_t(count);
+    const auto nearest = std::min_element(
+        around.begin(), end, [](const auto& a, const auto& b) { return a.depth < b.depth; });
+    if (nearest == end)
+        return nobody;
+    const double least = nearest->depth;
+    double weights = 0.0;
+    for (auto neighbour = around.begin(); neighbour != end; ++neighbour) {
+        neighbour->weight *= std::max(0.0, 1.0 - 4.0 * (neighbour->depth - least));
+        weights += neighbour->weight;
+    }
+    for (std::vector<glm::vec3>& coefficient : volume.sh) {
+        glm::dvec3 sum(0.0);
+        for (auto neighbour = around.begin(); neighbour != end; ++neighbour)
+            sum += neighbour->weight * glm::dvec3(coefficient[neighbour->cell]);
+        coefficient[volume.grid.index(place)] = glm::vec3(sum / weights);
+    }
+    return sides[nearest->cell];
+}
+
+} // namespace
 
 std::size_t dilate(Volume& volume, int rings) {
     const Grid& grid = volume.grid;
     if (volume.validity.empty())
         return 0;
-    std::vector<char> known(grid.size());
-    for (std::size_t i = 0; i < known.size(); ++i)
-        known[i] = volume.validity[i] > 0.0f;
+    std::vector<std::size_t> sides(grid.size(), nobody);
+    std::vector<std::size_t> unknown;
+    for (std::size_t i = 0; i < sides.size(); ++i)
+        if (volume.validity[i] > 0.0f)
+            sides[i] = i;
+        else
+            unknown.push_back(i);
 
     std::size_t filled = 0;
-    std::vector<std::size_t> ring;
     for (int number = 0; number < rings; ++number) {
-        ring.clear();
-        for (int z = 0; z < grid.dims.z; ++z)
-            for (int y = 0; y < grid.dims.y; ++y)
-                for (int x = 0; x < grid.dims.x; ++x) {
-                    const std::size_t cell = grid.index({x, y, z});
-                    if (known[cell])
-                        continue;
-                    double weights = 0.0;
-                    std::vector<glm::dvec3> sums(volume.sh.size(), glm::dvec3(0.0));
-                    for (int n = 0; n < 27; ++n) {
-                        const glm::ivec3 step = glm::ivec3(n % 3, n / 3 % 3, n / 9) - 1;
-                        const glm::ivec3 beside = glm::ivec3(x, y, z) + step;
-                        if (!grid.contains(beside) || !known[grid.index(beside)])
-                            continue;
-                        const double weight = 1.0 / glm::length(glm::dvec3(step));
-                        weights += weight;
-                        for (std::size_t k = 0; k < sums.size(); ++k)
-                            sums[k] += weight * glm::dvec3(volume.sh[k][grid.index(beside)]);
-                    }
-                    if (weights == 0.0)
-                        continue;
-                    // What is known stays as it is until the ring is complete, so that no cell
-                    // sees another of its own ring.
-                    for (std::size_t k = 0; k < sums.size(); ++k)
-                        volume.sh[k][cell] = glm::vec3(sums[k] / weights);
-                    ring.push_back(cell);
-                }
-        for (const std::size_t cell : ring)
-            known[cell] = true;
-        filled += ring.size();
+        // A cell is known only when its ring is complete, so that none sees another of its own.
+        std::vector<std::pair<std::size_t, std::size_t>> ring; // cells and their sides
+        for (const std::size_t cell : unknown)
+            if (const std::size_t side = fill(volume, grid.cell_at(cell), sides); side != nobody)
+                ring.emplace_back(cell, side);
         if (ring.empty())
             break;
+        for (const auto& [cell, side] : ring)
+            sides[cell] = side;
+        std::erase_if(unknown, [&](std::size_t cell) { return sides[cell] != nobody; });
+        filled += ring.size();
     }
     return filled;
 }

@@ -61,7 +61,7 @@ TEST(Dilate, GoesOneCellARing) {
     EXPECT_EQ(volume::dilate(volume, 100), 5u); // ends where nothing is left
 }
 
-TEST(Dilate, BothSidesOfAWallMeetInIt) {
+TEST(Dilate, BothSidesMeetInAWallOfWhichNothingIsKnown) {
     Volume volume = made({3, 1, 1}, 0.0f);
     volume.validity[1] = 0.0f;
     volume.sh[0][0] = glm::vec3(4.0f);
@@ -69,6 +69,57 @@ TEST(Dilate, BothSidesOfAWallMeetInIt) {
     EXPECT_EQ(volume.sh[0][1].x, 2.0f);
     EXPECT_EQ(volume.sh[0][0].x, 4.0f);
     EXPECT_EQ(volume.sh[0][2].x, 0.0f);
+}
+
+TEST(Dilate, ACellInAWallIsOfTheSideThatItIsNearerTo) {
+    // Lit cells 0 and 1, dark ones 4 and 5, and a wall from `front` to `back` (cells, from the
+    // centre of the first) with cells 2 and 3 in it.
+    const auto filled = [](float front, float back) {
+        Volume volume = made({6, 1, 1}, 0.0f);
+        volume.walls.assign(1, std::vector<glm::vec3>(6, glm::vec3(0.0f)));
+        for (const int x : {0, 1, 4, 5}) {
+            volume.sh[0][size_t(x)] = glm::vec3(x < 2 ? 4.0f : 0.0f);
+            volume.walls[0][size_t(x)].x = (x < 2 ? front : back) - float(x);
+        }
+        volume.validity[2] = volume.validity[3] = 0.0f;
+        EXPECT_EQ(volume::dilate(volume, 1), 2u);
+        return glm::vec2(volume.sh[0][2].x, volume.sh[0][3].x);
+    };
+    EXPECT_EQ(filled(1.5f, 3.5f), glm::vec2(4.0f, 0.0f));
+}
+
+TEST(Dilate, WallsOfTheSameDepthMixAndThoseAQuarterDeeperDoNot) {
+    // One cell in a wall between 4 and 0; `off` is by how much the lit side is farther away.
+    const auto middle = [](float off) {
+        Volume volume = made({3, 1, 1}, 0.0f);
+        volume.walls.assign(1, std::vector<glm::vec3>(3, glm::vec3(0.0f)));
+        volume.validity[1] = 0.0f;
+        volume.sh[0][0] = glm::vec3(4.0f);
+        volume.walls[0][0].x = 0.7f - off; // the cell is 0.3 + off beyond it
+        volume.walls[0][2].x = -0.7f;
+        volume::dilate(volume, 1);
+        return double(volume.sh[0][1].x);
+    };
+    EXPECT_NEAR(middle(0.0f), 2.0, 1e-6);
+    EXPECT_NEAR(middle(0.125f), 4.0 * 0.5 / 1.5, 1e-5); // 1 - 4 * 0.125 beside 1
+    EXPECT_EQ(middle(0.26f), 0.0);
+    EXPECT_EQ(middle(-0.26f), 4.0);
+}
+
+TEST(Dilate, AFilledCellHandsOnTheWallsOfItsSide) {
+    // A thick wall: in the second ring the lit side has 1.9 cells in front of cell 3, the dark side
+    // 1.1.
+    Volume volume = made({7, 1, 1}, 0.0f);
+    volume.walls.assign(1, std::vector<glm::vec3>(7, glm::vec3(0.0f)));
+    for (const int x : {2, 3, 4})
+        volume.validity[size_t(x)] = 0.0f;
+    volume.sh[0][1] = glm::vec3(4.0f);
+    volume.walls[0][1].x = 0.1f;
+    volume.walls[0][5].x = -0.9f;
+    EXPECT_EQ(volume::dilate(volume, 2), 3u);
+    EXPECT_EQ(volume.sh[0][2].x, 4.0f);
+    EXPECT_EQ(volume.sh[0][3].x, 0.0f);
+    EXPECT_EQ(volume.sh[0][4].x, 0.0f);
 }
 
 TEST(Dilate, WithoutValidityNothingIsFilled) {
