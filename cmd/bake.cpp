@@ -33,7 +33,10 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::optional<solver::Quality> quality;
     std::map<std::string, double> parameters; ///< of solvers
     int dilate = 0;
-    bool fit = false;
+    std::optional<bool> fit; ///< none: as the target is read
+
+    /// Programs that cells are filled for shade surfaces by them; the others show the field.
+    bool fits() const { return fit.value_or(outputs.target->dilate > 0 && dilate == 0); }
 };
 
 // ---------------------------------------------------------------- options of solvers
@@ -164,7 +167,7 @@ void check_options(const BakeOptions& o) {
             own && !solver::is_value(*own, value))
             throw Error(ErrorKind::argument, "--" + name + ": the " + solver.name + " solver takes "
                                                  + solver::values_of(*own));
-    if (o.fit && o.dilate > 0)
+    if (o.fits() && o.dilate > 0)
         throw Error(ErrorKind::argument,
                     "--fit surfaces and --dilate exclude each other: fitted cells "
                     "are filled already");
@@ -184,7 +187,7 @@ bake::BakeSettings to_settings(const BakeOptions& o) {
     settings.solver.set(o.quality.value_or(solver::Quality::balanced));
     if (o.bounces)
         settings.bounces = o.bounces->most;
-    if (o.fit)
+    if (o.fits())
         settings.fit = reader_of(*o.outputs.target);
     return settings;
 }
@@ -400,9 +403,13 @@ options::Action declare(options::Options& options) {
                 "stays as it is")
         .record();
     options
-        .choice("--fit", o.fit, options::Choices<bool>{{"none", false}, {"surfaces", true}},
-                "surfaces: values with which the target's program shows on surfaces the light that "
-                "arrives there, though it reads cells beyond walls; generic: our own sampler")
+        .choice(
+            "--fit", o.fit, options::Choices<bool>{{"none", false}, {"surfaces", true}},
+            "surfaces: values with which the target's program shows on surfaces the light that "
+            "arrives there, though it reads cells beyond walls; generic: our own sampler. none: "
+            "the field at the cells' centres. Default: surfaces for programs that shade surfaces "
+            "by the volume, none for generic, blender and houdini, and with --dilate")
+        .implies([&o] { return o.fits() ? "surfaces" : "none"; })
         .record(options::Recorded::if_changed);
     add_device_option(options, o);
     options.flag("--validation", o.validation,

@@ -61,8 +61,8 @@ struct RenderOptions : SceneOptions, RunOptions {
     std::optional<glm::ivec2> size;
     int samples = 16;
     render::Show show = render::Show::final;
-    const readers::Reader* sampler = facing;
-    std::optional<double> exposure; ///< EV; none: automatic
+    const readers::Reader* sampler = nullptr; ///< null: whom the volume is fitted to, or facing
+    std::optional<double> exposure;           ///< EV; none: automatic
     render::ToneMap tone_map = render::ToneMap::neutral;
     int reference = 0;
     std::vector<std::string> reference_outputs;
@@ -434,7 +434,15 @@ std::optional<Volume> filled_for(const readers::Reader& sampler, const Volume& v
     return filled;
 }
 
-void run(const RenderOptions& o) {
+/// The program that the volume is fitted to, or our own sampler.
+const readers::Reader* usual_sampler(const Volume& volume) {
+    const auto fit = volume.metadata.find("fit");
+    const readers::Reader* reader =
+        fit == volume.metadata.end() ? nullptr : readers::reader_named(fit->second);
+    return reader ? reader : facing;
+}
+
+void run(RenderOptions o) {
     check_options(o);
     Run run(o, o, all_outputs(o));
     const image::ImageModulePreload preload = image::preload_image_module();
@@ -442,6 +450,8 @@ void run(const RenderOptions& o) {
         return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
     });
     const Volume volume = read(o.volume);
+    if (!o.sampler)
+        o.sampler = usual_sampler(volume);
     const Scene scene = run.load();
     if (scene::triangle_count(scene) == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to draw");
@@ -495,7 +505,8 @@ void run(const RenderOptions& o) {
 
 /// Our own two samplers, then the programs and formulas that readers know.
 options::Choices<const readers::Reader*> samplers() {
-    options::Choices<const readers::Reader*> choices{{"facing", facing}, {"trilinear", &trilinear}};
+    options::Choices<const readers::Reader*> choices{
+        {"auto", nullptr}, {"facing", facing}, {"trilinear", &trilinear}};
     for (const readers::Reader& reader : readers::all_readers())
         if (&reader != facing)
             choices.emplace_back(reader.name, &reader);
@@ -518,8 +529,10 @@ options::Action declare(options::Options& options) {
     options.number("--samples", o.samples, 1, 65536,
                    "Samples of each pixel, spread over its square");
     options.choice("--show", o.show, options::choices_named<render::Show>(show_names), "See below");
-    options.choice("--sampler", o.sampler, samplers(),
-                   "How the volume is read, or by which program");
+    options.choice(
+        "--sampler", o.sampler, samplers(),
+        "How the volume is read, or by which program; auto: by the one that it is fitted "
+        "to, else facing");
 
     options.group("Picture");
     options.value("--exposure", o.exposure, "EV|auto", parse_exposure, "Of a .png", "auto");

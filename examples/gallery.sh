@@ -46,7 +46,7 @@ done
 row street 12.5 -2,1.7,27:0.5,2.5,0:55 0.5:0.7:1,6000 --resolution 64 --bounds -16,-1,-30,16,10,30
 
 "$lpvbake" bake sheets.gltf -o sheets.vdb --resolution 32 >/dev/null
-"$lpvbake" bake sheets.gltf -o sheets.fit.vdb --resolution 32 --target godot --fit surfaces
+"$lpvbake" bake sheets.gltf -o sheets.fit.vdb --resolution 32 --target godot
 for kind in "" .fit; do
     "$lpvbake" render sheets.gltf "sheets$kind.vdb" -o "sheets$kind.png" --sampler godot --size 400x300 \
         --exposure 10.5 --camera 0,1.4,5.8:0,1.25,-1.8 --reference "$paths" \

@@ -51,6 +51,13 @@ void fit_volume(const Scene& scene, const BakePlan& plan, const visibility::Visi
     }
     const SurfaceFit fit = fit_to_surfaces(scene, lit, plan.frame, plan.emitters, reader, {},
                                            volume, stages.progress());
+    if (fit.fit.points == 0) {
+        stages.end("no light arrives on surfaces of the grid");
+        stages.warn(format("no light arrives on surfaces of the grid: nothing is fitted to what %s "
+                           "shows",
+                           reader.name));
+        return;
+    }
     stages.end(format("%s on surfaces: %.3g %% wrong, energy %.3f, %.2g %% in the dark (%.3g %%, "
                       "%.3f, %.2g %% before), %s",
                       reader.name, 100 * fit.after.relative, fit.after.energy, 100 * fit.after.leak,

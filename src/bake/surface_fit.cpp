@@ -3,6 +3,8 @@
 #include "text.h"
 #include "volume/dilate.h"
 
+#include <algorithm>
+
 namespace lpvbake::bake {
 
 std::vector<readers::FitPoint> fit_points(const Scene& scene, const surface::LitSurfaces& lit,
@@ -29,14 +31,25 @@ std::vector<readers::FitPoint> fit_points(const Scene& scene, const surface::Lit
     return points;
 }
 
+namespace {
+
+bool any_light(const std::vector<readers::FitPoint>& points) {
+    return std::ranges::any_of(
+        points, [](const readers::FitPoint& point) { return point.irradiance != glm::dvec3(0.0); });
+}
+
+} // namespace
+
 SurfaceFit fit_to_surfaces(const Scene& scene, const surface::LitSurfaces& lit,
                            const scene::Frame& frame, bool emitters, const readers::Reader& reader,
                            const SurfaceFitSettings& settings, Volume& volume, Progress& progress) {
     SurfaceFit result;
-    volume::dilate(volume, settings.dilate);
     const auto checks =
         fit_points(scene, lit, frame, emitters, {.most_points = settings.checks, .seed = 2},
                    settings.check_rays, progress);
+    if (!any_light(checks))
+        return result;
+    volume::dilate(volume, settings.dilate);
     result.before = readers::error_of(reader, volume, checks);
     const auto points =
         fit_points(scene, lit, frame, emitters,

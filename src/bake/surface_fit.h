@@ -31,7 +31,9 @@ std::vector<readers::FitPoint> fit_points(const Scene& scene, const surface::Lit
                                           Progress& progress);
 
 /// Fits the volume to a reader, and adds the metadata fit (the reader's name), fit_error,
-/// fit_energy, fit_leak (SurfaceFit::after) and fit_moved. Throws whatever `progress` throws.
+/// fit_energy, fit_leak (SurfaceFit::after) and fit_moved. Where no light arrives on any surface
+/// of the grid the volume stays as it is, and FitReport::points is 0. Throws whatever `progress`
+/// throws.
 SurfaceFit fit_to_surfaces(const Scene& scene, const surface::LitSurfaces& lit,
                            const scene::Frame& frame, bool emitters, const readers::Reader& reader,
                            const SurfaceFitSettings& settings, Volume& volume, Progress& progress);

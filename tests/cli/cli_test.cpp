@@ -737,8 +737,8 @@ TEST_F(Cli, DilateFillsWhatIsNotValid) {
 
 TEST_F(Cli, FitIsForTheTargetsProgramAndIsTold) {
     need_device();
-    const std::vector<std::string> bake{"bake", "room.gltf", "--resolution",
-                                        "10",   "--fit",     "surfaces"};
+    const std::vector<std::string> bare{"bake", "room.gltf", "--resolution", "10"};
+    const auto bake = bare + std::vector<std::string>{"--fit", "surfaces"};
     const Result result = run(
         bake + std::vector<std::string>{"-o", "u.vdb", "--target", "unity", "--format", "json"});
     ASSERT_EQ(result.status, 0) << result.err;
@@ -767,6 +767,51 @@ TEST_F(Cli, FitIsForTheTargetsProgramAndIsTold) {
         EXPECT_FALSE(key.starts_with("fit"));
         EXPECT_EQ(value.find("fit = "), std::string::npos);
     }
+}
+
+TEST_F(Cli, TargetsThatShadeSurfacesAreFittedUnlessToldOtherwise) {
+    need_device();
+    const std::vector<std::string> bake{"bake", "room.gltf", "--resolution", "8", "-o", "a.vdb"};
+    const auto fits = [&](const std::vector<std::string>& given) { // as a dry run says
+        const Result result =
+            run(bake + given + std::vector<std::string>{"--dry-run", "--format", "json"});
+        EXPECT_EQ(result.status, 0) << result.err;
+        const json stages = json::parse(result.out).at("stages");
+        return std::ranges::any_of(stages,
+                                   [](const json& stage) { return stage["name"] == "fit"; });
+    };
+    for (const char* name : {"unity", "unreal", "godot", "threejs", "vrc", "bevy"}) {
+        EXPECT_TRUE(fits({"--target", name})) << name;
+    }
+    EXPECT_FALSE(fits({"--target", "unity", "--fit", "none"}));
+    EXPECT_FALSE(fits({"--target", "unity", "--dilate", "1"}));
+    for (const char* name : {"generic", "blender", "houdini"}) {
+        EXPECT_FALSE(fits({"--target", name})) << name;
+    }
+    EXPECT_TRUE(fits({"--target", "houdini", "--fit", "surfaces"}));
+    EXPECT_NE(run(bake + std::vector<std::string>{"--target", "unity", "--print-config"})
+                  .out.find("# fit = \"surfaces\""),
+              std::string::npos);
+
+    // By hand or by itself: the same light; and without it what there was before.
+    const auto light = [&](const std::vector<std::string>& given) {
+        const Result result = run(bake + given);
+        EXPECT_EQ(result.status, 0) << result.err;
+        return read_volume((folder_ / "a.vdb").string());
+    };
+    const Volume fitted = light({"--target", "vrc", "--sh-order", "1"});
+    EXPECT_EQ(fitted.metadata.at("fit"), "vrc");
+    EXPECT_EQ(fitted.sh, light({"--target", "vrc", "--sh-order", "1", "--fit", "surfaces"}).sh);
+    const std::vector<std::string> none{"--target", "vrc", "--sh-order", "1", "--fit", "none"};
+    const Volume field = light(none);
+    EXPECT_NE(fitted.sh, field.sh);
+    EXPECT_EQ(field.metadata.count("fit"), 0u);
+    EXPECT_NE(field.metadata.at("settings").find("fit = \"none\""), std::string::npos);
+    ASSERT_EQ(
+        run({"bake", "room.gltf", "--resolution", "8", "-o", "g.vdb", "--sh-order", "1"}).status,
+        0);
+    ASSERT_EQ(run({"convert", "g.vdb", "c.vdb", "--target", "vrc"}).status, 0);
+    EXPECT_EQ(field.sh, read_volume((folder_ / "c.vdb").string()).sh);
 }
 
 TEST_F(Cli, ProgressGoesToStandardErrorInTheFormAskedFor) {

@@ -157,12 +157,24 @@ TEST_F(RenderCli, ConfigFileRoundTrips) {
 }
 
 TEST_F(RenderCli, TakesEveryReaderThatItNames) {
-    for (const char* name : {"facing", "trilinear", "blender", "houdini", "unity", "unreal",
+    for (const char* name : {"auto", "facing", "trilinear", "blender", "houdini", "unity", "unreal",
                              "godot", "threejs", "vrc", "bevy", "geomerics", "zh3"}) {
         const CliResult result =
             run("\"$ROOM\" v.vdb -o a.png --dry-run --sampler " + std::string(name));
         EXPECT_EQ(result.status, 0) << name << result.err;
     }
+}
+
+TEST_F(RenderCli, AFittedVolumeIsShownAsItsReaderDoes) {
+    const std::string dry = "\"$ROOM\" f.vdb -o a.png --dry-run";
+    for (const auto& [fit, sampler] :
+         {std::pair{"godot", "godot"}, {"lpvbake", "facing"}, {"quake", "facing"}}) {
+        volume_.metadata["fit"] = fit;
+        io::write_volume(folder_ / "f.vdb", volume_, Precision::full);
+        EXPECT_EQ(run_json(dry)["sampler"], sampler) << fit;
+        EXPECT_EQ(run_json(dry + " --sampler vrc")["sampler"], "vrc") << fit;
+    }
+    EXPECT_EQ(run_json("\"$ROOM\" v.vdb -o a.png --dry-run")["sampler"], "facing");
 }
 
 TEST_F(RenderCli, WrongCommandLinesAreRefused) {

@@ -162,6 +162,7 @@ class ThreeJs(unittest.TestCase):
     @classmethod
     def render(cls, show):
         path = cls.folder / f"render_{show}.png"
+        # The volume is fitted to three.js, and read as it does.
         run(LPVBAKE, "render", cls.scene, cls.folder / "volume.json", "-o", path, "--camera",
             CAMERA, "--size", f"{SIZE[0]}x{SIZE[1]}", "--exposure", EXPOSURE,
             "--show", "final" if show == "both" else show)

@@ -576,5 +576,17 @@ TEST_F(Bake, AFitShowsSurfacesToItsReaderAndSaysHowWell) {
     }
 }
 
+TEST_F(Bake, NothingIsFittedWhereNoSurfaceIs) {
+    bake::BakeSettings settings = coarse(6, "sn");
+    settings.bounds = Bounds{{-0.2, 1.4, 0.2}, {0.2, 1.6, 0.5}}; // in the air
+    const Baked plain = run(scenes::cornell_box_with_point(), settings);
+    settings.fit = readers::reader_named("unity");
+    const Baked fitted = run(scenes::cornell_box_with_point(), settings);
+    EXPECT_EQ(fitted.volume.sh, plain.volume.sh);
+    EXPECT_EQ(fitted.volume.metadata.count("fit"), 0u);
+    ASSERT_EQ(fitted.warnings.size(), plain.warnings.size() + 1);
+    EXPECT_NE(fitted.warnings.back().find("nothing is fitted"), std::string::npos);
+}
+
 } // namespace
 } // namespace lpvbake
