@@ -20,7 +20,7 @@ packages=(
     libopenvdb-tools openimageio-tools python3 python3-openvdb python3-openimageio python3-numpy python3-jsonschema
 )
 if [[ ${1:-} == --clients ]]; then
-    packages+=(blender chromium chromium-driver)
+    packages+=(blender chromium chromium-driver godot3-server)
 fi
 
 missing=()

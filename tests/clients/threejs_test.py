@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""The three.js page in headless Chromium, beside `lpvbake render` of the same volume and camera; and
-that the comparison fails where the volume is broken.
+"""The three.js page in headless Chromium, beside `lpvbake render` of the same volume and camera, and
+that the comparison fails where the volume is broken; and beside the path-traced picture of a room
+whose walls have no thickness, where volumes fitted to the reader have to come nearer to it.
 
 Usage: threejs_test.py LPVBAKE EXAMPLES CACHE
 
@@ -32,6 +33,7 @@ CAMERA, EXPOSURE, SIZE = "0,1,4:0,1,0:35", "4", (640, 480)
 # Mean difference of what is shown, 0 to 1. The samplers differ (three.js reads half a cell before
 # the surface, `render` the cells that face it), and so do shadow maps and rays.
 TOLERANCE = 0.005
+OFFSET = "worldNormal * probeSpacing * 0.5"
 
 
 def run(*command):
@@ -66,15 +68,37 @@ def picture(path):
 
 
 def serve(folder):
-    """Serves a folder, with three.js at /three/ and the page taking it from there."""
+    """Serves a folder, with three.js at /three/ and the page taking it from there; and, for
+    /plain.html, with a three.js at /plain/ that looks volumes up at the surface itself, as most
+    engines do, not half a cell before it."""
     package = three()
+    build = package / "build"
+    plain = {}
+    for source in build.glob("three.*.js"):
+        text = source.read_text()
+        if OFFSET in text:
+            plain[source.name] = text.replace(OFFSET, "worldNormal * probeSpacing * 0.0").encode()
+    assert plain, "three.js reads volumes in another way"
 
     class Handler(http.server.SimpleHTTPRequestHandler):
         def translate_path(self, path):
             path = path.split("?")[0].lstrip("/")
             if path.startswith("three/"):
                 return str(package / path[len("three/"):])
+            if path.startswith("plain/"):
+                return str(package / path[len("plain/"):])
             return str(folder / path)
+
+        def do_GET(self):
+            name = self.path.split("?")[0]
+            text = plain.get(name.rsplit("/", 1)[-1]) if name.startswith("/plain/build/") else None
+            if text is None:
+                return super().do_GET()
+            self.send_response(200)
+            self.send_header("Content-Type", "text/javascript")
+            self.send_header("Content-Length", str(len(text)))
+            self.end_headers()
+            self.wfile.write(text)
 
         def log_message(self, *_):
             pass
@@ -84,9 +108,54 @@ def serve(folder):
     page = (EXAMPLES / "threejs/index.html").read_text()
     assert page.count(CDN) == 2
     (folder / "index.html").write_text(page.replace(CDN, "./three/"))
+    (folder / "plain.html").write_text(page.replace(CDN, "./plain/"))
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     return server
+
+
+def thin_room():
+    """A room of walls without thickness, seen from both sides and open at +z, in the sun."""
+    size = np.array([2.0, 2.1, 2.2])
+    walls = [((0, 0, 0), (0, 0, 1), (1, 0, 0), (0.7, 0.7, 0.7)),
+             ((0, 1, 0), (1, 0, 0), (0, 0, 1), (0.7, 0.7, 0.7)),
+             ((0, 0, 0), (0, 1, 0), (0, 0, 1), (0.7, 0.1, 0.1)),
+             ((1, 0, 0), (0, 0, 1), (0, 1, 0), (0.1, 0.6, 0.1)),
+             ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0.7, 0.7, 0.7))]
+    positions = np.array([size * (np.array(corner) + a * np.array(u) + b * np.array(v))
+                          for corner, u, v, _ in walls
+                          for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))], np.float32)
+    normals = np.array([np.cross(u, v) for _, u, v, _ in walls for _ in range(4)], np.float32)
+    indices = np.array([0, 1, 2, 0, 2, 3], np.uint16)
+    data = positions.tobytes() + normals.tobytes() + indices.tobytes()
+    towards = np.array([0.3, -0.6, -1.0])
+    towards /= np.linalg.norm(towards)
+    half = np.array([0, 0, -1.0]) + towards  # the turn of -z to the sun's direction
+    half /= np.linalg.norm(half)
+    turn = [*np.cross([0, 0, -1.0], half), -half[2]]
+    of_wall = 4 * 12
+    views = [{"buffer": 0, "byteOffset": n * of_wall, "byteLength": of_wall} for n in range(10)]
+    views.append({"buffer": 0, "byteOffset": 10 * of_wall, "byteLength": 12})
+    corners = [positions[4 * n:4 * n + 4] for n in range(5)]
+    accessors = [{"bufferView": n, "componentType": 5126, "count": 4, "type": "VEC3",
+                  **({"min": corners[n].min(0).tolist(), "max": corners[n].max(0).tolist()}
+                     if n < 5 else {})} for n in range(10)]
+    accessors.append({"bufferView": 10, "componentType": 5123, "count": 6, "type": "SCALAR"})
+    return {
+        "asset": {"version": "2.0"},
+        "buffers": [{"byteLength": len(data), "uri": "data:application/octet-stream;base64,"
+                     + base64.b64encode(data).decode()}],
+        "bufferViews": views, "accessors": accessors,
+        "materials": [{"doubleSided": True, "pbrMetallicRoughness": {
+            "baseColorFactor": [*colour, 1], "metallicFactor": 0}} for *_, colour in walls],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": n, "NORMAL": 5 + n}, "indices": 10,
+                                    "material": n} for n in range(5)]}],
+        "extensionsUsed": ["KHR_lights_punctual"],
+        "extensions": {"KHR_lights_punctual": {
+            "lights": [{"type": "directional", "intensity": 10000}]}},
+        "nodes": [{"mesh": 0}, {"rotation": turn,
+                                "extensions": {"KHR_lights_punctual": {"light": 0}}}],
+        "scenes": [{"nodes": [0, 1]}], "scene": 0}
 
 
 class Chromium:
@@ -237,6 +306,68 @@ class ThreeJs(unittest.TestCase):
         view = self.chromium.screenshot(self.folder / "spheres.png")
         changed = np.mean(np.any(np.abs(view - self.expected["both"]) > 0.05, axis=-1))
         self.assertGreater(changed, 0.05)
+
+
+def squares(picture):
+    """Means over 8 x 8 pixels."""
+    height, width = picture.shape[0] // 8, picture.shape[1] // 8
+    return picture.reshape(height, 8, width, 8, -1).mean((1, 3)).squeeze()
+
+
+class ThinWalls(unittest.TestCase):
+    """Light that is reflected, in a room of thin walls."""
+
+    CAMERA, EXPOSURE = "1,1.05,5.4:1,1.05,0:35", "8"
+
+    @classmethod
+    def setUpClass(cls):
+        temporary = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(temporary.cleanup)
+        cls.folder = pathlib.Path(temporary.name)
+        (cls.folder / "scene.gltf").write_text(json.dumps(thin_room()))
+        for reader, fit in (("threejs", "none"), ("threejs", "surfaces"), ("godot", "none"),
+                            ("godot", "surfaces")):
+            # Read without an offset, as Godot does, but packed as three.js has it.
+            volume = cls.folder / f"{reader}_{fit}.vdb"
+            run(LPVBAKE, "bake", cls.folder / "scene.gltf", "-o", volume, "--target", reader,
+                "--fit", fit)
+            run(LPVBAKE, "convert", volume, volume.with_suffix(".exr"), "--target", "threejs")
+        run(LPVBAKE, "render", cls.folder / "scene.gltf", cls.folder / "threejs_none.vdb", "-o",
+            cls.folder / "own.png", "--camera", cls.CAMERA, "--size", f"{SIZE[0]}x{SIZE[1]}",
+            "--exposure", cls.EXPOSURE, "--show", "indirect", "--samples", "1", "--reference", "128",
+            "--reference-output", cls.folder / "paths.png")
+        cls.paths = picture(cls.folder / "paths.png")
+        server = serve(cls.folder)
+        cls.addClassCleanup(server.server_close)
+        cls.addClassCleanup(server.shutdown)
+        cls.url = f"http://127.0.0.1:{server.server_address[1]}"
+        cls.chromium = Chromium()
+        cls.addClassCleanup(cls.chromium.close)
+
+    def difference(self, page, volume):
+        """Mean difference from the paths over squares of 8 pixels, which have little of their noise,
+        where they see the room."""
+        state = self.chromium.open(
+            f"{self.url}/{page}.html?scene=scene.gltf&volume={volume}.json&camera={self.CAMERA}"
+            f"&exposure={self.EXPOSURE}&show=indirect&panel=0")
+        self.assertEqual(state, ["ready", ""])
+        view = self.chromium.screenshot(self.folder / f"{page}_{volume}.png")
+        room = squares(self.paths.max(-1) > 0) == 1
+        self.assertGreater(room.mean(), 0.3)
+        return float(np.abs(squares(view) - squares(self.paths))[room].mean())
+
+    def test_fitted_volumes_are_nearer_to_the_paths(self):
+        for page, reader, better in (("index", "threejs", 0.9), ("plain", "godot", 0.3)):
+            before = self.difference(page, f"{reader}_none")
+            after = self.difference(page, f"{reader}_surfaces")
+            print(f"{page}: mean difference {before:.4f} as filled, {after:.4f} fitted")
+            self.assertLess(after, better * before, page)
+
+    def test_a_volume_fitted_to_another_reader_is_seen(self):
+        own = self.difference("plain", "godot_surfaces")
+        other = self.difference("plain", "threejs_none")
+        print(f"plain, read from what is for three.js: {other:.4f}, {own:.4f} of its own")
+        self.assertGreater(other, 2 * own)
 
 
 if __name__ == "__main__":
