@@ -189,6 +189,7 @@ bake::BakeSettings to_settings(const BakeOptions& o) {
         settings.bounces = o.bounces->most;
     if (o.fits())
         settings.fit = reader_of(*o.outputs.target);
+    settings.dering = o.outputs.storage().dering;
     return settings;
 }
 

@@ -177,6 +177,7 @@ io::Target OutputOptions::storage() const {
     storage.encoding.convention = convention.value_or(storage.encoding.convention);
     storage.encoding.axes = axes.value_or(storage.encoding.axes);
     storage.pictures.packing = packing.value_or(storage.pictures.packing);
+    storage.dering = dering.value_or(storage.dering);
     if (columns > 0)
         storage.pictures.columns = columns;
     return storage;
@@ -210,6 +211,11 @@ void add_output_options(options::Options& options, OutputOptions& o) {
                 "One RGB file per coefficient, one RGBA file per colour channel, or as VRC Light "
                 "Volumes, Bevy and three.js have it")
         .implies([&o] { return io::name_of(o.storage().pictures.packing); });
+    options
+        .choice("--dering", o.dering, options::Choices<bool>{{"on", true}, {"off", false}},
+                "Change bands 1 and 2 as little as can be so that no cell has negative irradiance; "
+                "default: on for unity, unreal, godot, threejs and vrc, whose shaders show it")
+        .implies([&o] { return o.storage().dering ? "on" : "off"; });
     options.number("--exr-columns", o.columns, 0, 16384,
                    "Slices in a row of an EXR's picture; 0: nearly square");
 }

@@ -67,6 +67,7 @@ struct OutputOptions {
     std::optional<volume::ShConvention> convention;
     std::optional<volume::Axes> axes;
     std::optional<io::Packing> packing;
+    std::optional<bool> dering;
     int columns = 0; ///< 0: nearly square
 
     /// How they are stored.

@@ -49,7 +49,9 @@ void fit_volume(const Scene& scene, const BakePlan& plan, const visibility::Visi
         lighting.maps = false;
         lit = surface::light_surfaces(scene, visibility, plan.frame, lighting, stages.progress());
     }
-    const SurfaceFit fit = fit_to_surfaces(scene, lit, plan.frame, plan.emitters, reader, {},
+    SurfaceFitSettings settings;
+    settings.dering = plan.settings.dering;
+    const SurfaceFit fit = fit_to_surfaces(scene, lit, plan.frame, plan.emitters, reader, settings,
                                            volume, stages.progress());
     if (fit.fit.points == 0) {
         stages.end("no light arrives on surfaces of the grid");

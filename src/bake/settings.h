@@ -30,6 +30,7 @@ struct BakeSettings {
     /// Whose picture of the surfaces the volume is fitted to (bake/surface_fit.h); null: nobody's,
     /// it is the field at the cells' centres.
     const readers::Reader* fit = nullptr;
+    bool dering = true; ///< before it is fitted (bake/surface_fit.h)
 };
 
 } // namespace lpvbake::bake

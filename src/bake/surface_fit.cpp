@@ -1,6 +1,7 @@
 #include "bake/surface_fit.h"
 
 #include "text.h"
+#include "volume/dering.h"
 #include "volume/dilate.h"
 
 #include <algorithm>
@@ -50,6 +51,8 @@ SurfaceFit fit_to_surfaces(const Scene& scene, const surface::LitSurfaces& lit,
     if (!any_light(checks))
         return result;
     volume::dilate(volume, settings.dilate);
+    if (settings.dering && readers::shows_ringing(reader))
+        volume::dering(volume, readers::order_of(reader, volume));
     result.before = readers::error_of(reader, volume, checks);
     const auto points =
         fit_points(scene, lit, frame, emitters,

@@ -13,6 +13,9 @@ struct SurfaceFitSettings {
     readers::FitSettings solve;
     /// Rings of cells inside geometry that are filled before, to be held to; see volume/dilate.h.
     int dilate = 2;
+    /// Cells are held to values without negative irradiance, where the reader would show it; the
+    /// fit may ask for some again, of what stands behind a thin wall.
+    bool dering = true;
     uint64_t checks = 500; ///< other points, at which the error is told
     int check_rays = 1024;
 };

@@ -4,11 +4,13 @@
 #include "io/exr.h"
 #include "io/vdb.h"
 #include "lpvbake/error.h"
+#include "volume/dering.h"
 #include "volume/dilate.h"
 #include "volume/sh.h"
 
 #include <nlohmann/json.hpp>
 
+#include <algorithm>
 #include <filesystem>
 
 namespace lpvbake::io {
@@ -31,6 +33,7 @@ constexpr Target targets[] = {
      .precision = Precision::half,
      .highest_order = 2,
      .dilate = 2,
+     .dering = true,
      .notes = Notes::unity,
      .reads = &exr_format},
     {.name = "unreal",
@@ -39,6 +42,7 @@ constexpr Target targets[] = {
      .precision = Precision::half,
      .highest_order = 2,
      .dilate = 2,
+     .dering = true,
      .notes = Notes::unreal},
     {.name = "godot",
      .encoding = {.convention = volume::ShConvention::godot},
@@ -46,6 +50,7 @@ constexpr Target targets[] = {
      .precision = Precision::half,
      .highest_order = 2,
      .dilate = 2,
+     .dering = true,
      .notes = Notes::godot,
      .reads = &exr_format},
     {.name = "threejs",
@@ -53,6 +58,7 @@ constexpr Target targets[] = {
      .precision = Precision::half,
      .highest_order = 2,
      .dilate = 2,
+     .dering = true,
      .reads = &exr_format},
     {.name = "vrc",
      .encoding = {volume::ShConvention::unity, volume::Axes::unity},
@@ -60,6 +66,7 @@ constexpr Target targets[] = {
      .precision = Precision::half,
      .highest_order = 1,
      .dilate = 2,
+     .dering = true,
      .notes = Notes::unity,
      .reads = &exr_format},
     {.name = "bevy",
@@ -226,6 +233,12 @@ bool is_dilated(const Target& target, const Volume& volume) {
     return target.dilate > 0 && !volume.validity.empty() && !volume.metadata.contains("fit");
 }
 
+/// Of all that is written for the target, but for what was fitted to it.
+bool is_deringed(const Target& target, const Volume& volume) {
+    const auto fit = volume.metadata.find("fit");
+    return target.dering && !(fit != volume.metadata.end() && fit->second == target.name);
+}
+
 /// Either kind of volume, with all bands that the target has a form for and no more.
 template <class AnyVolume>
 WriteReport write(const Target& target, const std::string& path, AnyVolume&& volume,
@@ -253,7 +266,8 @@ const Target* target_named(std::string_view name) {
 }
 
 WriteReport write_for(const Target& target, const std::string& path, const Volume& volume) {
-    if (volume.sh_order > target.highest_order || is_dilated(target, volume))
+    if (volume.sh_order > target.highest_order || is_dilated(target, volume)
+        || is_deringed(target, volume))
         return write_for(target, path, Volume(volume));
     return write(target, path, volume, warnings_of(target, path, volume));
 }
@@ -266,6 +280,8 @@ WriteReport write_for(const Target& target, const std::string& path, Volume&& vo
     }
     if (is_dilated(target, volume))
         volume::dilate(volume, target.dilate);
+    if (is_deringed(target, volume))
+        volume::dering(volume, std::min(volume.sh_order, 2));
     return write(target, path, std::move(volume), warnings);
 }
 

@@ -27,6 +27,9 @@ struct Target {
     /// Rings of cells inside geometry to fill (see volume/dilate.h), for programs that read all
     /// cells around a point, valid or not.
     int dilate = 0;
+    /// Its program shows the sum of the bands as it is: cells without negative irradiance are
+    /// written (volume/dering.h), unless they were fitted to the program, and so.
+    bool dering = false;
     Notes notes = Notes::none;
     const VolumeFormat* reads = nullptr; ///< null: any
 };

@@ -61,6 +61,11 @@ constexpr bool is_linear(const Reader& reader) {
     return reader.evaluation == Evaluation::linear || reader.evaluation == Evaluation::cube;
 }
 
+/// Whether negative irradiance of the sum of bands 0 to 2 is what the reader shows.
+constexpr bool shows_ringing(const Reader& reader) {
+    return reader.evaluation == Evaluation::linear && reader.highest_order <= 2;
+}
+
 /// T_k of the first sh_count(order) coefficients, the others 0: a linear reader shows the sum over
 /// taps of weight * sum_k T_k c_k, one colour, lux from nits.
 std::array<double, volume::sh_count(volume::sh_max_order)> transfer_of(const Reader& reader,

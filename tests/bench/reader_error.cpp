@@ -12,6 +12,7 @@
 #include "reference/reference.h"
 #include "scenes.h"
 #include "visibility/visibility.h"
+#include "volume/dering.h"
 #include "volume/dilate.h"
 
 #include <chrono>
@@ -27,6 +28,26 @@ using readers::Reader;
 double now() {
     return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
         .count();
+}
+
+/// Share of the valid cells with negative irradiance towards any normal, of bands 0 to `order`.
+double negative_share(const Volume& volume, int order) {
+    size_t valid = 0, negative = 0;
+    const auto count = size_t(volume::sh_count(std::min(order, 2)));
+    for (size_t cell = 0; cell < volume.grid.size(); ++cell) {
+        if (!volume.is_valid(cell))
+            continue;
+        ++valid;
+        bool any = false;
+        for (int c = 0; c < 3; ++c) {
+            std::array<float, 9> colour{};
+            for (size_t k = 0; k < count; ++k)
+                colour[k] = volume.sh[k][cell][c];
+            any = any || volume::least_irradiance(std::span(colour).first(count)) < 0;
+        }
+        negative += any;
+    }
+    return valid ? double(negative) / double(valid) : 0;
 }
 
 /// Walls without thickness, seen from both sides. `open`: without the one at +z.
@@ -140,6 +161,7 @@ void measure(const Scene& scene, const Options& options) {
     Volume filled = field;
     volume::dilate(filled, 2);
     for (const Reader* reader : options.readers) {
+        const int order = readers::order_of(*reader, field);
         const bool ours = reader->lookup == Reading::facing;
         Volume fitted = field;
         begin = now();
@@ -152,10 +174,11 @@ void measure(const Scene& scene, const Options& options) {
             print("dilated", readers::error_of(*reader, filled, points));
         print("fitted", readers::error_of(*reader, fitted, points));
         std::printf("  told %4.1f %%; air %4.1f %% (dark %4.1f %%); %zu cells, %zu points, %d steps"
-                    " to %.1e, %.2f s of %.2f s\n",
+                    " to %.1e, %.2f s of %.2f s; negative cells %.1f %% to %.1f %%\n",
                     100 * fit.after.relative, 100 * fit.fit.moved, 100 * fit.fit.moved_dark,
                     fit.fit.cells, fit.fit.points, fit.fit.steps, fit.fit.residual, seconds,
-                    bake_seconds);
+                    bake_seconds, 100 * negative_share(field, order),
+                    100 * negative_share(fitted, order));
     }
 }
 

@@ -2,6 +2,7 @@
 #include "cli/run.h"
 #include "io/io.h"
 #include "volume/compare.h"
+#include "volume/dering.h"
 
 #include <nlohmann/json.hpp>
 
@@ -98,8 +99,8 @@ TEST_F(Convert, WritesWhatEachTargetReads) {
           "t_g2.exr.import", "t_b2.exr.import", "t_sh_l2_x2y2.exr.import", "t_validity.exr.import",
           "t_wall_0.exr.import", "t_wall_1.exr.import", "t.godot.json"}}};
     for (const auto& [target, expected] : notes) {
-        const CliResult result =
-            run("a.vdb t.exr u.vdb --format json --precision float --target " + target);
+        const CliResult result = run(
+            "a.vdb t.exr u.vdb --format json --precision float --dering off --target " + target);
         ASSERT_EQ(result.status, 0) << target << result.err;
         const auto document = nlohmann::json::parse(result.out);
         const auto outputs = document["outputs"];
@@ -139,6 +140,35 @@ TEST_F(Convert, WritesWhatEachTargetReads) {
     EXPECT_NE(import.find("importer=\"3d_texture\""), std::string::npos);
     EXPECT_NE(import.find("slices/vertical="), std::string::npos);
     expect_error("a.vdb t.exr --target maya", cmd::ExitCode::usage, "--target");
+}
+
+TEST_F(Convert, ShowsNoNegativeIrradianceToProgramsThatWould) {
+    Volume volume = random_volume({5, 5, 7}, 2, false, 4);
+    volume.validity.clear();
+    for (glm::vec3& l0 : volume.sh[0])
+        l0 = glm::vec3(500.0f);
+    write("a.vdb", volume);
+    const auto least = [&](const std::string& options) { // over its cells, as the file has them
+        EXPECT_EQ(run("a.vdb t.exr " + options).status, 0) << options;
+        const Volume got = read_volume(folder_ / "t.exr");
+        double result = 1e30;
+        for (std::size_t cell = 0; cell < got.grid.size(); ++cell)
+            for (int c = 0; c < 3; ++c) {
+                std::vector<float> colour;
+                for (const auto& band : got.sh)
+                    colour.push_back(band[cell][c]);
+                result = std::min(result, volume::least_irradiance(colour));
+                EXPECT_NEAR(colour[0], 500, 0.5) << options;
+            }
+        return result;
+    };
+    for (const char* target : {"unity", "unreal", "godot", "threejs", "vrc"}) {
+        const std::string option = "--target " + std::string(target);
+        EXPECT_GE(least(option), 0) << target; // half precision
+        EXPECT_LT(least(option + " --dering off"), -10) << target;
+    }
+    EXPECT_LT(least("--target generic"), -10);
+    EXPECT_GE(least("--target generic --dering on"), 0);
 }
 
 TEST_F(Convert, OptionsGoBeforeTheTarget) {
