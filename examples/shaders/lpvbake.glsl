@@ -172,6 +172,30 @@ vec3 lpv_irradiance_l1_nonlinear(LpvSh sh, vec3 n) {
                 lpv_nonlinear(e0.b, vec3(x.b, y.b, z.b), n));
 }
 
+// One colour: the zonal band 2 that light of c0 and band 1 (along the axis) is likely to have.
+float lpv_zonal(float c0, float along) {
+    return c0 > 0.0 ? 0.08 * along + 0.6 * along * along / c0 : 0.0;
+}
+
+// From bands 0 and 1, with a zonal band 2 along the luminance of band 1, as long as band 1 lets
+// guess: sharper than the linear form, the same mean and band 1, negative where those are. Roughton
+// et al. 2024, ZH3: Quadratic Zonal Harmonics.
+vec3 lpv_irradiance_l1_zh3(LpvSh sh, vec3 n) {
+    vec3 luminance = vec3(0.2126, 0.7152, 0.0722);
+    vec3 axis = vec3(dot(luminance, sh.c[3]), dot(luminance, sh.c[1]), dot(luminance, sh.c[2]));
+    vec3 e = 0.88622693 * sh.c[0] + 1.02332671 * (sh.c[1] * n.y + sh.c[2] * n.z + sh.c[3] * n.x);
+    float size = length(axis);
+    if (size > 0.0) {
+        axis /= size;
+        vec3 along = abs(sh.c[1] * axis.y + sh.c[2] * axis.z + sh.c[3] * axis.x);
+        vec3 zonal = vec3(lpv_zonal(sh.c[0].r, along.r), lpv_zonal(sh.c[0].g, along.g),
+                          lpv_zonal(sh.c[0].b, along.b));
+        float cosine = dot(axis, n);
+        e += 0.24770796 * (3.0 * cosine * cosine - 1.0) * zonal;
+    }
+    return max(e, 0.0);
+}
+
 #if LPV_ORDER == 2
 vec3 lpv_irradiance_l2(LpvSh sh, vec3 n) {
     vec3 e = 0.88622693 * sh.c[0] + 1.02332671 * (sh.c[1] * n.y + sh.c[2] * n.z + sh.c[3] * n.x)

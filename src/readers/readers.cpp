@@ -84,7 +84,8 @@ double geomerics(double l0, glm::dvec3 l1, glm::dvec3 n) {
     const double length = glm::length(l1);
     if (!(mean > 0 && length > 0))
         return std::max(0.0, mean);
-    const double r = double(volume::sh_y1) * length / (3.0 * double(volume::sh_y0) * l0);
+    const double r =
+        std::min(1.0, double(volume::sh_y1) * length / (3.0 * double(volume::sh_y0) * l0));
     const double q = std::clamp(0.5 + 0.5 * glm::dot(l1 / length, n), 0.0, 1.0);
     const double p = 1 + 2 * r, a = (1 - r) / (1 + r);
     return mean * (a + (1 - a) * (p + 1) * std::pow(q, p));

@@ -18,7 +18,7 @@ enum class Evaluation {
     /// cell stores what is not negative (McTaggart 2004).
     cube,
     /// Of band 1 alone: E0 (a + (1 - a)(p + 1) q^p), E0 the mean over normals, q = (1 + d.n) / 2
-    /// with d the direction of band 1, r = sqrt(3) |c_1| / (3 c_0), p = 1 + 2 r,
+    /// with d the direction of band 1, r = sqrt(3) |c_1| / (3 c_0) but at most 1, p = 1 + 2 r,
     /// a = (1 - r) / (1 + r) (Geomerics, Reconstructing Diffuse Lighting from Spherical Harmonic
     /// Data, CEDEC 2015).
     geomerics,

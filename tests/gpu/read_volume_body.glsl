@@ -9,7 +9,7 @@ layout(set = 0, binding = 5) uniform sampler3D lpv_walls[3];
 
 layout(local_size_x = 64) in;
 layout(set = 0, binding = 3) readonly buffer Surfaces { vec4 surfaces[]; }; // point, normal
-layout(set = 0, binding = 4) writeonly buffer Irradiances { vec4 irradiances[]; }; // 4 a point
+layout(set = 0, binding = 4) writeonly buffer Irradiances { vec4 irradiances[]; }; // 5 a point
 layout(push_constant) uniform Push {
     vec3 origin;
     float cell;
@@ -24,10 +24,11 @@ void main() {
     vec3 n = surfaces[2 * i + 1].xyz;
     LpvSh plain = lpv_trilinear(volume, surfaces[2 * i].xyz);
     LpvSh facing = lpv_facing(volume, surfaces[2 * i].xyz, n);
-    irradiances[4 * i] = vec4(lpv_irradiance_l1(plain, n), 0.0);
-    irradiances[4 * i + 1] = vec4(lpv_irradiance_l1(facing, n), 0.0);
-    irradiances[4 * i + 2] = vec4(lpv_irradiance_l1_nonlinear(facing, n), 0.0);
+    irradiances[5 * i] = vec4(lpv_irradiance_l1(plain, n), 0.0);
+    irradiances[5 * i + 1] = vec4(lpv_irradiance_l1(facing, n), 0.0);
+    irradiances[5 * i + 2] = vec4(lpv_irradiance_l1_nonlinear(facing, n), 0.0);
+    irradiances[5 * i + 3] = vec4(lpv_irradiance_l1_zh3(facing, n), 0.0);
 #if LPV_ORDER == 2
-    irradiances[4 * i + 3] = vec4(lpv_irradiance_l2(facing, n), 0.0);
+    irradiances[5 * i + 4] = vec4(lpv_irradiance_l2(facing, n), 0.0);
 #endif
 }

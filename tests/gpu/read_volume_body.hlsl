@@ -9,7 +9,7 @@
 #include "../../examples/shaders/lpvbake.hlsl"
 
 [[vk::binding(3)]] StructuredBuffer<float4> surfaces;      // point, normal
-[[vk::binding(4)]] RWStructuredBuffer<float4> irradiances; // 4 a point
+[[vk::binding(4)]] RWStructuredBuffer<float4> irradiances; // 5 a point
 struct Push {
     float3 origin;
     float cell;
@@ -28,10 +28,11 @@ void main(uint3 thread : SV_DispatchThreadID) {
     float3 n = surfaces[2 * i + 1].xyz;
     LpvSh plain = lpv_trilinear(volume, surfaces[2 * i].xyz);
     LpvSh facing = lpv_facing(volume, surfaces[2 * i].xyz, n);
-    irradiances[4 * i] = float4(lpv_irradiance_l1(plain, n), 0.0);
-    irradiances[4 * i + 1] = float4(lpv_irradiance_l1(facing, n), 0.0);
-    irradiances[4 * i + 2] = float4(lpv_irradiance_l1_nonlinear(facing, n), 0.0);
+    irradiances[5 * i] = float4(lpv_irradiance_l1(plain, n), 0.0);
+    irradiances[5 * i + 1] = float4(lpv_irradiance_l1(facing, n), 0.0);
+    irradiances[5 * i + 2] = float4(lpv_irradiance_l1_nonlinear(facing, n), 0.0);
+    irradiances[5 * i + 3] = float4(lpv_irradiance_l1_zh3(facing, n), 0.0);
 #if LPV_ORDER == 2
-    irradiances[4 * i + 3] = float4(lpv_irradiance_l2(facing, n), 0.0);
+    irradiances[5 * i + 4] = float4(lpv_irradiance_l2(facing, n), 0.0);
 #endif
 }

@@ -5,6 +5,7 @@
 #include "gpu/read_volume_l2.comp.h"
 #include "gpu/read_volume_l2.hlsl.h"
 #include "gpu/vulkan.h"
+#include "readers/readers.h"
 #include "unit/volumes.h"
 #include "volume/sampler.h"
 #include "volume/sh.h"
@@ -25,7 +26,7 @@ struct Surface {
 
 /// What the shaders make of one surface, lux.
 struct Irradiances {
-    glm::vec4 trilinear_l1, l1, nonlinear, l2;
+    glm::vec4 trilinear_l1, l1, nonlinear, zh3, l2;
 };
 
 struct Texture {
@@ -243,7 +244,7 @@ TEST_F(ShadersTest, ReadWhatTheSamplerReads) {
         SCOPED_TRACE(shader.name);
         const std::vector<Irradiances> found = run(shader, volume, surfaces);
         const Volume& held = shader.order == 1 ? first : volume; // with walls, or without
-        int dark = 0, walled = 0;
+        int dark = 0, walled = 0, bent_otherwise = 0;
         for (std::size_t i = 0; i < surfaces.size(); ++i) {
             const glm::dvec3 p(surfaces[i].point), n(surfaces[i].normal);
             const auto expect = [&](glm::dvec3 expected, glm::vec4 got, double tolerance) {
@@ -270,10 +271,23 @@ TEST_F(ShadersTest, ReadWhatTheSamplerReads) {
                     std::sqrt(pi) / 2 * sum[0][axis],
                     std::sqrt(pi / 3) * glm::dvec3(sum[3][axis], sum[1][axis], sum[2][axis]), n);
             expect(bent, found[i].nonlinear, 0.2);
+            std::array<glm::vec3, 4> mixed;
+            std::ranges::copy(sum, mixed.begin());
+            const auto model = [&](readers::Evaluation evaluation) {
+                return glm::max(readers::evaluate(evaluation, mixed, n), 0.0);
+            };
+            expect(model(readers::Evaluation::geomerics), found[i].nonlinear, 0.2);
+            if (glm::all(glm::greaterThan(glm::abs(sum[0]), glm::dvec3(200)))) { // it divides by it
+                expect(model(readers::Evaluation::zh3), found[i].zh3, 0.5);
+                const double apart =
+                    glm::distance(glm::dvec3(found[i].zh3), glm::dvec3(found[i].nonlinear));
+                bent_otherwise += apart > 10;
+            }
             if (HasFatalFailure())
                 return;
         }
         EXPECT_LT(dark, int(surfaces.size()) / 2); // else this would compare nothing with nothing
+        EXPECT_GT(bent_otherwise, int(surfaces.size()) / 4);
         EXPECT_EQ(walled > int(surfaces.size()) / 10, shader.order == 2);
     }
 }
