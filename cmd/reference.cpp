@@ -88,6 +88,7 @@ void run(const ReferenceOptions& o, const std::string& settings) {
     if (!o.error_output.empty())
         outputs.push_back(o.error_output);
     check_paths("reference", o, o, outputs);
+    (void)o.outputs.storage(); // what it refuses
     if (o.outputs.paths.empty())
         throw Error(ErrorKind::argument, "no output: add -o FILE" + io::format_list(" or -o FILE"));
     Run run(o, o, outputs);

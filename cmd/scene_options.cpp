@@ -178,6 +178,9 @@ io::Target OutputOptions::storage() const {
     storage.encoding.axes = axes.value_or(storage.encoding.axes);
     storage.pictures.packing = packing.value_or(storage.pictures.packing);
     storage.dering = dering.value_or(storage.dering);
+    if (l1_scale != 1 && target != io::target_named("vrc"))
+        throw Error(ErrorKind::argument, "--l1-scale is for --target vrc");
+    storage.l1_scale = l1_scale;
     if (columns > 0)
         storage.pictures.columns = columns;
     return storage;
@@ -216,6 +219,9 @@ void add_output_options(options::Options& options, OutputOptions& o) {
                 "Change bands 1 and 2 as little as can be so that no cell has negative irradiance; "
                 "default: on for unity, unreal, godot, threejs and vrc, whose shaders show it")
         .implies([&o] { return o.storage().dering ? "on" : "off"; });
+    options.number("--l1-scale", o.l1_scale, io::least_l1_scale, io::most_l1_scale,
+                   "vrc: multiplies band 1 of what is written; 1.65 matches what VRC Light Volumes "
+                   "makes of every bake that it packs itself, 1 shows the light");
     options.number("--exr-columns", o.columns, 0, 16384,
                    "Slices in a row of an EXR's picture; 0: nearly square");
 }

@@ -68,7 +68,8 @@ struct OutputOptions {
     std::optional<volume::Axes> axes;
     std::optional<io::Packing> packing;
     std::optional<bool> dering;
-    int columns = 0; ///< 0: nearly square
+    double l1_scale = 1; ///< of vrc
+    int columns = 0;     ///< 0: nearly square
 
     /// How they are stored.
     io::Target storage() const;

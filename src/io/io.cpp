@@ -1,11 +1,13 @@
 #include "io/io.h"
 
 #include "io/exr.h"
+#include "io/layout.h"
 #include "io/vdb.h"
 #include "lpvbake/error.h"
 
 #include <algorithm>
 #include <cctype>
+#include <cstdlib>
 #include <filesystem>
 #include <vector>
 
@@ -77,8 +79,23 @@ WriteReport write_volume(const std::string& path, Volume&& volume, Precision pre
     return format.write(path, Stored(std::move(volume), encoding, path), precision, pictures);
 }
 
+void scale_band_one(double factor, Volume& volume) {
+    for (size_t k = 1; k < std::min<size_t>(4, volume.sh.size()); ++k)
+        for (glm::vec3& c : volume.sh[k])
+            c = glm::vec3(factor * glm::dvec3(c));
+}
+
 Volume read_volume(const std::string& path, volume::GridKinds kinds, VolumeFormats formats) {
-    return required(readable_format(path, formats), path, formats).read(path, kinds);
+    Volume volume = required(readable_format(path, formats), path, formats).read(path, kinds);
+    if (const auto scale = volume.metadata.find("l1_scale"); scale != volume.metadata.end()) {
+        const double factor = std::strtod(scale->second.c_str(), nullptr);
+        if (!(factor >= least_l1_scale && factor <= most_l1_scale))
+            throw Error(ErrorKind::invalid,
+                        path + ": l1_scale is '" + scale->second + "', not a factor");
+        scale_band_one(1 / factor, volume);
+        check_volume(volume, path, ErrorKind::invalid);
+    }
+    return volume;
 }
 
 } // namespace lpvbake::io

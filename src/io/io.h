@@ -28,8 +28,14 @@ WriteReport write_volume(const std::string& path, Volume&& volume, Precision pre
                          const Pictures& pictures = {}, const volume::Encoding& encoding = {},
                          VolumeFormats formats = volume_formats());
 
-/// Reads what write_volume wrote, or a sidecar beside it. Grids of other kinds are left out. Throws
-/// Error: argument (unknown extension), and what the format throws.
+inline constexpr double least_l1_scale = 0.01, most_l1_scale = 100; ///< Target::l1_scale
+
+/// Multiplies band 1.
+void scale_band_one(double factor, Volume& volume);
+
+/// Reads what write_volume wrote, or a sidecar beside it. Grids of other kinds are left out. What
+/// Target::l1_scale did to band 1 is undone; the metadata tell of it still. Throws Error: argument
+/// (unknown extension), and what the format throws.
 Volume read_volume(const std::string& path, volume::GridKinds kinds,
                    VolumeFormats formats = volume_formats());
 

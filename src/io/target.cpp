@@ -4,6 +4,7 @@
 #include "io/exr.h"
 #include "io/vdb.h"
 #include "lpvbake/error.h"
+#include "text.h"
 #include "volume/dering.h"
 #include "volume/dilate.h"
 #include "volume/sh.h"
@@ -267,7 +268,8 @@ const Target* target_named(std::string_view name) {
 
 WriteReport write_for(const Target& target, const std::string& path, const Volume& volume) {
     if (volume.sh_order > target.highest_order || is_dilated(target, volume)
-        || is_deringed(target, volume))
+        || is_deringed(target, volume) || target.l1_scale != 1
+        || volume.metadata.contains("l1_scale"))
         return write_for(target, path, Volume(volume));
     return write(target, path, volume, warnings_of(target, path, volume));
 }
@@ -282,6 +284,11 @@ WriteReport write_for(const Target& target, const std::string& path, Volume&& vo
         volume::dilate(volume, target.dilate);
     if (is_deringed(target, volume))
         volume::dering(volume, std::min(volume.sh_order, 2));
+    volume.metadata.erase("l1_scale"); // of the file that it was read from
+    if (target.l1_scale != 1) {
+        scale_band_one(target.l1_scale, volume);
+        volume.metadata["l1_scale"] = format("%.9g", target.l1_scale);
+    }
     return write(target, path, std::move(volume), warnings);
 }
 

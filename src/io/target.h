@@ -30,6 +30,8 @@ struct Target {
     /// Its program shows the sum of the bands as it is: cells without negative irradiance are
     /// written (volume/dering.h), unless they were fitted to the program, and so.
     bool dering = false;
+    /// What band 1 is multiplied by: metadata `l1_scale`, which read_volume takes back.
+    double l1_scale = 1;
     Notes notes = Notes::none;
     const VolumeFormat* reads = nullptr; ///< null: any
 };

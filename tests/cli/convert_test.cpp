@@ -171,6 +171,41 @@ TEST_F(Convert, ShowsNoNegativeIrradianceToProgramsThatWould) {
     EXPECT_GE(least("--target generic --dering on"), 0);
 }
 
+TEST_F(Convert, ScalesBandOneForVrcAndTellsOfIt) {
+    Volume volume = random_volume({4, 5, 6}, 1, false, 4);
+    write("a.vdb", volume);
+    const std::string vrc = " --target vrc --dering off --precision float";
+    ASSERT_EQ(run("a.vdb p.exr p.vdb" + vrc).status, 0);
+    ASSERT_EQ(run("a.vdb s.exr s.vdb --l1-scale 1.65" + vrc).status, 0);
+    // What is in the file, its fact left out; read with it the light is what it was.
+    const std::string sidecar = slurp(folder_ / "s.json");
+    const std::size_t at = sidecar.find("\"l1_scale\"");
+    ASSERT_NE(at, std::string::npos);
+    const Volume plain = read_volume(folder_ / "p.exr"), seen = read_volume(folder_ / "s.exr");
+    spill(folder_ / "s.json", std::string(sidecar).replace(at, 10, "\"l1_told\""));
+    const Volume stored = read_volume(folder_ / "s.exr");
+    for (std::size_t i = 0; i < plain.grid.size(); ++i) {
+        EXPECT_EQ(stored.sh[0][i], plain.sh[0][i]);
+        for (std::size_t k = 1; k < 4; ++k) {
+            EXPECT_LT(glm::distance(stored.sh[k][i], 1.65f * plain.sh[k][i]), 0.01f);
+            EXPECT_LT(glm::distance(seen.sh[k][i], plain.sh[k][i]), 0.01f);
+        }
+    }
+    EXPECT_EQ(seen.metadata.at("l1_scale"), "1.65");
+    EXPECT_EQ(read_volume(folder_ / "s.vdb").metadata.at("l1_scale"), "1.65");
+    EXPECT_EQ(plain.metadata.count("l1_scale"), 0u);
+    // Written on without the option it is gone, with it it is there once.
+    for (const auto& [options, times] : {std::pair{"", false}, {" --l1-scale 1.65", true}}) {
+        ASSERT_EQ(run("s.vdb t.vdb" + vrc + options).status, 0);
+        const Volume back = read_volume(folder_ / "t.vdb");
+        EXPECT_EQ(back.metadata.count("l1_scale"), std::size_t(times));
+        EXPECT_LT(volume::compare(back, plain, {}).relative_l1, 1e-6);
+    }
+    spill(folder_ / "s.json", std::string(sidecar).replace(sidecar.find("1.65"), 4, "-1.0"));
+    EXPECT_EQ(error_of("s.exr", [&] { read_volume(folder_ / "s.exr"); }).kind, ErrorKind::invalid);
+    expect_error("a.vdb t.exr --target unity --l1-scale 1.65", cmd::ExitCode::usage, "--l1-scale");
+}
+
 TEST_F(Convert, OptionsGoBeforeTheTarget) {
     write("a.vdb", random_volume({4, 5, 6}, 2, false, 4));
     ASSERT_EQ(run("a.vdb t.exr --target unity --axes unreal --exr-packing band").status, 0);
