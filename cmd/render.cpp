@@ -7,9 +7,9 @@
 #include "io/slice.h"
 #include "lpvbake/error.h"
 #include "readers/readers.h"
+#include "render/camera.h"
 #include "render/display.h"
 #include "render/flip.h"
-#include "render/view.h"
 #include "scene/scene_hash.h"
 #include "scene_options.h"
 #include "text.h"
@@ -45,19 +45,10 @@ const readers::Reader* const facing = readers::reader_named("lpvbake");
 const readers::Reader trilinear{
     .name = "trilinear", .highest_order = volume::sh_max_order, .clamped = true};
 
-/// Across a room.
-struct Inside {};
-
-/// What --camera says: nothing, a camera of the file, or one of ours.
-struct CameraOption {
-    std::string text;
-    std::variant<std::monostate, Camera, render::Orbit, Inside> own; ///< none: a name or an index
-};
-
 struct RenderOptions : SceneOptions, RunOptions {
     std::string volume;
     std::vector<std::string> outputs;
-    CameraOption camera;
+    render::CameraChoice camera;
     std::optional<glm::ivec2> size;
     int samples = 16;
     render::Show show = render::Show::final;
@@ -145,10 +136,10 @@ render::Orbit parse_orbit(const std::string& text) {
     return orbit;
 }
 
-CameraOption parse_camera(const std::string& text) {
-    CameraOption camera{text, {}};
+render::CameraChoice parse_camera(const std::string& text) {
+    render::CameraChoice camera{text, {}};
     if (text == "inside")
-        camera.own = Inside();
+        camera.own = render::Inside();
     else if (text == "orbit" || text.starts_with("orbit:"))
         camera.own = parse_orbit(text);
     else if (const std::optional<Camera> eye = parse_eye(text))
@@ -156,66 +147,16 @@ CameraOption parse_camera(const std::string& text) {
     return camera;
 }
 
-/// A camera of the file by name or index; null where there is none.
-const Camera* camera_of(const Scene& scene, const std::string& text) {
-    for (const Camera& camera : scene.cameras)
-        if (!text.empty() && camera.name == text)
-            return &camera;
-    const bool index = !text.empty() && text.size() < 7
-                       && text.find_first_not_of("0123456789") == std::string::npos;
-    const std::size_t i = index ? std::stoul(text) : 0;
-    if ((index || text.empty()) && i < scene.cameras.size())
-        return &scene.cameras[i];
-    if (index)
-        throw Error(ErrorKind::argument, "--camera: " + text + ": the file has "
-                                             + counted(scene.cameras.size(), "camera")
-                                             + ", counted from 0");
-    return nullptr;
-}
-
-/// What of the scene the volume covers; all of it where that is nothing.
-Bounds seen_box(const Scene& scene, const Grid& grid) {
-    const Bounds all = bounds_of(scene);
-    Bounds box = all;
-    box.lo = glm::max(box.lo, grid.origin);
-    box.hi = glm::min(box.hi, grid.origin + grid.cell * glm::dvec3(grid.dims));
-    return glm::any(glm::greaterThan(box.lo, box.hi)) ? all : box;
-}
-
 /// The camera, and the picture's size: of a camera that has an aspect, as high as usual.
-Camera choose_camera(const RenderOptions& o, const Scene& scene, const Volume& volume,
+Camera choose_camera(const RenderOptions& o, const Scene& scene, const Grid& grid,
                      const visibility::Visibility& visibility, glm::ivec2& size) {
     size = o.size.value_or(glm::ivec2(960, 540));
-    if (const Camera* own = camera_of(scene, o.camera.text)) {
-        Camera camera = *own;
-        if (camera.name.empty())
-            camera.name = std::to_string(own - scene.cameras.data());
-        if (!o.size && camera.aspect > 0)
-            size.x = int(
-                std::clamp(std::round(size.y * camera.aspect), 1.0, double(most_pixels_a_side)));
-        return camera;
-    }
-    const scene::Frame frame = scene::frame_of(volume.grid);
-    const Bounds box = seen_box(scene, volume.grid);
-    CameraOption option = o.camera;
-    if (option.text.empty())
-        option = parse_camera(render::is_room(box, visibility, frame) ? "inside" : "orbit");
-    Camera camera;
-    if (const auto* eye = std::get_if<Camera>(&option.own)) {
-        camera = *eye;
-    } else if (const auto* orbit = std::get_if<render::Orbit>(&option.own)) {
-        camera =
-            render::orbit_camera(box, *orbit, glm::radians(45.0), double(size.x) / double(size.y));
-    } else if (std::holds_alternative<Inside>(option.own)) {
-        camera = render::inside_camera(box, visibility, frame, glm::radians(60.0));
-    } else {
-        std::string names;
-        for (const Camera& each : scene.cameras)
-            names += (names.empty() ? " (it has " : ", ") + each.name;
-        throw Error(ErrorKind::argument, "--camera: '" + option.text + "' is no camera of the file"
-                                             + names + (names.empty() ? "" : ")") + camera_forms);
-    }
-    camera.name = option.text;
+    const Bounds box{grid.origin, grid.origin + grid.cell * glm::dvec3(grid.dims)};
+    const Camera camera = render::choose_camera(
+        o.camera, scene, box, visibility, scene::frame_of(grid), double(size.x) / double(size.y));
+    if (!o.size && camera.aspect > 0)
+        size.x =
+            int(std::clamp(std::round(size.y * camera.aspect), 1.0, double(most_pixels_a_side)));
     return camera;
 }
 
@@ -464,7 +405,7 @@ void run(RenderOptions o) {
     const visibility::Visibility visibility(scene, frame);
     const reference::Paths paths(scene, visibility, frame, rules_of(o, volume));
     render::ViewSettings view;
-    view.camera = choose_camera(o, scene, volume, visibility, view.size);
+    view.camera = choose_camera(o, scene, volume.grid, visibility, view.size);
     view.samples = o.samples;
     view.show = o.show;
     RenderResult result{o, scene, volume, device->info().name, view, {}, 0, {}, {}, 0, {}};
