@@ -9,24 +9,40 @@ namespace {
 
 constexpr std::size_t nobody = ~std::size_t(0);
 
-/// Cells by which `place` lies beyond the walls of a valid cell; 0 before them.
-double depth_beyond_walls(const Volume& volume, std::size_t cell, glm::ivec3 place) {
+/// How far a place lies beyond the walls of a cell.
+struct Beyond {
+    double depth = 0;        ///< cells beyond the one that it is farthest behind; 0: before all
+    glm::dvec3 towards{0.0}; ///< from the cell to that wall, unit
+};
+
+Beyond beyond_walls(const Volume& volume, std::size_t cell, glm::ivec3 place) {
     const glm::dvec3 x(place - volume.grid.cell_at(cell));
-    double depth = 0;
+    Beyond beyond;
     for (const auto& planes : volume.walls) {
         const glm::dvec3 w(planes[cell]);
-        if (const double distance = glm::length(w); distance > 0)
-            depth = std::max(depth, glm::dot(x, w) / distance - distance);
+        const double distance = glm::length(w);
+        if (distance == 0)
+            continue;
+        if (const double depth = glm::dot(x, w) / distance - distance; depth > beyond.depth)
+            beyond = {depth, w / distance};
     }
-    return depth;
+    return beyond;
 }
 
 /// A neighbour that a cell can be filled from.
 struct Neighbour {
     std::size_t cell;
     double weight; ///< 1 / distance
-    double depth;  ///< of the cell beyond the neighbour's walls, cells
+    Beyond beyond; ///< how far the cell lies beyond the neighbour's walls
 };
+
+/// What is left of a neighbour's weight beside the one that is nearest through its walls: all,
+/// unless it lies on the other side of what the cell is in.
+double share_beside(const Neighbour& nearest, const Neighbour& neighbour) {
+    if (glm::dot(nearest.beyond.towards, neighbour.beyond.towards) > -0.5)
+        return 1;
+    return std::max(0.0, 1 - 4 * (neighbour.beyond.depth - nearest.beyond.depth));
+}
 
 /// Fills a cell; returns the valid cell on whose side it lies, nobody where no neighbour is known.
 /// sides[cell] is the same of those that are known.
@@ -40,17 +56,18 @@ std::size_t fill(Volume& volume, glm::ivec3 place, const std::vector<std::size_t
         const std::size_t beside = volume.grid.index(place + step);
         if (const std::size_t side = sides[beside]; side != nobody)
             around[count++] = {beside, 1.0 / glm::length(glm::dvec3(step)),
-                               depth_beyond_walls(volume, side, place)};
+                               beyond_walls(volume, side, place)};
     }
     const auto end = around.begin() + std::ptrdiff_t(count);
-    const auto nearest = std::min_element(
-        around.begin(), end, [](const auto& a, const auto& b) { return a.depth < b.depth; });
+    const auto nearest = std::min_element(around.begin(), end, [](const auto& a, const auto& b) {
+        return a.beyond.depth < b.beyond.depth;
+    });
     if (nearest == end)
         return nobody;
-    const double least = nearest->depth;
+    const Neighbour own = *nearest;
     double weights = 0.0;
     for (auto neighbour = around.begin(); neighbour != end; ++neighbour) {
-        neighbour->weight *= std::max(0.0, 1.0 - 4.0 * (neighbour->depth - least));
+        neighbour->weight *= share_beside(own, *neighbour);
         weights += neighbour->weight;
     }
     for (std::vector<glm::vec3>& coefficient : volume.sh) {
@@ -59,7 +76,7 @@ std::size_t fill(Volume& volume, glm::ivec3 place, const std::vector<std::size_t
             sum += neighbour->weight * glm::dvec3(coefficient[neighbour->cell]);
         coefficient[volume.grid.index(place)] = glm::vec3(sum / weights);
     }
-    return sides[nearest->cell];
+    return sides[own.cell];
 }
 
 } // namespace
