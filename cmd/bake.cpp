@@ -280,12 +280,7 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const bak
         document["outputs"] = outputs_json(outputs);
         document["stages"] = stages_json(run.stages);
         document["warnings"] = run.progress.warnings();
-        if (const auto fit = volume.metadata.find("fit"); fit != volume.metadata.end()) {
-            document["fit"] = {{"reader", fit->second}};
-            for (const char* fact : {"error", "energy", "leak", "moved"})
-                document["fit"][fact] =
-                    *options::parse_number(volume.metadata.at("fit_" + std::string(fact)));
-        }
+        add_fit(volume, document);
         document["seconds"] = seconds;
         document["peak_memory"] = peak_memory();
         print_json(document);

@@ -1,7 +1,9 @@
 // lpvbake convert: a volume in another file format, convention or order.
 
+#include "bake/volume_fit.h"
 #include "commands.h"
 #include "lpvbake/error.h"
+#include "lpvbake/scene.h"
 #include "scene_options.h"
 #include "volume/dilate.h"
 #include "volume/sh.h"
@@ -21,6 +23,8 @@ struct ConvertOptions {
     OutputOptions outputs;
     std::optional<int> sh_order; ///< none: the volume's
     int dilate = 0;
+    std::optional<bool> fit;
+    std::string scene; ///< whose surfaces it is fitted to; empty: its own walls
     Format format = Format::text;
 };
 
@@ -34,29 +38,83 @@ void limit_order(Volume& volume, int order, const std::string& path) {
     volume.sh.resize(std::size_t(volume::sh_count(order)));
 }
 
+/// Whether to fit to the target's program: as bake does, where it is not done and can be.
+bool fits(const ConvertOptions& o, const Volume& volume) {
+    const bool able = !volume.metadata.contains("fit")
+                      && (!o.scene.empty() || (!volume.walls.empty() && !volume.validity.empty()));
+    if (o.fit.value_or(false) && !able)
+        throw Error(ErrorKind::argument,
+                    o.file
+                        + (volume.metadata.contains("fit")
+                               ? ": is fitted to what " + volume.metadata.at("fit")
+                                     + " reads already; --fit none"
+                               : ": has no grids of walls to fit to; --scene FILE has surfaces"));
+    return able && o.fit.value_or(o.outputs.target->dilate > 0 && o.dilate == 0);
+}
+
+/// What a fit goes by, of the volume with all of its bands.
+struct FitTo {
+    std::vector<readers::FitPoint> points, checks;
+};
+
+FitTo fit_to(const ConvertOptions& o, const Volume& volume, TerminalProgress& progress) {
+    if (o.scene.empty())
+        return {bake::wall_points(volume), bake::wall_points(volume, true)};
+    const Scene scene = load_gltf(o.scene, {});
+    for (const std::string& warning : scene.warnings)
+        progress.warn(warning);
+    return {bake::scene_points(scene, volume, {}, progress),
+            bake::scene_points(scene, volume, {.most_points = 2000, .seed = 2}, progress)};
+}
+
+void fit(const ConvertOptions& o, const FitTo& to, TerminalProgress& progress, Volume& volume) {
+    const bool generic = o.outputs.target == io::target_named("generic");
+    const readers::Reader& reader =
+        *readers::reader_named(generic ? "lpvbake" : o.outputs.target->name);
+    bake::SurfaceFitSettings settings;
+    settings.dering = o.outputs.storage().dering;
+    const bake::SurfaceFit fit =
+        bake::fit_to_points(reader, to.points, to.checks, settings, volume);
+    volume.metadata["fit_to"] = o.scene.empty() ? "walls" : "surfaces";
+    if (fit.after.relative > fit.before.relative)
+        progress.warn(o.file + ": what " + reader.name
+                      + " shows is no nearer to what the volume holds than before the fit: --fit "
+                        "none");
+}
+
 void run(const ConvertOptions& o) {
     for (const std::string& path : o.outputs.paths)
         if (!io::volume_format(path))
             throw Error(ErrorKind::argument,
                         path + ": unknown kind of volume file; use " + io::format_list());
-    check_files({}, {o.file}, o.outputs.paths);
+    check_files({o.scene}, {o.file}, o.outputs.paths);
+    if (o.fit.value_or(false) && o.dilate > 0)
+        throw Error(ErrorKind::argument,
+                    "--fit surfaces and --dilate exclude each other: fitted cells "
+                    "are filled already");
     Volume volume = read_volume(o.file);
+    TerminalProgress progress(ProgressStyle::none);
+    const bool fitted = fits(o, volume);
+    const FitTo to = fitted ? fit_to(o, volume, progress) : FitTo{};
     if (o.sh_order)
         limit_order(volume, *o.sh_order, o.file);
     if (o.dilate > 0) {
         volume::dilate(volume, o.dilate);
         volume.metadata["dilate"] = std::to_string(o.dilate);
     }
-    TerminalProgress progress(ProgressStyle::none);
+    if (fitted)
+        fit(o, to, progress, volume);
     const std::vector<Written> written =
         write_outputs(o.outputs, o.outputs.paths, volume, progress);
     if (o.format == Format::json) {
-        print_json({{"command", "convert"},
-                    {"file", o.file},
-                    {"grid", report::grid_json(volume.grid)},
-                    {"sh_order", volume.sh_order},
-                    {"outputs", outputs_json(written)},
-                    {"warnings", progress.warnings()}});
+        report::Json document{{"command", "convert"},
+                              {"file", o.file},
+                              {"grid", report::grid_json(volume.grid)},
+                              {"sh_order", volume.sh_order},
+                              {"outputs", outputs_json(written)},
+                              {"warnings", progress.warnings()}};
+        add_fit(volume, document);
+        print_json(document);
         return;
     }
     print_grid(volume.grid);
@@ -72,6 +130,13 @@ options::Action declare(options::Options& options) {
     options.number("--sh-order", o.sh_order, 0, 4, "Highest band to keep; default: the volume's");
     options.number("--dilate", o.dilate, 0, 1024,
                    "Rings of cells inside geometry to fill from those around them");
+    options.choice(
+        "--fit", o.fit, options::Choices<bool>{{"none", false}, {"surfaces", true}},
+        "surfaces: values with which the target's program shows on surfaces what our own "
+        "sampler reads there; default: as for bake, where the volume has walls and is not "
+        "fitted");
+    options.text("--scene", o.scene, "FILE",
+                 "The volume's scene, glTF 2.0: surfaces to fit to; default: the volume's walls");
     add_output_options(options, o.outputs);
     add_format_option(options, o.format);
     return [fields] { run(*fields); };

@@ -1,5 +1,7 @@
 #include "result.h"
 
+#include "options/values.h"
+
 #include <cstdio>
 #include <iostream>
 
@@ -61,6 +63,18 @@ void print_total(double seconds) {
 
 void print_text(const std::string& text) {
     std::fputs(text.c_str(), stdout);
+}
+
+void add_fit(const Volume& volume, report::Json& document) {
+    const auto fit = volume.metadata.find("fit");
+    if (fit == volume.metadata.end())
+        return;
+    document["fit"] = {{"reader", fit->second}};
+    for (const char* fact : {"error", "energy", "leak", "moved"})
+        if (const auto text = volume.metadata.find("fit_" + std::string(fact));
+            text != volume.metadata.end())
+            if (const auto number = options::parse_number(text->second))
+                document["fit"][fact] = *number;
 }
 
 void print_json(const report::Json& document) {

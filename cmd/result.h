@@ -2,6 +2,7 @@
 #pragma once
 
 #include "gpu/gpu.h"
+#include "lpvbake/volume.h"
 #include "report/json.h"
 #include "solver/stages.h"
 
@@ -31,6 +32,9 @@ void print_stages(const std::vector<StageReport>& stages);
 
 /// The line below the stages.
 void print_total(double seconds);
+
+/// Adds what metadata tell of a fit, as "fit"; nothing where there is none.
+void add_fit(const Volume& volume, report::Json& document);
 
 void print_json(const report::Json& document);
 void print_text(const std::string& text);

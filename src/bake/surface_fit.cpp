@@ -41,23 +41,14 @@ bool any_light(const std::vector<readers::FitPoint>& points) {
 
 } // namespace
 
-SurfaceFit fit_to_surfaces(const Scene& scene, const surface::LitSurfaces& lit,
-                           const scene::Frame& frame, bool emitters, const readers::Reader& reader,
-                           const SurfaceFitSettings& settings, Volume& volume, Progress& progress) {
+SurfaceFit fit_to_points(const readers::Reader& reader, std::span<const readers::FitPoint> points,
+                         std::span<const readers::FitPoint> checks,
+                         const SurfaceFitSettings& settings, Volume& volume) {
     SurfaceFit result;
-    const auto checks =
-        fit_points(scene, lit, frame, emitters, {.most_points = settings.checks, .seed = 2},
-                   settings.check_rays, progress);
-    if (!any_light(checks))
-        return result;
     volume::dilate(volume, settings.dilate);
     if (settings.dering && readers::shows_ringing(reader))
         volume::dering(volume, readers::order_of(reader, volume));
     result.before = readers::error_of(reader, volume, checks);
-    const auto points =
-        fit_points(scene, lit, frame, emitters,
-                   {.density = settings.density, .most_points = settings.most_points},
-                   settings.rays, progress);
     result.fit = readers::fit(reader, points, settings.solve, volume);
     result.after = readers::error_of(reader, volume, checks);
     volume.metadata["fit"] = reader.name;
@@ -66,6 +57,21 @@ SurfaceFit fit_to_surfaces(const Scene& scene, const surface::LitSurfaces& lit,
     volume.metadata["fit_leak"] = format("%.3g", result.after.leak);
     volume.metadata["fit_moved"] = format("%.3g", result.fit.moved);
     return result;
+}
+
+SurfaceFit fit_to_surfaces(const Scene& scene, const surface::LitSurfaces& lit,
+                           const scene::Frame& frame, bool emitters, const readers::Reader& reader,
+                           const SurfaceFitSettings& settings, Volume& volume, Progress& progress) {
+    const auto checks =
+        fit_points(scene, lit, frame, emitters, {.most_points = settings.checks, .seed = 2},
+                   settings.check_rays, progress);
+    if (!any_light(checks))
+        return {};
+    const auto points =
+        fit_points(scene, lit, frame, emitters,
+                   {.density = settings.density, .most_points = settings.most_points},
+                   settings.rays, progress);
+    return fit_to_points(reader, points, checks, settings, volume);
 }
 
 } // namespace lpvbake::bake

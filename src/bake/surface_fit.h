@@ -33,10 +33,15 @@ std::vector<readers::FitPoint> fit_points(const Scene& scene, const surface::Lit
                                           const surface::SidePointSettings& settings, int rays,
                                           Progress& progress);
 
-/// Fits the volume to a reader, and adds the metadata fit (the reader's name), fit_error,
-/// fit_energy, fit_leak (SurfaceFit::after) and fit_moved. Where no light arrives on any surface
-/// of the grid the volume stays as it is, and FitReport::points is 0. Throws whatever `progress`
-/// throws.
+/// Fits the volume to a reader by points, and adds the metadata fit (the reader's name), fit_error,
+/// fit_energy, fit_leak (SurfaceFit::after, of `checks`) and fit_moved.
+SurfaceFit fit_to_points(const readers::Reader& reader, std::span<const readers::FitPoint> points,
+                         std::span<const readers::FitPoint> checks,
+                         const SurfaceFitSettings& settings, Volume& volume);
+
+/// Fits the volume to a reader by points of the scene's lit surfaces. Where no light arrives on any
+/// surface of the grid the volume stays as it is, and FitReport::points is 0. Throws whatever
+/// `progress` throws.
 SurfaceFit fit_to_surfaces(const Scene& scene, const surface::LitSurfaces& lit,
                            const scene::Frame& frame, bool emitters, const readers::Reader& reader,
                            const SurfaceFitSettings& settings, Volume& volume, Progress& progress);

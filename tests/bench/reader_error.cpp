@@ -3,10 +3,10 @@
 // fit has seen, against path-traced irradiance, whose own noise comes first.
 //
 // Usage: lpvbake_reader_error SCENE RESOLUTION [READER ...] [--sun A,E,LUX] [--point X,Y,Z,CD]
-//        [--points N] [--paths N] [--hold H] [--density D] [--rays N] [--traced 0]
+//        [--points N] [--paths N] [--hold H] [--density D] [--rays N] [--traced 0] [--alone 1]
 // SCENE: lamp, sun (a box of thin double-sided walls), rooms (two, one thin wall), or a glTF file.
 #include "bake/bake.h"
-#include "bake/surface_fit.h"
+#include "bake/volume_fit.h"
 #include "lpvbake/scene.h"
 #include "options/lights.h"
 #include "reference/reference.h"
@@ -89,6 +89,7 @@ struct Options {
     int resolution = 16;
     uint64_t points = 2000, paths = 4096;
     bool traced = true;
+    bool alone = false; ///< what convert fits, too: without lit surfaces
     bake::SurfaceFitSettings fit;
     std::vector<const Reader*> readers;
 };
@@ -169,10 +170,22 @@ void measure(const Scene& scene, const Options& options) {
                                                            options.fit, fitted, silent);
         const double seconds = now() - begin;
         std::printf("%-9s", reader->name);
+        print("own", readers::error_of(*readers::reader_named("lpvbake"), field, points));
         print("none", readers::error_of(*reader, field, points));
         if (!ours)
             print("dilated", readers::error_of(*reader, filled, points));
         print("fitted", readers::error_of(*reader, fitted, points));
+        if (options.alone) {
+            Volume alone = field;
+            bake::fit_to_points(*reader, bake::wall_points(field), bake::wall_points(field, true),
+                                options.fit, alone);
+            print("by walls", readers::error_of(*reader, alone, points));
+            alone = field;
+            bake::fit_to_points(*reader, bake::scene_points(scene, field, {}, silent),
+                                bake::scene_points(scene, field, {.seed = 2}, silent), options.fit,
+                                alone);
+            print("by surfaces", readers::error_of(*reader, alone, points));
+        }
         std::printf("  told %4.1f %%; air %4.1f %% (dark %4.1f %%); %zu cells, %zu points, %d steps"
                     " to %.1e, %.2f s of %.2f s; negative cells %.1f %% to %.1f %%\n",
                     100 * fit.after.relative, 100 * fit.fit.moved, 100 * fit.fit.moved_dark,
@@ -211,6 +224,8 @@ int main(int count, char** arguments) {
             options.paths = uint64_t(std::atoll(value));
         else if (name == "--traced")
             options.traced = std::atoi(value) != 0;
+        else if (name == "--alone")
+            options.alone = std::atoi(value) != 0;
         else if (name == "--hold") {
             options.fit.solve.hold_valid = std::atof(value);
             options.fit.solve.hold_other = std::atof(value) / 20;

@@ -3,11 +3,15 @@
 #include "io/io.h"
 #include "volume/compare.h"
 #include "volume/dering.h"
+#include "volume/sh.h"
 
 #include <nlohmann/json.hpp>
 
+#include <cmath>
 #include <map>
+#include <numbers>
 #include <set>
+#include <tuple>
 
 namespace lpvbake {
 namespace {
@@ -100,7 +104,8 @@ TEST_F(Convert, WritesWhatEachTargetReads) {
           "t_wall_0.exr.import", "t_wall_1.exr.import", "t.godot.json"}}};
     for (const auto& [target, expected] : notes) {
         const CliResult result = run(
-            "a.vdb t.exr u.vdb --format json --precision float --dering off --target " + target);
+            "a.vdb t.exr u.vdb --format json --precision float --dering off --fit none --target "
+            + target);
         ASSERT_EQ(result.status, 0) << target << result.err;
         const auto document = nlohmann::json::parse(result.out);
         const auto outputs = document["outputs"];
@@ -163,7 +168,7 @@ TEST_F(Convert, ShowsNoNegativeIrradianceToProgramsThatWould) {
         return result;
     };
     for (const char* target : {"unity", "unreal", "godot", "threejs", "vrc"}) {
-        const std::string option = "--target " + std::string(target);
+        const std::string option = "--fit none --target " + std::string(target);
         EXPECT_GE(least(option), 0) << target; // half precision
         EXPECT_LT(least(option + " --dering off"), -10) << target;
     }
@@ -174,7 +179,7 @@ TEST_F(Convert, ShowsNoNegativeIrradianceToProgramsThatWould) {
 TEST_F(Convert, ScalesBandOneForVrcAndTellsOfIt) {
     Volume volume = random_volume({4, 5, 6}, 1, false, 4);
     write("a.vdb", volume);
-    const std::string vrc = " --target vrc --dering off --precision float";
+    const std::string vrc = " --target vrc --fit none --dering off --precision float";
     ASSERT_EQ(run("a.vdb p.exr p.vdb" + vrc).status, 0);
     ASSERT_EQ(run("a.vdb s.exr s.vdb --l1-scale 1.65" + vrc).status, 0);
     // What is in the file, its fact left out; read with it the light is what it was.
@@ -206,9 +211,87 @@ TEST_F(Convert, ScalesBandOneForVrcAndTellsOfIt) {
     expect_error("a.vdb t.exr --target unity --l1-scale 1.65", cmd::ExitCode::usage, "--l1-scale");
 }
 
+/// A wall without thickness across x = 5.3 m, lit from everywhere before it, dark behind, in cells
+/// of a metre.
+Volume halves() {
+    Volume volume;
+    volume.grid = {glm::dvec3(0.0), 1.0, {11, 6, 6}};
+    volume.sh_order = 2;
+    volume.sh.assign(9, std::vector<glm::vec3>(volume.grid.size(), glm::vec3(0.0f)));
+    volume.validity.assign(volume.grid.size(), 1.0f);
+    volume.walls.assign(1, std::vector<glm::vec3>(volume.grid.size(), glm::vec3(0.0f)));
+    for (std::size_t i = 0; i < volume.grid.size(); ++i) {
+        const float way = 5.3f - (float(volume.grid.cell_at(i).x) + 0.5f);
+        if (std::abs(way) < walls_reach)
+            volume.walls[0][i] = {way, 0, 0};
+        if (way > 0)
+            volume.sh[0][i] = glm::vec3(100, 50, 20);
+    }
+    return volume;
+}
+
+TEST_F(Convert, FitsToTheVolumesOwnWallsUnlessToldOtherwise) {
+    write("a.vdb", halves());
+    const auto shown = [&](const std::string& options) { // plainly, on both sides of the wall
+        const CliResult result = run("a.vdb t.vdb " + options + " --format json");
+        EXPECT_EQ(result.status, 0) << result.err;
+        const Volume volume = read_volume(folder_ / "t.vdb");
+        const glm::dvec3 at(5.3, 3.2, 2.9), lit(-1, 0, 0);
+        const double full = double(volume::sh_y0) * 100 * std::numbers::pi;
+        return std::tuple(read_irradiance(volume, at, lit, Reading::trilinear).x / full,
+                          read_irradiance(volume, at, -lit, Reading::trilinear).x / full,
+                          nlohmann::json::parse(result.out));
+    };
+    for (const std::string target : {"unity", "vrc"}) {
+        const auto [lit, dark, document] = shown("--target " + target);
+        EXPECT_NEAR(lit, 1, 0.03) << target;
+        EXPECT_NEAR(dark, 0, 0.03) << target;
+        EXPECT_EQ(document["fit"]["reader"], target);
+        EXPECT_LT(document["fit"]["error"].get<double>(), 0.03);
+    }
+    EXPECT_EQ(read_volume(folder_ / "t.vdb").metadata.at("fit_to"), "walls");
+    for (const std::string options :
+         {"--target unity --fit none", "--target houdini", "--target unity --dilate 1"}) {
+        const auto [lit, dark, document] = shown(options);
+        EXPECT_NEAR(lit, 0.2, 1e-3) << options; // what there is to mend
+        EXPECT_NEAR(dark, 0.2, 1e-3) << options;
+        EXPECT_FALSE(document.contains("fit")) << options;
+    }
+    EXPECT_TRUE(std::get<2>(shown("--target houdini --fit surfaces")).contains("fit"));
+    // Once is enough; and not without walls.
+    ASSERT_EQ(run("a.vdb u.vdb --target unity").status, 0);
+    expect_error("u.vdb t.vdb --target unity --fit surfaces", cmd::ExitCode::usage, "fitted");
+    ASSERT_EQ(run("u.vdb t.vdb --target unity").status, 0);
+    EXPECT_EQ(read_volume(folder_ / "t.vdb").sh, read_volume(folder_ / "u.vdb").sh);
+    Volume bare = halves();
+    bare.walls.clear();
+    write("b.vdb", bare);
+    expect_error("b.vdb t.vdb --target unity --fit surfaces", cmd::ExitCode::usage, "--scene");
+    EXPECT_EQ(run("b.vdb t.vdb --target unity").status, 0);
+    expect_error("a.vdb t.vdb --fit surfaces --dilate 1", cmd::ExitCode::usage, "--dilate");
+}
+
+TEST_F(Convert, FitsToTheSurfacesOfAScene) {
+    // The light of an empty lattice around the shipped room: any light does.
+    Volume volume = halves();
+    volume.grid = {{-1.2, -0.2, -1.2}, 0.24, {11, 11, 11}};
+    for (auto& band : volume.sh)
+        band.assign(volume.grid.size(), glm::vec3(0.0f));
+    volume.sh[0].assign(volume.grid.size(), glm::vec3(10.0f));
+    volume.validity.assign(volume.grid.size(), 1.0f);
+    volume.walls.clear();
+    write("a.vdb", volume);
+    const CliResult result = run("a.vdb t.exr --target godot --scene \"$ROOM\" --format json");
+    ASSERT_EQ(result.status, 0) << result.err;
+    EXPECT_LT(nlohmann::json::parse(result.out)["fit"]["error"].get<double>(), 0.01);
+    EXPECT_EQ(read_volume(folder_ / "t.exr").metadata.at("fit_to"), "surfaces");
+    expect_error("a.vdb t.exr --target godot --scene none.gltf", cmd::ExitCode::file, "none.gltf");
+}
+
 TEST_F(Convert, OptionsGoBeforeTheTarget) {
     write("a.vdb", random_volume({4, 5, 6}, 2, false, 4));
-    ASSERT_EQ(run("a.vdb t.exr --target unity --axes unreal --exr-packing band").status, 0);
+    ASSERT_EQ(run("a.vdb t.exr --target unity --fit none --axes unreal --exr-packing band").status,
+              0);
     const auto sidecar = nlohmann::json::parse(slurp(folder_ / "t.json"));
     EXPECT_EQ(sidecar["convention"], "unity");
     EXPECT_EQ(sidecar["axes"], "unreal");

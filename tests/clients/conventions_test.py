@@ -383,7 +383,7 @@ def targets():
             ("bevy", read_cube, shade_cube, "gltf", 2)]
     for name, read, shade, axes, order in rows:
         for precision in TOLERANCE:
-            yield Client(f"target {name}", ["--target", name, "--dering", "off"], read, shade, axes, order,
+            yield Client(f"target {name}", ["--target", name, "--dering", "off", "--fit", "none"], read, shade, axes, order,
                          precision=precision)
     yield Client("target blender", ["--target", "blender"], read_vdb, shade_radiance,
                  "blender", suffix=".vdb", precision="float")
@@ -576,7 +576,7 @@ class Conventions(unittest.TestCase):
         wanted = irradiance(np.einsum("pc,kcj->kpj", weights, filled), self.normals) / np.pi
         for name, read, shade in (("threejs", read_atlas, shade_radiance),
                                   ("godot", read_godot, shade_godot)):
-            path = self.written(("--target", name, "--dering", "off"), "float")
+            path = self.written(("--target", name, "--dering", "off", "--fit", "none"), "float")
             error = self.relative(shade(read(path, points), self.normals), wanted).max()
             self.right[f"target {name} between cells", TOLERANCE["float"]] = error
             self.assertLess(error, TOLERANCE["float"], name)

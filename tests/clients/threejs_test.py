@@ -331,7 +331,8 @@ class ThinWalls(unittest.TestCase):
             volume = cls.folder / f"{reader}_{fit}.vdb"
             run(LPVBAKE, "bake", cls.folder / "scene.gltf", "-o", volume, "--target", reader,
                 "--fit", fit)
-            run(LPVBAKE, "convert", volume, volume.with_suffix(".exr"), "--target", "threejs")
+            run(LPVBAKE, "convert", volume, volume.with_suffix(".exr"), "--target", "threejs",
+                "--fit", "none")
         run(LPVBAKE, "render", cls.folder / "scene.gltf", cls.folder / "threejs_none.vdb", "-o",
             cls.folder / "own.png", "--camera", cls.CAMERA, "--size", f"{SIZE[0]}x{SIZE[1]}",
             "--exposure", cls.EXPOSURE, "--show", "indirect", "--samples", "1", "--reference", "128",

@@ -1,0 +1,94 @@
+#include "bake/volume_fit.h"
+
+#include "surface/lit_surfaces.h"
+#include "visibility/tangents.h"
+#include "visibility/visibility.h"
+
+#include <tbb/parallel_for.h>
+
+#include <cmath>
+
+namespace lpvbake::bake {
+namespace {
+
+void read_by_own_sampler(const Volume& volume, std::vector<readers::FitPoint>& points) {
+    const readers::Reader& own = *readers::reader_named("lpvbake");
+    tbb::parallel_for(size_t(0), points.size(), [&](size_t i) {
+        points[i].irradiance =
+            readers::irradiance(own, volume, points[i].position, points[i].normal);
+    });
+}
+
+/// Whether x, from a cell's centre, lies before all of its walls but one.
+bool is_before_others(const Volume& volume, size_t cell, size_t own, glm::vec3 x) {
+    for (size_t k = 0; k < volume.walls.size(); ++k)
+        if (const glm::vec3 w = volume.walls[k][cell];
+            k != own && w != glm::vec3(0.0f) && glm::dot(x, w) > glm::dot(w, w))
+            return false;
+    return true;
+}
+
+} // namespace
+
+std::vector<readers::FitPoint> wall_points(const Volume& volume, bool others) {
+    std::vector<readers::FitPoint> points;
+    const int along = others ? 1 : 2;
+    for (size_t cell = 0; cell < volume.grid.size(); ++cell) {
+        if (!volume.is_valid(cell))
+            continue;
+        const glm::dvec3 centre = volume.grid.center(volume.grid.cell_at(cell));
+        for (size_t k = 0; k < volume.walls.size(); ++k) {
+            const glm::vec3 w = volume.walls[k][cell];
+            const float distance = glm::length(w);
+            if (!(distance > 0.0f))
+                continue;
+            // Of the cells in a row before a wall the nearest, whose column cuts a piece of it.
+            const glm::vec3 normal = -w / distance, parts = glm::abs(normal);
+            if (distance > parts.x + parts.y + parts.z)
+                continue;
+            const double face = 1 / double(std::max({parts.x, parts.y, parts.z}));
+            const auto [u, v] = visibility::tangents_of(normal);
+            for (int i = 0; i < along * along; ++i) {
+                const float a = float(i % along) / float(along) - 0.25f * float(along - 1),
+                            b = float(i / along) / float(along) - 0.25f * float(along - 1);
+                const glm::vec3 x = w + a * u + b * v;
+                if (is_before_others(volume, cell, k, x))
+                    points.push_back({centre + volume.grid.cell * glm::dvec3(x),
+                                      glm::normalize(glm::dvec3(normal)),
+                                      face / (along * along),
+                                      {}});
+            }
+        }
+    }
+    read_by_own_sampler(volume, points);
+    return points;
+}
+
+std::vector<readers::FitPoint> scene_points(Scene scene, const Volume& volume,
+                                            const surface::SidePointSettings& settings,
+                                            Progress& progress) {
+    scene.lights.clear(); // its surfaces alone count
+    scene.sky = {};
+    const scene::Frame frame = scene::frame_of(volume.grid);
+    const visibility::Visibility visibility(scene, frame);
+    surface::LightingSettings dark;
+    dark.bounces = 0;
+    dark.emitters = false;
+    const surface::LitSurfaces surfaces =
+        surface::light_surfaces(scene, visibility, frame, dark, progress);
+    const surface::SidePoints sides =
+        surface::draw_side_points(surfaces, glm::vec3(frame.extent), settings);
+    std::vector<readers::FitPoint> points;
+    for (size_t i = 0; i < sides.points.size(); ++i)
+        if (const double weight =
+                double(sides.area[i]) * readers::openness_weight(double(sides.open[i]));
+            weight > 0)
+            points.push_back({frame.to_world(glm::dvec3(sides.points[i].position)),
+                              glm::normalize(glm::dvec3(sides.points[i].normal)),
+                              weight,
+                              {}});
+    read_by_own_sampler(volume, points);
+    return points;
+}
+
+} // namespace lpvbake::bake
