@@ -174,7 +174,8 @@ vec3 lpv_irradiance_l1_nonlinear(LpvSh sh, vec3 n) {
 
 // One colour: the zonal band 2 that light of c0 and band 1 (along the axis) is likely to have.
 float lpv_zonal(float c0, float along) {
-    return c0 > 0.0 ? 0.08 * along + 0.6 * along * along / c0 : 0.0;
+    float ratio = c0 > 0.0 ? min(along / c0, 1.7320508) : 0.0; // that of light from one point
+    return c0 * (0.08 * ratio + 0.6 * ratio * ratio);
 }
 
 // From bands 0 and 1, with a zonal band 2 along the luminance of band 1, as long as band 1 lets

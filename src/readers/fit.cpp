@@ -1,11 +1,11 @@
 #include "readers/equations.h"
+#include "readers/fit_nonlinear.h"
 
 #include "colour/colour.h"
 #include "volume/compare.h"
 
 #include <tbb/parallel_for.h>
 
-#include <cassert>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -205,7 +205,8 @@ SurfaceError error_of(const Reader& reader, const Volume& volume,
 
 FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitSettings& settings,
               Volume& volume) {
-    assert(is_linear(reader));
+    if (!is_linear(reader))
+        return fit_nonlinear(reader, points, settings, volume);
     FitReport report;
     const Unknowns unknowns(reader, volume);
     const std::size_t count = unknowns.count();

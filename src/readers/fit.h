@@ -60,7 +60,8 @@ SurfaceError error_of(const Reader& reader, const Volume& volume, std::span<cons
 /// Jacobi's preconditioner) from the values that are there. Cells that are not valid should have
 /// been filled before (volume/dilate.h). What the reader clamps is not clamped while it is fitted,
 /// but for the sides of a cube, which come out not negative (order 2; CG in rounds between which
-/// the bounds are looked at). Needs a linear reader. Costs time and memory in proportion to points
+/// the bounds are looked at). Of a reader that is not linear
+/// see readers/fit_nonlinear.h. Costs time and memory in proportion to points
 /// and cells; sums have a fixed order, so that the bits do not depend on the number of threads.
 FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitSettings& settings,
               Volume& volume);

@@ -107,7 +107,8 @@ glm::dvec3 zh3(std::span<const glm::vec3> c, glm::dvec3 n) {
         const double l0 = double(c[0][colour]);
         if (!(l0 > 0))
             continue;
-        const double r = std::abs(glm::dot(first_band(c, colour), axis)) / l0;
+        const double r =
+            std::min(std::abs(glm::dot(first_band(c, colour), axis)) / l0, std::numbers::sqrt3);
         result[colour] += volume::sh_cosine_factor(2) * l0 * (0.08 * r + 0.6 * r * r) * zonal;
     }
     return result;

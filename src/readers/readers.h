@@ -23,7 +23,8 @@ enum class Evaluation {
     /// Data, CEDEC 2015).
     geomerics,
     /// Linear, with a zonal band 2 along the luminance of band 1, of c_0 (0.08 r + 0.6 r^2), where
-    /// r = |c_1.axis| / c_0 of a colour (Roughton et al. 2024, ZH3: Quadratic Zonal Harmonics).
+    /// r = |c_1.axis| / c_0 of a colour, but at most sqrt(3), that of light from one point
+    /// (Roughton et al. 2024, ZH3: Quadratic Zonal Harmonics).
     zh3,
 };
 

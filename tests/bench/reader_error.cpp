@@ -4,6 +4,7 @@
 //
 // Usage: lpvbake_reader_error SCENE RESOLUTION [READER ...] [--sun A,E,LUX] [--point X,Y,Z,CD]
 //        [--points N] [--paths N] [--hold H] [--density D] [--rays N] [--traced 0] [--alone 1]
+//        [--air 1]
 // SCENE: lamp, sun (a box of thin double-sided walls), rooms (two, one thin wall), or a glTF file.
 #include "bake/bake.h"
 #include "bake/volume_fit.h"
@@ -12,6 +13,7 @@
 #include "reference/reference.h"
 #include "scenes.h"
 #include "visibility/visibility.h"
+#include "volume/compare.h"
 #include "volume/dering.h"
 #include "volume/dilate.h"
 
@@ -85,10 +87,31 @@ Scene scene_named(const std::string& name) {
     return scene;
 }
 
+/// Irradiance towards 26 normals at the valid cells, as all bands have it, against what the reader
+/// makes of the bands that it has: as they are, and fitted to it there.
+void tell_air(const Reader& reader, const Volume& field) {
+    std::vector<readers::FitPoint> points;
+    const readers::Reader whole{.name = "", .clamped = true};
+    for (size_t i = 0; i < field.grid.size(); ++i)
+        for (const glm::dvec3& n : volume::neighbour_normals())
+            if (field.is_valid(i)) {
+                const glm::dvec3 at = field.grid.center(field.grid.cell_at(i));
+                points.push_back({at, n, 1, readers::irradiance(whole, field, at, n)});
+            }
+    Volume fitted = field;
+    readers::FitSettings settings;
+    settings.hold_valid = settings.hold_other = 1e-6;
+    readers::fit(reader, points, settings, fitted);
+    std::printf("  air by %d bands %.1f %%, fitted there %.1f %%", readers::order_of(reader, field),
+                100 * readers::error_of(reader, field, points).relative,
+                100 * readers::error_of(reader, fitted, points).relative);
+}
+
 struct Options {
     int resolution = 16;
     uint64_t points = 2000, paths = 4096;
     bool traced = true;
+    bool air = false;   ///< order 1 at the cells' centres, too
     bool alone = false; ///< what convert fits, too: without lit surfaces
     bake::SurfaceFitSettings fit;
     std::vector<const Reader*> readers;
@@ -175,6 +198,8 @@ void measure(const Scene& scene, const Options& options) {
         if (!ours)
             print("dilated", readers::error_of(*reader, filled, points));
         print("fitted", readers::error_of(*reader, fitted, points));
+        if (options.air)
+            tell_air(*reader, field);
         if (options.alone) {
             Volume alone = field;
             bake::fit_to_points(*reader, bake::wall_points(field), bake::wall_points(field, true),
@@ -226,6 +251,8 @@ int main(int count, char** arguments) {
             options.traced = std::atoi(value) != 0;
         else if (name == "--alone")
             options.alone = std::atoi(value) != 0;
+        else if (name == "--air")
+            options.air = std::atoi(value) != 0;
         else if (name == "--hold") {
             options.fit.solve.hold_valid = std::atof(value);
             options.fit.solve.hold_other = std::atof(value) / 20;
