@@ -234,10 +234,9 @@ bool is_dilated(const Target& target, const Volume& volume) {
     return target.dilate > 0 && !volume.validity.empty() && !volume.metadata.contains("fit");
 }
 
-/// Of all that is written for the target, but for what was fitted to it.
+/// Negative light of a cell may be what a fit takes a thin wall's other side away by.
 bool is_deringed(const Target& target, const Volume& volume) {
-    const auto fit = volume.metadata.find("fit");
-    return target.dering && !(fit != volume.metadata.end() && fit->second == target.name);
+    return target.dering && !volume.metadata.contains("fit");
 }
 
 /// Either kind of volume, with all bands that the target has a form for and no more.

@@ -174,6 +174,11 @@ TEST_F(Convert, ShowsNoNegativeIrradianceToProgramsThatWould) {
     }
     EXPECT_LT(least("--target generic"), -10);
     EXPECT_GE(least("--target generic --dering on"), 0);
+    // What was fitted to a program holds negative light on purpose, also for one that reads alike.
+    volume.metadata["fit"] = "godot";
+    write("a.vdb", volume);
+    for (const char* target : {"godot", "unity", "unreal"})
+        EXPECT_LT(least("--target " + std::string(target)), -10) << target;
 }
 
 TEST_F(Convert, ScalesBandOneForVrcAndTellsOfIt) {
