@@ -9,7 +9,9 @@ namespace lpvbake::bake {
 struct SurfaceFitSettings {
     double density = 4;             ///< points a face of a cell, on each side of a surface
     uint64_t most_points = 1 << 20; ///< where surfaces are many, each stands for more of them
-    int rays = 256;                 ///< from each point: their noise is noise of the result
+    /// In all, 16 to 64 from each point; shared with the points around it (surface/shared_rays.h).
+    /// Their noise is noise of the result, but the less the more cells a wall has.
+    uint64_t rays = 1 << 21;
     readers::FitSettings solve;
     /// Rings of cells inside geometry that are filled before, to be held to; see volume/dilate.h.
     int dilate = 2;
@@ -26,12 +28,13 @@ struct SurfaceFit {
     readers::SurfaceError before, after;
 };
 
+int rays_a_point(const SurfaceFitSettings& settings, double points);
+
 /// Points of all sides, what arrives there, and how much they matter: by area and by how open they
 /// are (readers::openness_weight). `lit` as irradiance_at wants it.
 std::vector<readers::FitPoint> fit_points(const Scene& scene, const surface::LitSurfaces& lit,
                                           const scene::Frame& frame, bool emitters,
-                                          const surface::SidePointSettings& settings, int rays,
-                                          Progress& progress);
+                                          const SurfaceFitSettings& settings, Progress& progress);
 
 /// Fits the volume to a reader by points, and adds the metadata fit (the reader's name), fit_error,
 /// fit_energy, fit_leak (SurfaceFit::after, of `checks`) and fit_moved.

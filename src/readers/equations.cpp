@@ -1,13 +1,18 @@
 #include "readers/equations.h"
 
+#include <cassert>
 #include <cmath>
+#include <type_traits>
 
 namespace lpvbake::readers {
 namespace {
 
-glm::dvec3 dot(const Values& a, const Values& b) {
-    return ordered_sum<glm::dvec3>(a.size(), [&](std::size_t i) { return a[i] * b[i]; });
-}
+/// What holds the cells counts so much more in the preconditioner than in the equations. Values
+/// that points leave open are then settled by what holds them from the first steps on: dark cells
+/// move before lit ones do.
+constexpr double lean = 300;
+
+constexpr std::size_t most = volume::sh_count(volume::sh_max_order);
 
 /// a / b of each colour; 0 where there is nothing left to divide.
 glm::dvec3 ratio(glm::dvec3 a, glm::dvec3 b) {
@@ -18,23 +23,136 @@ glm::dvec3 ratio(glm::dvec3 a, glm::dvec3 b) {
     return result;
 }
 
-/// Unknowns that may move, a colour: 1 or 0.
-using Mask = std::vector<glm::dvec3>;
+Colour colour(glm::dvec3 v) {
+    return {glm::vec3(v), 0.0f};
+}
+
+/// Calls use(count) with the number as a constant: bands 0 to `order`, or the sides of a cube.
+template <class Use>
+auto with_count(std::size_t count, const Use& use) {
+    switch (count) {
+    case 1:
+        return use(std::integral_constant<std::size_t, 1>());
+    case 4:
+        return use(std::integral_constant<std::size_t, 4>());
+    case 6:
+        return use(std::integral_constant<std::size_t, 6>());
+    case 9:
+        return use(std::integral_constant<std::size_t, 9>());
+    case 16:
+        return use(std::integral_constant<std::size_t, 16>());
+    default:
+        assert(count == most);
+        return use(std::integral_constant<std::size_t, most>());
+    }
+}
+
+/// Unknowns that may move, a colour: 1 or 0. Empty: all.
+using Mask = Colours;
+
+/// What makes steps fewer: the inverses of the equations' blocks, a cell each, or, with a mask, of
+/// their diagonal.
+class Preconditioner {
+public:
+    Preconditioner(const Equations& equations, bool blocks)
+        : count_(equations.lookups.coefficients()),
+          blocks_(blocks),
+          inverse_(equations.lookups.cells.size() * (blocks ? count_ * count_ : count_)) {
+        tbb::parallel_for(std::size_t(0), equations.lookups.cells.size(), [&](std::size_t u) {
+            std::array<double, most * most> block{};
+            equations.lookups.of_unknown(u, [&](std::size_t i, float weight, const float* row) {
+                const double square =
+                    double(equations.weights[i]) * double(weight) * double(weight);
+                for (std::size_t k = 0; k < count_; ++k)
+                    for (std::size_t l = 0; l <= k; ++l)
+                        block[k * count_ + l] += square * double(row[k]) * double(row[l]);
+            });
+            for (std::size_t k = 0; k < count_; ++k)
+                block[k * count_ + k] += lean * double(equations.hold[u * count_ + k]);
+            if (blocks_)
+                invert(block, &inverse_[u * count_ * count_]);
+            else
+                for (std::size_t k = 0; k < count_; ++k) {
+                    const double whole = block[k * count_ + k];
+                    inverse_[u * count_ + k] = float(whole > 0 ? 1 / whole : 0);
+                }
+        });
+    }
+
+    /// x += length * way, residual -= length * product, scaled = inverse * residual; gives the sum
+    /// of residual * scaled.
+    glm::dvec3 advance(Colour length, const Colours& way, const Colours& product, const Mask& free,
+                       Colours& x, Colours& residual, Colours& scaled) const {
+        return with_count(count_, [&](auto count) {
+            return ordered_sum<glm::dvec3>(x.size() / count, [&](std::size_t u) {
+                const std::size_t first = u * count;
+                Colour left[count];
+                for (std::size_t k = 0; k < count; ++k) {
+                    x[first + k] += length * way[first + k];
+                    left[k] = residual[first + k] -= length * product[first + k];
+                }
+                glm::dvec3 size(0.0);
+                for (std::size_t k = 0; k < count; ++k) {
+                    Colour sum(0.0f);
+                    if (blocks_) {
+                        const float* row = &inverse_[(first + k) * count];
+                        for (std::size_t l = 0; l < count; ++l)
+                            sum += row[l] * left[l];
+                    } else {
+                        sum = inverse_[first + k] * left[k] * free[first + k];
+                    }
+                    scaled[first + k] = sum;
+                    size += glm::dvec3(sum) * glm::dvec3(left[k]);
+                }
+                return size;
+            });
+        });
+    }
+
+private:
+    /// Of a symmetric block, of which the lower half is given; by Cholesky's factors. Rows that
+    /// nothing asks for stay 0.
+    void invert(std::array<double, most * most>& block, float* inverse) const {
+        for (std::size_t k = 0; k < count_; ++k)
+            for (std::size_t l = 0; l <= k; ++l) {
+                double sum = block[k * count_ + l];
+                for (std::size_t m = 0; m < l; ++m)
+                    sum -= block[k * count_ + m] * block[l * count_ + m];
+                if (k == l)
+                    block[k * count_ + k] = sum > 0 ? std::sqrt(sum) : 0;
+                else
+                    block[k * count_ + l] =
+                        block[l * count_ + l] > 0 ? sum / block[l * count_ + l] : 0;
+            }
+        for (std::size_t column = 0; column < count_; ++column) {
+            std::array<double, most> x{};
+            x[column] = 1;
+            for (std::size_t k = column; k < count_; ++k) {
+                for (std::size_t l = column; l < k; ++l)
+                    x[k] -= block[k * count_ + l] * x[l];
+                x[k] = block[k * count_ + k] > 0 ? x[k] / block[k * count_ + k] : 0;
+            }
+            for (std::size_t k = count_; k-- > 0;) {
+                for (std::size_t l = k + 1; l < count_; ++l)
+                    x[k] -= block[l * count_ + k] * x[l];
+                x[k] = block[k * count_ + k] > 0 ? x[k] / block[k * count_ + k] : 0;
+                inverse[k * count_ + column] = float(x[k]);
+            }
+        }
+    }
+
+    std::size_t count_;
+    bool blocks_;
+    std::vector<float> inverse_;
+};
 
 /// Steps of conjugate gradients on the free unknowns, from x on; `residual` is that of x.
-void descend(const Equations& equations, const Mask& free, const std::vector<double>& inverse,
-             int steps, double enough, Values& x, Values& residual, FitReport& report,
-             glm::dvec3& first) {
+void descend(const Equations& equations, const Mask& free, const Preconditioner& inverse, int steps,
+             double enough, Colours& x, Colours& residual, FitReport& report, glm::dvec3& first) {
     const std::size_t unknowns = x.size();
-    Values product(unknowns), way(unknowns), of_points(equations.weights.size());
-    const auto size_of = [&] {
-        return ordered_sum<glm::dvec3>(unknowns, [&](std::size_t i) {
-            return inverse[i] * free[i] * residual[i] * residual[i];
-        });
-    };
-    for (std::size_t i = 0; i < unknowns; ++i)
-        way[i] = inverse[i] * free[i] * residual[i];
-    glm::dvec3 size = size_of();
+    Colours product(unknowns), way(unknowns), scaled(unknowns), of_points(equations.weights.size());
+    glm::dvec3 size = inverse.advance(Colour(0.0f), way, product, free, x, residual, scaled);
+    way = scaled;
     if (first == glm::dvec3(0.0))
         first = size;
     const auto left = [&] {
@@ -43,16 +161,12 @@ void descend(const Equations& equations, const Mask& free, const std::vector<dou
     };
     report.residual = left();
     for (int step = 0; step < steps && report.residual > enough; ++step, ++report.steps) {
-        equations.apply(way, of_points, product);
-        const glm::dvec3 length = ratio(size, dot(way, product));
-        tbb::parallel_for(std::size_t(0), unknowns, [&](std::size_t i) {
-            x[i] += length * way[i];
-            residual[i] -= length * product[i];
-        });
-        const glm::dvec3 next = size_of();
-        const glm::dvec3 turn = ratio(next, size);
-        tbb::parallel_for(std::size_t(0), unknowns, [&](std::size_t i) {
-            way[i] = inverse[i] * free[i] * residual[i] + turn * way[i];
+        const Colour length = colour(ratio(size, equations.apply(way, of_points, product)));
+        const glm::dvec3 next = inverse.advance(length, way, product, free, x, residual, scaled);
+        const Colour turn = colour(ratio(next, size));
+        tbb::parallel_for(tbb::blocked_range<std::size_t>(0, unknowns), [&](const auto& range) {
+            for (std::size_t i = range.begin(); i < range.end(); ++i)
+                way[i] = scaled[i] + turn * way[i];
         });
         size = next;
         report.residual = left();
@@ -60,13 +174,15 @@ void descend(const Equations& equations, const Mask& free, const std::vector<dou
 }
 
 /// Of the normal equations at x.
-void find_residual(const Equations& equations, const Values& lacking, const Values& x,
-                   Values& residual) {
-    Values of_points(lacking.size());
+void find_residual(const Equations& equations, const Values& lacking, const Colours& x,
+                   Colours& residual) {
+    Colours of_points(lacking.size());
     tbb::parallel_for(std::size_t(0), lacking.size(), [&](std::size_t i) {
-        of_points[i] = equations.weights[i] * (lacking[i] - equations.lookups.shown(x, i));
+        of_points[i] = equations.weights[i]
+                       * (colour(lacking[i])
+                          - equations.lookups.shown(x, i, equations.lookups.coefficients()));
     });
-    Values back(x.size());
+    Colours back(x.size());
     for (std::size_t i = 0; i < x.size(); ++i)
         back[i] = -x[i];
     equations.transpose(of_points, back, residual);
@@ -74,63 +190,57 @@ void find_residual(const Equations& equations, const Values& lacking, const Valu
 
 } // namespace
 
-void Equations::transpose(const Values& of_points, const Values& x, Values& out) const {
-    const std::size_t count = lookups.coefficients();
-    tbb::parallel_for(std::size_t(0), lookups.cells.size(), [&](std::size_t u) {
-        for (std::size_t k = u * count; k < (u + 1) * count; ++k)
-            out[k] = hold[k] * x[k];
-        lookups.gather(of_points, u, &out[u * count], false);
+glm::dvec3 Equations::transpose(const Colours& of_points, const Colours& x, Colours& out) const {
+    return with_count(lookups.coefficients(), [&](auto count) {
+        return ordered_sum<glm::dvec3>(lookups.cells.size(), [&](std::size_t u) {
+            Colour sums[count];
+            for (std::size_t k = 0; k < count; ++k)
+                sums[k] = hold[u * count + k] * x[u * count + k];
+            lookups.gather(of_points, u, sums, count);
+            glm::dvec3 along(0.0);
+            for (std::size_t k = 0; k < count; ++k) {
+                out[u * count + k] = sums[k];
+                along += glm::dvec3(x[u * count + k]) * glm::dvec3(sums[k]);
+            }
+            return along;
+        });
     });
 }
 
-void Equations::apply(const Values& x, Values& of_points, Values& out) const {
-    tbb::parallel_for(std::size_t(0), weights.size(),
-                      [&](std::size_t i) { of_points[i] = weights[i] * lookups.shown(x, i); });
-    transpose(of_points, x, out);
-}
-
-std::vector<double> Equations::preconditioner() const {
-    const std::size_t count = lookups.coefficients();
-    Values of_points(weights.size());
-    for (std::size_t i = 0; i < weights.size(); ++i)
-        of_points[i] = glm::dvec3(weights[i]);
-    std::vector<double> result(lookups.unknowns());
-    tbb::parallel_for(std::size_t(0), lookups.cells.size(), [&](std::size_t u) {
-        std::array<glm::dvec3, volume::sh_count(volume::sh_max_order)> diagonal{};
-        lookups.gather(of_points, u, diagonal.data(), true);
-        for (std::size_t k = 0; k < count; ++k) {
-            const double whole = diagonal[k].x + hold[u * count + k];
-            result[u * count + k] = whole > 0 ? 1 / whole : 0;
-        }
+glm::dvec3 Equations::apply(const Colours& x, Colours& of_points, Colours& out) const {
+    with_count(lookups.coefficients(), [&](auto count) {
+        tbb::parallel_for(std::size_t(0), weights.size(), [&](std::size_t i) {
+            of_points[i] = weights[i] * lookups.shown(x, i, count);
+        });
     });
-    return result;
+    return transpose(of_points, x, out);
 }
 
 Values solve(const Equations& equations, const Values& lacking, const Values& least,
              const FitSettings& settings, FitReport& report) {
     constexpr int rounds = 6;
     const std::size_t unknowns = equations.lookups.unknowns();
-    const std::vector<double> inverse = equations.preconditioner();
-    Values x(unknowns, glm::dvec3(0.0)), residual(unknowns);
-    Mask free(unknowns, glm::dvec3(1.0));
+    const Preconditioner inverse(equations, least.empty());
+    Colours x(unknowns, Colour(0.0f)), residual(unknowns);
+    Mask free;
     glm::dvec3 first(0.0);
     find_residual(equations, lacking, x, residual);
-    if (least.empty()) {
+    if (least.empty())
         descend(equations, free, inverse, settings.steps, settings.tolerance, x, residual, report,
                 first);
-        return x;
-    }
-    for (int round = 0; round < rounds; ++round) {
-        descend(equations, free, inverse, settings.steps / rounds, settings.tolerance, x, residual,
-                report, first);
+    else
+        free.assign(unknowns, Colour(1.0f));
+    for (int round = 0; round < rounds && !least.empty(); ++round) {
+        descend(equations, free, inverse, 2 * settings.steps / rounds, settings.tolerance, x,
+                residual, report, first);
         for (std::size_t i = 0; i < unknowns; ++i)
-            x[i] = glm::max(x[i], least[i]);
+            x[i] = glm::max(x[i], colour(least[i]));
         find_residual(equations, lacking, x, residual);
         for (std::size_t i = 0; i < unknowns; ++i)
             for (int c = 0; c < 3; ++c)
-                free[i][c] = x[i][c] > least[i][c] || residual[i][c] > 0 ? 1.0 : 0.0;
+                free[i][c] = x[i][c] > float(least[i][c]) || residual[i][c] > 0 ? 1.0f : 0.0f;
     }
-    return x;
+    return {x.begin(), x.end()};
 }
 
 } // namespace lpvbake::readers

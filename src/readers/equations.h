@@ -15,6 +15,10 @@ namespace lpvbake::readers {
 
 using Values = std::vector<glm::dvec3>;
 
+/// A colour as four floats, the last 0: what a register takes.
+using Colour = glm::vec4;
+using Colours = std::vector<Colour>;
+
 inline constexpr std::size_t sum_chunk = 512; ///< of sums, whatever the number of threads
 
 /// Sum of term(i) in an order that depends on `count` alone.
@@ -59,6 +63,9 @@ public:
                 cells.push_back(cell);
             }
 
+        by_point_.first.reserve(points.size() + 1);
+        by_point_.entries.reserve(8 * points.size());
+        rows_.reserve(coefficients * points.size());
         by_point_.first.push_back(0);
         by_cell_.first.assign(cells.size() + 1, 0);
         for (std::size_t p = 0; p < points.size(); ++p) {
@@ -66,7 +73,7 @@ public:
             for (std::size_t i = 0; i < taps[p].cell.size(); ++i)
                 if (taps[p].weight[i] > 0) {
                     const uint32_t u = unknown[taps[p].cell[i]];
-                    by_point_.entries.push_back({u, taps[p].weight[i]});
+                    by_point_.entries.push_back({u, float(taps[p].weight[i])});
                     ++by_cell_.first[u + 1];
                 }
             if (by_point_.entries.size() == before)
@@ -74,7 +81,8 @@ public:
             used.push_back(p);
             by_point_.first.push_back(by_point_.entries.size());
             const auto row = row_of(points[p].normal);
-            rows_.insert(rows_.end(), row.begin(), row.begin() + std::ptrdiff_t(coefficients_));
+            for (std::size_t k = 0; k < coefficients; ++k)
+                rows_.push_back(float(row[k]));
         }
         for (std::size_t u = 0; u < cells.size(); ++u)
             by_cell_.first[u + 1] += by_cell_.first[u];
@@ -88,30 +96,39 @@ public:
     std::size_t coefficients() const { return coefficients_; }
     std::size_t unknowns() const { return cells.size() * coefficients_; }
 
-    /// What the reader shows at used point i of values x[unknown * coefficients + k].
-    glm::dvec3 shown(const Values& x, std::size_t i) const {
-        const double* row = &rows_[i * coefficients_];
-        glm::dvec3 sum(0.0);
+    /// What the reader shows at used point i of values x[unknown * count + k]; count, that of the
+    /// coefficients, is an integral_constant for loops of a length that is known.
+    template <class Value, class Count>
+    Value shown(const std::vector<Value>& x, std::size_t i, Count count) const {
+        using Number = typename Value::value_type;
+        const float* row = &rows_[i * count];
+        Value sum(0);
         for (const auto& [u, weight] : by_point_.of(i)) {
-            const glm::dvec3* value = &x[u * coefficients_];
-            glm::dvec3 towards(0.0);
-            for (std::size_t k = 0; k < coefficients_; ++k)
-                towards += row[k] * value[k];
-            sum += weight * towards;
+            const Value* value = &x[u * count];
+            Value towards(0);
+            for (std::size_t k = 0; k < count; ++k)
+                towards += Number(row[k]) * value[k];
+            sum += Number(weight) * towards;
         }
         return sum;
     }
 
     /// The transpose: adds to the coefficients of unknown u what the values of its points give.
-    /// With `squares` the squares of the entries instead.
-    void gather(const Values& of_points, std::size_t u, glm::dvec3* out, bool squares) const {
+    template <class Count>
+    void gather(const Colours& of_points, std::size_t u, Colour* out, Count count) const {
         for (const auto& [i, weight] : by_cell_.of(u)) {
-            const double* row = &rows_[i * coefficients_];
-            for (std::size_t k = 0; k < coefficients_; ++k) {
-                const double entry = weight * row[k];
-                out[k] += (squares ? entry * entry : entry) * of_points[i];
-            }
+            const float* row = &rows_[i * count];
+            const Colour value = weight * of_points[i];
+            for (std::size_t k = 0; k < count; ++k)
+                out[k] += row[k] * value;
         }
+    }
+
+    /// Calls each(used point, the weight of unknown u at it, its row).
+    template <class Each>
+    void of_unknown(std::size_t u, const Each& each) const {
+        for (const auto& [i, weight] : by_cell_.of(u))
+            each(i, weight, &rows_[i * coefficients_]);
     }
 
     std::vector<std::size_t> cells; ///< of the unknowns
@@ -120,7 +137,7 @@ public:
 private:
     struct Entry {
         uint32_t other;
-        double weight;
+        float weight;
     };
     struct Compressed {
         std::vector<std::size_t> first;
@@ -131,21 +148,19 @@ private:
     };
     std::size_t coefficients_;
     Compressed by_point_, by_cell_;
-    std::vector<double> rows_; ///< [used point * coefficients + k]
+    std::vector<float> rows_; ///< [used point * coefficients + k]
 };
 
 /// The normal equations: what holds the cells, and what the points ask for.
 struct Equations {
     const Lookups& lookups;
-    std::vector<double> weights; ///< a used point
-    std::vector<double> hold;    ///< an unknown's coefficient
+    std::vector<float> weights; ///< a used point
+    std::vector<float> hold;    ///< an unknown's coefficient
 
-    /// hold * x + transpose(weight * of_points)
-    void transpose(const Values& of_points, const Values& x, Values& out) const;
+    /// out = hold * x + transpose(weight * of_points), and the sum of x * out.
+    glm::dvec3 transpose(const Colours& of_points, const Colours& x, Colours& out) const;
     /// The same of what the reader shows of x, which `of_points` is room for.
-    void apply(const Values& x, Values& of_points, Values& out) const;
-    /// One over the diagonal; 0 where nothing asks.
-    std::vector<double> preconditioner() const;
+    glm::dvec3 apply(const Colours& x, Colours& of_points, Colours& out) const;
 };
 
 /// Brings the points nearer to what they lack by a change of the unknowns, from no change on, and

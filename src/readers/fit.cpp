@@ -217,7 +217,7 @@ FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitS
     if (report.points == 0)
         return report;
 
-    Equations equations{lookups, {}, std::vector<double>(lookups.unknowns())};
+    Equations equations{lookups, {}, std::vector<float>(lookups.unknowns())};
     Values before(lookups.unknowns());
     const double bright = 0.1 * mean_light(volume);
     for (std::size_t u = 0; u < lookups.cells.size(); ++u) {
@@ -228,14 +228,14 @@ FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitS
             : light >= bright      ? settings.hold_valid
                               : settings.hold_valid * std::max(settings.hold_dark, light / bright);
         for (std::size_t k = 0; k < count; ++k)
-            equations.hold[u * count + k] = held * unknowns.share(k);
+            equations.hold[u * count + k] = float(held * unknowns.share(k));
         unknowns.get(volume, cell, std::span(before).subspan(u * count, count));
     }
     Values lacking(lookups.used.size());
     for (std::size_t i = 0; i < lacking.size(); ++i) {
         const FitPoint& point = points[lookups.used[i]];
-        equations.weights.push_back(point.weight);
-        lacking[i] = point.irradiance - lookups.shown(before, i);
+        equations.weights.push_back(float(point.weight));
+        lacking[i] = point.irradiance - lookups.shown(before, i, count);
     }
     Values least; // of the change
     if (unknowns.not_negative())
@@ -244,7 +244,8 @@ FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitS
     const Values change = solve(equations, lacking, least, settings, report);
     const Coefficients given = volume.sh;
     for (std::size_t i = 0; i < before.size(); ++i)
-        before[i] += change[i];
+        before[i] =
+            unknowns.not_negative() ? glm::max(before[i] + change[i], 0.0) : before[i] + change[i];
     for (std::size_t u = 0; u < lookups.cells.size(); ++u)
         unknowns.set(std::span(before).subspan(u * count, count), volume, lookups.cells[u]);
     tell_moved(reader, given, volume, report);

@@ -18,7 +18,7 @@ struct FitPoint {
 };
 
 struct FitSettings {
-    int steps = 60; ///< of conjugate gradients, at most
+    int steps = 40; ///< of conjugate gradients, at most; of a cube's sides twice as many
     /// What holds a cell to the values that it had: by how many faces of a surface its error of
     /// irradiance (mean square over normals) counts, for valid cells and for the others.
     double hold_valid = 0.01, hold_other = 0.0005;
@@ -56,13 +56,13 @@ SurfaceError error_of(const Reader& reader, const Volume& volume, std::span<cons
 
 /// Changes the coefficients up to the reader's highest band so that the sum over points of weight
 /// times squared error, and over cells of what holds them, is least: linear least squares, solved
-/// for each colour by conjugate gradients on the normal equations (Hestenes and Stiefel 1952;
-/// Jacobi's preconditioner) from the values that are there. Cells that are not valid should have
-/// been filled before (volume/dilate.h). What the reader clamps is not clamped while it is fitted,
-/// but for the sides of a cube, which come out not negative (order 2; CG in rounds between which
-/// the bounds are looked at). Of a reader that is not linear
-/// see readers/fit_nonlinear.h. Costs time and memory in proportion to points
-/// and cells; sums have a fixed order, so that the bits do not depend on the number of threads.
+/// for each colour by conjugate gradients on the normal equations (Hestenes and Stiefel 1952; the
+/// preconditioner has the block of each cell, with more of what holds it) from the values that are
+/// there. Cells that are not valid should have been filled before (volume/dilate.h). What the
+/// reader clamps is not clamped while it is fitted, but for the sides of a cube, which come out not
+/// negative (order 2; CG in rounds between which the bounds are looked at). For a reader that is
+/// not linear see readers/fit_nonlinear.h. Costs time and memory in proportion to points and cells;
+/// sums have a fixed order, so that the bits do not depend on the number of threads.
 FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitSettings& settings,
               Volume& volume);
 

@@ -6,6 +6,7 @@
 #include "scene/sky.h"
 #include "surface/emitter_sampling.h"
 #include "surface/halton.h"
+#include "surface/shared_rays.h"
 #include "visibility/tangents.h"
 
 #include <glm/gtc/constants.hpp>
@@ -59,6 +60,7 @@ struct Side {
     const Patch& patch;
     uint32_t index; ///< 2 * patch + side
     glm::vec3 normal;
+    uint32_t first_ray = 0; ///< sides of one index take different rays of one sequence
 
     /// A patch that something crosses is as light as at its centroid: see LitSurfaces::side.
     glm::vec3 point(glm::vec2 weights) const {
@@ -140,7 +142,8 @@ glm::vec3 aimed(const Side& side, const EmitterSampling& emitters, int aimed_ray
                 const visibility::Visibility& visibility) {
     glm::vec3 sum{0.0f};
     const HaltonPoints points(side.index, 1);
-    for (uint32_t i = 0; i < uint32_t(aimed_rays); ++i) {
+    for (uint32_t n = 0; n < uint32_t(aimed_rays); ++n) {
+        const uint32_t i = side.first_ray * uint32_t(aimed_rays) / uint32_t(rays) + n;
         const glm::vec3 from = side.point(on_triangle(points(i, 0)));
         const glm::vec2 pick = points(i, 1);
         const EmitterSampling::Sample to = emitters.sample(pick.x, on_triangle(points(i + 256, 1)));
@@ -205,21 +208,33 @@ struct DirectLight {
     /// Illuminance by the rays of a side, lux; `met` takes the sides that they hit, if it is not
     /// empty.
     glm::vec3 by_rays(const Side& side, std::span<uint32_t> met) const {
+        glm::vec3 around{0.0f};
+        const glm::vec3 direct = emitted(side, [&](uint32_t i, const visibility::Ray& ray,
+                                                   const visibility::Hit& hit, uint32_t there) {
+            if (hit.instance == visibility::no_hit)
+                around += scene::sky_rest(sky, ray.direction);
+            if (!met.empty() && there != LitSurfaces::no_side)
+                met[i] = there;
+        });
+        return rays > 0 ? direct + around * (glm::pi<float>() / float(rays)) : direct;
+    }
+
+    /// Illuminance by the emitters that the rays of a side hit, lux. meet(i, ray, hit, side) takes
+    /// each ray.
+    template <class Meet>
+    glm::vec3 emitted(const Side& side, const Meet& meet) const {
         const HaltonPoints points(side.index, 2);
         glm::vec3 seen{0.0f};
         for (uint32_t i = 0; i < uint32_t(rays); ++i) {
-            const glm::vec3 from = side.point(on_triangle(points(i, 1)));
-            const glm::vec3 direction = sample_cosine(side.normal, points(i, 0));
-            const visibility::Hit hit = visibility.closest({from, direction, 0.0f, HUGE_VALF});
-            if (hit.instance == visibility::no_hit) {
-                seen += scene::sky_rest(sky, direction);
-                continue;
-            }
-            const uint32_t there = lit.side(hit, direction);
+            const glm::vec3 from = side.point(on_triangle(points(side.first_ray + i, 1)));
+            const glm::vec3 direction = sample_cosine(side.normal, points(side.first_ray + i, 0));
+            const visibility::Ray ray{from, direction, 0.0f, HUGE_VALF};
+            const visibility::Hit hit = visibility.closest(ray);
+            const uint32_t there = hit.instance == visibility::no_hit ? LitSurfaces::no_side
+                                                                      : lit.side(hit, direction);
+            meet(i, ray, hit, there);
             if (there == LitSurfaces::no_side)
                 continue;
-            if (!met.empty())
-                met[i] = there;
             if (!aim.empty() && emission[there] != glm::vec3(0.0f)) {
                 const float cosine = glm::dot(direction, side.normal) / glm::pi<float>();
                 const float slant = std::abs(glm::dot(direction, hit.normal));
@@ -395,16 +410,92 @@ std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
     return result;
 }
 
+std::vector<SideLight> shared_irradiance_at(const Scene& scene, const LitSurfaces& lit,
+                                            const scene::Frame& frame,
+                                            std::span<const SidePoint> points, bool emitters,
+                                            int rays, uint32_t seed, Progress& progress) {
+    constexpr size_t most = 64; // points of a group
+    const visibility::Visibility& visibility = *lit.visibility;
+    const bool aims = emitters && scene::has_emitters(scene);
+    const std::vector<glm::vec3> emission =
+        aims ? emission_of(lit.patches) : std::vector<glm::vec3>{};
+    const EmitterSampling aim(aims ? lit.patches : std::vector<Patch>{});
+    const std::vector<PunctualSource> suns =
+        sources_of(scene::sky_suns(scene.sky), visibility, frame);
+    const PointGroups groups = group_points(visibility, points, most);
+    std::vector<SideLight> result(points.size());
+    const size_t count = groups.first.size() - 1;
+    constexpr size_t block = 1024;
+    for (size_t begin = 0; begin < count; begin += block) {
+        progress.advance(groups.first[begin]);
+        tbb::parallel_for(begin, std::min(count, begin + block), [&](size_t g) {
+            const std::span<const uint32_t> group =
+                std::span(groups.order)
+                    .subspan(groups.first[g], groups.first[g + 1] - groups.first[g]);
+            // Few that share have more rays of their own.
+            const int own = std::min(256, std::max(rays, 16 * rays / int(group.size())));
+            const DirectLight light{lit, visibility, scene.sky,           emission, {}, suns,
+                                    aim, own,        std::max(8, own / 2)};
+            std::vector<SidePoint> kept;
+            std::vector<SharedRay> shared;
+            std::vector<uint32_t> places;
+            for (uint32_t k = 0; k < group.size(); ++k) {
+                SideLight& at = result[group[k]];
+                Patch point; // without extent
+                point.position = points[group[k]].position;
+                point.edge_u = point.edge_v = glm::vec3(0.0f);
+                const Side side{point, mix_word(seed) + uint32_t(g), points[group[k]].normal,
+                                k * uint32_t(own)};
+                const size_t before = shared.size();
+                int backs = 0, open = 0;
+                at.irradiance =
+                    punctual(side, light.suns, visibility)
+                    + light.emitted(side, [&](uint32_t, const visibility::Ray& ray,
+                                              const visibility::Hit& hit, uint32_t there) {
+                          const bool none = hit.instance == visibility::no_hit;
+                          open += none || hit.t >= 1.0f;
+                          backs += !none && hit.facing == visibility::Facing::back;
+                          glm::vec3 luminance{0.0f};
+                          if (none)
+                              luminance = scene::sky_rest(scene.sky, ray.direction);
+                          else if (there != LitSurfaces::no_side)
+                              luminance = aims ? lit.luminance[there] - emission[there]
+                                               : lit.luminance[there];
+                          if (luminance != glm::vec3(0.0f))
+                              shared.push_back(
+                                  {none ? ray.direction : ray.origin + hit.t * ray.direction,
+                                   none ? glm::vec3(0.0f) : hit.normal, luminance});
+                      });
+                if (aims)
+                    at.irradiance += aimed(side, aim, light.aimed_rays, own, visibility);
+                at.open = 2 * backs > own ? 0.0f : float(open) / float(own);
+                if (2 * backs > own) {
+                    shared.resize(before);
+                    continue;
+                }
+                kept.push_back(points[group[k]]);
+                places.push_back(group[k]);
+            }
+            std::vector<glm::vec3> reflected(kept.size(), glm::vec3(0.0f));
+            add_shared(kept, shared, own, reflected);
+            for (size_t k = 0; k < kept.size(); ++k)
+                result[places[k]].irradiance += reflected[k];
+        });
+    }
+    return result;
+}
+
 uint32_t LitSurfaces::side(const visibility::Hit& hit, glm::vec3 direction) const {
     if (hit.facing == visibility::Facing::back)
         return no_side;
     glm::vec2 weights;
-    const uint32_t found = tree.find(hit, weights);
-    if (found == PatchTree::none)
+    const PatchTree::Node* node = tree.leaf(hit, weights);
+    if (!node || node->patch == PatchTree::none)
         return no_side;
+    const uint32_t found = node->patch;
     const bool back = glm::dot(hit.normal, direction) > 0.0f;
-    const Patch& patch = patches[found];
-    if (patch.crossed) {
+    if (node->crossed) {
+        const Patch& patch = patches[found];
         const glm::vec3 point = patch.at(weights);
         const glm::vec3 lift = (back ? -ray_offset(point) : ray_offset(point)) * patch.normal;
         if (visibility->transmittance({point + lift, patch.position - point}) < 0.5f)

@@ -72,4 +72,19 @@ std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
                                      const scene::Frame& frame, std::span<const SidePoint> points,
                                      bool emitters, int rays, uint32_t seed, Progress& progress);
 
+/// What arrives at a point, and how much it sees.
+struct SideLight {
+    glm::vec3 irradiance; ///< lux
+    /// As SidePoints::open; 0 where most of what is seen are backs of single-sided surfaces.
+    float open;
+};
+
+/// As irradiance_at, by rays that are shared with the points around (shared_rays.h): `rays` of each
+/// where 16 and more share theirs, up to 256 of a point alone. For points of a density of a few a
+/// unit.
+std::vector<SideLight> shared_irradiance_at(const Scene& scene, const LitSurfaces& lit,
+                                            const scene::Frame& frame,
+                                            std::span<const SidePoint> points, bool emitters,
+                                            int rays, uint32_t seed, Progress& progress);
+
 } // namespace lpvbake::surface

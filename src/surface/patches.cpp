@@ -172,6 +172,7 @@ private:
                             + " patches of surface lie in the grid; lower `resolution`");
         if (walls) {
             nodes[node].patch = uint32_t(patches.size());
+            nodes[node].crossed = crossed;
             if (is_hidden(patch))
                 patch.area = 0.0f;
         }
@@ -293,34 +294,38 @@ PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,
                 tree.roots.back().push_back(moved(root, first_node));
             for (const PatchTree::Node& node : run.nodes)
                 tree.nodes.push_back({moved(node.patch, first_patch),
-                                      moved(node.first_half, first_node), node.edge});
+                                      moved(node.first_half, first_node), node.edge, node.crossed});
             cover.patches.insert(cover.patches.end(), run.patches.begin(), run.patches.end());
         }
     }
     return cover;
 }
 
-uint32_t PatchTree::find(const visibility::Hit& hit, glm::vec2& weights) const {
+const PatchTree::Node* PatchTree::leaf(const visibility::Hit& hit, glm::vec2& weights) const {
     if (hit.instance == visibility::no_hit)
-        return none;
-    uint32_t node = roots[hit.instance][hit.triangle];
-    if (node == none)
-        return none;
+        return nullptr;
+    const uint32_t root = roots[hit.instance][hit.triangle];
+    if (root == none)
+        return nullptr;
+    const Node* node = &nodes[root];
     // Weights of the piece's three corners.
-    glm::vec3 w{1.0f - hit.barycentric.x - hit.barycentric.y, hit.barycentric};
-    while (nodes[node].first_half != none) {
-        const int a = nodes[node].edge, b = (a + 1) % 3, c = (a + 2) % 3;
-        // The halves' corners are (middle, b, c) and (a, middle, c).
-        if (w[b] >= w[a]) {
-            w = {2.0f * w[a], w[b] - w[a], w[c]};
-            node = nodes[node].first_half;
-        } else {
-            w = {w[a] - w[b], 2.0f * w[b], w[c]};
-            node = nodes[node].first_half + 1;
-        }
+    float w[3] = {1.0f - hit.barycentric.x - hit.barycentric.y, hit.barycentric.x,
+                  hit.barycentric.y};
+    while (node->first_half != none) {
+        static constexpr uint8_t next[] = {1, 2, 0};
+        const unsigned ia = node->edge, ib = next[ia], ic = next[ib];
+        const float a = w[ia], b = w[ib], c = w[ic];
+        // The halves' corners are (middle, b, c) and (a, middle, c). Which it is nobody can
+        // predict: no branch.
+        const bool second = b < a;
+        const float least = second ? b : a, more = second ? a - b : b - a;
+        w[0] = second ? more : 2.0f * least;
+        w[1] = second ? 2.0f * least : more;
+        w[2] = c;
+        node = &nodes[node->first_half + uint32_t(second)];
     }
-    weights = {w.y, w.z};
-    return nodes[node].patch;
+    weights = {w[1], w[2]};
+    return node;
 }
 
 } // namespace lpvbake::surface

@@ -44,14 +44,20 @@ struct PatchTree {
     struct Node {
         uint32_t patch = none;
         uint32_t first_half = none;
-        uint8_t edge = 0; ///< the one that was halved: 0 between the first two corners, 1, 2
+        uint8_t edge = 0;     ///< the one that was halved: 0 between the first two corners, 1, 2
+        bool crossed = false; ///< as the patch
     };
     std::vector<Node> nodes;
     std::vector<std::vector<uint32_t>> roots; ///< an instance, a triangle: its node, or none
 
     /// The patch at a hit, and the weights of its second and third corner there; none for no_hit
     /// and for what has neither area nor cover.
-    uint32_t find(const visibility::Hit& hit, glm::vec2& weights) const;
+    uint32_t find(const visibility::Hit& hit, glm::vec2& weights) const {
+        const Node* node = leaf(hit, weights);
+        return node ? node->patch : none;
+    }
+    /// Its node; null for no_hit.
+    const Node* leaf(const visibility::Hit& hit, glm::vec2& weights) const;
 };
 
 /// All surfaces, also those outside the grid.

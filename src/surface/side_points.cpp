@@ -13,8 +13,6 @@
 namespace lpvbake::surface {
 namespace {
 
-constexpr uint32_t looks = 32; ///< rays that tell how open a point is
-
 /// Element i of Van der Corput's sequence, moved around the unit interval.
 double van_der_corput(uint64_t i, uint32_t base, uint32_t key) {
     const double moved = radical_inverse(i, base) + double(mix_word(key)) * 0x1p-32;
@@ -27,7 +25,8 @@ struct View {
     uint32_t backs = 0;
 };
 
-View look_around(const visibility::Visibility& visibility, const SidePoint& point, uint32_t key) {
+View look_around(const visibility::Visibility& visibility, const SidePoint& point, uint32_t looks,
+                 uint32_t key) {
     const auto [u, v] = visibility::tangents_of(point.normal);
     const glm::vec3 from = point.position + ray_offset(point.position) * point.normal;
     View view;
@@ -82,12 +81,12 @@ SidePoints draw_side_points(const LitSurfaces& lit, glm::vec3 extent,
         if (at != glm::clamp(at, glm::vec3(0.0f), extent))
             return;
         drawn[i] = {at, side % 2 != 0 ? -patch.normal : patch.normal};
-        const View view =
-            look_around(*lit.visibility, drawn[i], mix_word(uint32_t(i)) + settings.seed);
-        if (2 * view.backs > looks)
+        const View view = look_around(*lit.visibility, drawn[i], settings.looks,
+                                      mix_word(uint32_t(i)) + settings.seed);
+        if (2 * view.backs > settings.looks)
             return;
         area[i] = float(whole / double(count)) * patch.alpha;
-        open[i] = float(view.open) / float(looks);
+        open[i] = settings.looks > 0 ? float(view.open) / float(settings.looks) : 1.0f;
     });
     SidePoints result;
     for (size_t i = 0; i < count; ++i)

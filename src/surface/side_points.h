@@ -9,6 +9,8 @@ struct SidePointSettings {
     double density = 4;             ///< points a square unit of a side
     uint64_t most_points = 1 << 20; ///< where there are more, each stands for more area
     uint32_t seed = 1;              ///< another one gives other points
+    uint32_t looks = 32; ///< rays that tell how open a point is, and whether it lies inside of
+                         ///< things; 0: nobody looks, and all are open
 };
 
 struct SidePoints {

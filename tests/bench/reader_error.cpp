@@ -3,8 +3,8 @@
 // fit has seen, against path-traced irradiance, whose own noise comes first.
 //
 // Usage: lpvbake_reader_error SCENE RESOLUTION [READER ...] [--sun A,E,LUX] [--point X,Y,Z,CD]
-//        [--points N] [--paths N] [--hold H] [--density D] [--rays N] [--traced 0] [--alone 1]
-//        [--air 1]
+//        [--points N] [--paths N] [--hold H] [--density D] [--rays N] [--steps N] [--traced 0]
+//        [--alone 1] [--air 1]
 // SCENE: lamp, sun (a box of thin double-sided walls), rooms (two, one thin wall), or a glTF file.
 #include "bake/bake.h"
 #include "bake/volume_fit.h"
@@ -259,7 +259,9 @@ int main(int count, char** arguments) {
         } else if (name == "--density")
             options.fit.density = std::atof(value);
         else if (name == "--rays")
-            options.fit.rays = std::atoi(value);
+            options.fit.rays = uint64_t(std::atoll(value));
+        else if (name == "--steps")
+            options.fit.solve.steps = std::atoi(value);
         else
             return 1;
     }
