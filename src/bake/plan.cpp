@@ -156,7 +156,9 @@ void plan_fit(const SceneFacts& scene, BakePlan& plan) {
     const double faces = scene.area / (plan.grid.cell * plan.grid.cell);
     const double points = std::min(fit.density * faces, double(fit.most_points));
     plan.stages.push_back(
-        {"fit", seconds::fit_ray * points * rays_a_point(fit, points) + seconds::fit_point * points,
+        {"fit",
+         seconds::fit + seconds::fit_ray * points * rays_a_point(fit, points)
+             + seconds::fit_point * points,
          format("about %.2g points of surfaces, as %s reads them", points, reader->name)});
     plan.host_bytes += uint64_t(solver::models::bytes::fit_point * points);
 }

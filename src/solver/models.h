@@ -28,8 +28,10 @@ inline constexpr double maps_triangle = 2e-7; ///< in each map
 inline constexpr double validity_cell = 5e-6; ///< over the cells along the longest axis
 inline constexpr double walls_cell = 1e-6;
 
-inline constexpr double fit_ray = 9e-7;
-inline constexpr double fit_point = 3e-5; ///< all steps of its solution
+// Of 2026-11-28, after the rays came to be shared.
+inline constexpr double fit = 0.1; ///< the points that check it
+inline constexpr double fit_ray = 2.5e-7;
+inline constexpr double fit_point = 1.5e-5; ///< all steps of its solution
 
 inline constexpr double geometry_patch = 5e-7;
 inline constexpr double links_cell = 15e-6; ///< as validity_cell

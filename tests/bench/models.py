@@ -3,9 +3,9 @@
 
 models.py PROGRAM SCENE... [--resolutions 16,32,64] [--repeats 3] [--within FACTOR]
 
-Bakes each scene by each solver at each resolution, and prints for each stage what was expected,
-what was measured (the median of the repeats) and the ratio, then the geometric mean of each stage's
-ratios: what its constants would have to be multiplied with. With --within, exits 7 where the ratio
+Bakes each scene by each solver at each resolution, fitted to what Unity reads, and prints for each
+stage what was expected, what was measured (the median of the repeats) and the ratio, then the
+geometric mean of each stage's ratios: what its constants would have to be multiplied with. With --within, exits 7 where the ratio
 of a whole bake is above FACTOR or below its inverse. Times are those of this machine: the constants
 are for two threads of a CPU device.
 """
@@ -47,8 +47,8 @@ def main():
         for scene in arguments.scenes:
             for resolution in arguments.resolutions.split(","):
                 for solver in SOLVERS:
-                    bake = (arguments.program, "bake", scene, "-o", f"{folder}/light.vdb",
-                            "--solver", solver, "--resolution", resolution, "--threads", "2")
+                    bake = (arguments.program, "bake", scene, "-o", f"{folder}/light.exr",
+                            "--target", "unity", "--solver", solver, "--resolution", resolution, "--threads", "2")
                     expected = seconds_of(run(*bake, "--dry-run"))
                     repeats = [seconds_of(run(*bake)) for _ in range(arguments.repeats)]
                     measured = {name: statistics.median(r[name] for r in repeats)
