@@ -24,15 +24,6 @@ void warn_of_backs(const Scene& scene, const visibility::Visibility& visibility,
                 light.name.c_str(), 100.0 * backs));
 }
 
-surface::LightingSettings lighting_of(const BakePlan& plan) {
-    surface::LightingSettings lighting;
-    lighting.bounces = plan.settings.bounces;
-    lighting.emitters = plan.emitters;
-    lighting.maps = plan.maps.count > 0;
-    lighting.rays = plan.settings.solver.lighting_rays();
-    return lighting;
-}
-
 std::string share_with_walls(const std::vector<std::vector<glm::vec3>>& walls) {
     const auto without = std::ranges::count(walls[0], glm::vec3(0.0f));
     return format("beside %.1f %% of the cells",
@@ -72,6 +63,15 @@ void fit_volume(const Scene& scene, const BakePlan& plan, const visibility::Visi
 }
 
 } // namespace
+
+surface::LightingSettings lighting_of(const BakePlan& plan) {
+    surface::LightingSettings lighting;
+    lighting.bounces = plan.settings.bounces;
+    lighting.emitters = plan.emitters;
+    lighting.maps = plan.maps.count > 0;
+    lighting.rays = plan.settings.solver.lighting_rays();
+    return lighting;
+}
 
 Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
            Progress& progress) {

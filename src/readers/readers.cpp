@@ -127,6 +127,12 @@ const Reader* reader_named(std::string_view name) {
     return nullptr;
 }
 
+bool read_alike(const Reader& a, const Reader& b) {
+    return a.lookup == b.lookup && a.offset == b.offset && a.evaluation == b.evaluation
+           && a.highest_order == b.highest_order && a.clamped == b.clamped
+           && a.beyond_box == b.beyond_box;
+}
+
 int order_of(const Reader& reader, const Volume& volume) {
     return std::min(reader.highest_order, volume.sh_order);
 }

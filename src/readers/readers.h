@@ -49,6 +49,9 @@ std::span<const Reader> all_readers();
 /// Null for an unknown name.
 const Reader* reader_named(std::string_view name);
 
+/// Whether both show the same of any volume.
+bool read_alike(const Reader& a, const Reader& b);
+
 /// Bands that the reader has of a volume.
 int order_of(const Reader& reader, const Volume& volume);
 

@@ -1,6 +1,7 @@
 #include "report/report.h"
 
 #include "bake/bake.h"
+#include "bake/surface_fit.h"
 #include "colour/colour.h"
 #include "io/target.h"
 #include "lpvbake/error.h"
@@ -138,21 +139,66 @@ FieldError surface_error(const readers::Reader& reader, const Volume& volume,
     return error_of(estimate, surfaces.truth.irradiance);
 }
 
-/// Of the volume as each program's target writes it.
-std::vector<ReaderError> shown_errors(const Volume& volume, const SurfaceTruth& surfaces) {
-    std::vector<ReaderError> shown;
-    std::map<int, Volume> filled; // by rings
-    for (const readers::Reader& reader : readers::all_readers()) {
-        const io::Target* target = io::target_named(reader.name);
-        if (!target)
-            continue;
-        const int rings = volume.metadata.contains("fit") ? 0 : target->dilate;
-        const auto [found, added] = filled.try_emplace(rings);
+/// The points that bakes on a grid fit to, by the rays that their surfaces are lit by; none where
+/// no light arrives.
+class FitPoints {
+public:
+    FitPoints(const Scene& scene, const Place& place) : scene_(scene), place_(place) {}
+
+    std::span<const readers::FitPoint> of(const bake::BakePlan& plan, Progress& progress) {
+        surface::LightingSettings lighting = bake::lighting_of(plan);
+        lighting.maps = false;
+        const auto [found, added] = points_.try_emplace(lighting.rays);
         if (added) {
-            found->second = volume;
-            volume::dilate(found->second, rings);
+            const surface::LitSurfaces lit = surface::light_surfaces(
+                scene_, place_.visibility, place_.frame, lighting, progress);
+            auto points = bake::fit_points(scene_, lit, place_.frame, plan.emitters, {}, progress);
+            if (std::ranges::any_of(points, [](const readers::FitPoint& point) {
+                    return point.irradiance != glm::dvec3(0.0);
+                }))
+                found->second = std::move(points);
         }
-        shown.push_back({reader.name, surface_error(reader, found->second, surfaces)});
+        return found->second;
+    }
+
+private:
+    const Scene& scene_;
+    const Place& place_;
+    std::map<uint64_t, std::vector<readers::FitPoint>> points_;
+};
+
+/// Of the volume as each program's target writes it; one copy at a time.
+std::vector<ReaderError> shown_errors(const Volume& volume,
+                                      std::span<const readers::FitPoint> points,
+                                      const SurfaceTruth& surfaces) {
+    std::vector<ReaderError> shown;
+    std::vector<const readers::Reader*> writes_for;
+    for (const readers::Reader& reader : readers::all_readers())
+        if (io::target_named(reader.name)) {
+            writes_for.push_back(&reader);
+            shown.push_back({reader.name, {}});
+        }
+    std::vector<bool> done(shown.size());
+    for (std::size_t i = 0; i < shown.size(); ++i) {
+        if (done[i])
+            continue;
+        const readers::Reader& reader = *writes_for[i];
+        std::optional<Volume> written;
+        const int rings = io::target_named(reader.name)->dilate;
+        if (rings > 0 && !volume.metadata.contains("fit")) {
+            written = volume;
+            if (points.empty())
+                volume::dilate(*written, rings);
+            else
+                bake::fit_to_points(reader, points, {}, {}, *written);
+        }
+        for (std::size_t k = i; k < shown.size(); ++k)
+            if (!done[k] && readers::read_alike(reader, *writes_for[k])
+                && io::target_named(shown[k].reader)->dilate == rings) {
+                shown[k].error =
+                    surface_error(*writes_for[k], written ? *written : volume, surfaces);
+                done[k] = true;
+            }
     }
     return shown;
 }
@@ -311,16 +357,16 @@ GridTruth trace_grid(const Scene& scene, GridResult& grid, const std::set<int>& 
     return kept;
 }
 
-/// Bakes `repeats` times, planning included; fills in the times and returns the last volume.
+/// Bakes `repeats` times, planning included; fills in the times and returns the last volume, and
+/// its plan.
 Volume bake_row(const Scene& scene, int repeats, const gpu::Device& device, RowResult& row,
-                Progress& progress) {
+                bake::BakePlan& plan, Progress& progress) {
     std::vector<double> seconds;
     std::vector<std::vector<double>> stages;
     Baked baked;
     for (int repeat = 0; repeat < repeats; ++repeat) {
         const Clock::time_point begin = Clock::now();
-        const bake::BakePlan plan =
-            bake::plan_bake(bake::survey(scene), row.row.settings, device.info());
+        plan = bake::plan_bake(bake::survey(scene), row.row.settings, device.info());
         baked = bake::bake(scene, plan, device, progress);
         seconds.push_back(since(begin));
         stages.resize(baked.stages.size());
@@ -336,7 +382,7 @@ Volume bake_row(const Scene& scene, int repeats, const gpu::Device& device, RowR
 }
 
 void measure_row(const Volume& volume, const GridTruth& truth, const SurfaceTruth& surfaces,
-                 RowResult& row) {
+                 std::span<const readers::FitPoint> points, RowResult& row) {
     std::vector<std::vector<glm::vec3>> sh(volume.sh.size());
     for (std::size_t k = 0; k < sh.size(); ++k)
         for (const std::size_t cell : truth.cells)
@@ -344,7 +390,7 @@ void measure_row(const Volume& volume, const GridTruth& truth, const SurfaceTrut
     measure(sh, volume.sh_order, truth.truth, row.error, row.projected);
     if (!surfaces.points.empty()) {
         row.surface = surface_error(*readers::reader_named("lpvbake"), volume, surfaces);
-        row.shown = shown_errors(volume, surfaces);
+        row.shown = shown_errors(volume, points, surfaces);
     }
 }
 
@@ -444,6 +490,8 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
                                              "is still %.3g %%; raise `rays`",
                                              grid.grid.dims.x, grid.grid.dims.y, grid.grid.dims.z,
                                              100 * grid.noise));
+        const Place place(scene, grid.grid);
+        FitPoints fit_points(scene, place);
         std::optional<Volume> best;
         std::size_t best_row = 0;
         for (std::size_t i = 0; i < report.rows.size(); ++i) {
@@ -451,8 +499,9 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
             if (row.grid != g)
                 continue;
             Titled on_row(progress, format("row %zu/%zu: ", ++done, report.rows.size()));
-            const Volume volume = bake_row(scene, settings.repeats, device, row, on_row);
-            measure_row(volume, truth, on_them, row);
+            bake::BakePlan plan;
+            const Volume volume = bake_row(scene, settings.repeats, device, row, plan, on_row);
+            measure_row(volume, truth, on_them, fit_points.of(plan, on_row), row);
             if (truth.layers.contains(row.sh_order)
                 && (!best || row.error.relative_l1 < report.rows[best_row].error.relative_l1)) {
                 best = layer_of(volume, truth.layer);
