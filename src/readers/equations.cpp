@@ -14,15 +14,6 @@ constexpr double lean = 300;
 
 constexpr std::size_t most = volume::sh_count(volume::sh_max_order);
 
-/// a / b of each colour; 0 where there is nothing left to divide.
-glm::dvec3 ratio(glm::dvec3 a, glm::dvec3 b) {
-    glm::dvec3 result(0.0);
-    for (int c = 0; c < 3; ++c)
-        if (b[c] > 0)
-            result[c] = a[c] / b[c];
-    return result;
-}
-
 Colour colour(glm::dvec3 v) {
     return {glm::vec3(v), 0.0f};
 }
@@ -189,6 +180,35 @@ void find_residual(const Equations& equations, const Values& lacking, const Colo
 }
 
 } // namespace
+
+glm::dvec3 ratio(glm::dvec3 a, glm::dvec3 b) {
+    glm::dvec3 result(0.0);
+    for (int c = 0; c < 3; ++c)
+        if (b[c] > 0)
+            result[c] = a[c] / b[c];
+    return result;
+}
+
+std::vector<double> holds_of(const FitSettings& settings, const Volume& volume,
+                             std::span<const std::size_t> cells) {
+    const auto light_of = [&](std::size_t cell) { // mean over directions, up to a factor
+        const glm::vec3 l0 = volume.sh[0][cell];
+        return std::max(0.0, double(l0.x) + double(l0.y) + double(l0.z));
+    };
+    const auto sums = ordered_sum<glm::dvec2>(volume.grid.size(), [&](std::size_t cell) {
+        return volume.is_valid(cell) ? glm::dvec2(light_of(cell), 1.0) : glm::dvec2(0.0);
+    });
+    const double bright = sums.y > 0 ? 0.1 * sums.x / sums.y : 0;
+    std::vector<double> holds;
+    for (const std::size_t cell : cells) {
+        const double light = light_of(cell);
+        holds.push_back(!volume.is_valid(cell) ? settings.hold_other
+                        : light >= bright
+                            ? settings.hold_valid
+                            : settings.hold_valid * std::max(settings.hold_dark, light / bright));
+    }
+    return holds;
+}
 
 glm::dvec3 Equations::transpose(const Colours& of_points, const Colours& x, Colours& out) const {
     return with_count(lookups.coefficients(), [&](auto count) {

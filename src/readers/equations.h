@@ -37,6 +37,13 @@ Sum ordered_sum(std::size_t count, const Term& term) {
     return sum;
 }
 
+/// a / b of each colour; 0 where there is nothing left to divide.
+glm::dvec3 ratio(glm::dvec3 a, glm::dvec3 b);
+
+/// What holds each of the cells, in faces: see FitSettings.
+std::vector<double> holds_of(const FitSettings& settings, const Volume& volume,
+                             std::span<const std::size_t> cells);
+
 /// Sparse rows and columns: points by the cells that they are read from, and back. Unknowns are
 /// the cells that any point is read from, by rising index.
 class Lookups {

@@ -16,20 +16,6 @@ namespace {
 
 using Row = std::array<double, volume::sh_count(volume::sh_max_order)>;
 
-/// Mean of a cell's light over directions, up to a factor.
-double light_of(const Volume& volume, std::size_t cell) {
-    const glm::vec3 l0 = volume.sh[0][cell];
-    return std::max(0.0, double(l0.x) + double(l0.y) + double(l0.z));
-}
-
-/// Of the valid cells.
-double mean_light(const Volume& volume) {
-    const auto sums = ordered_sum<glm::dvec2>(volume.grid.size(), [&](std::size_t cell) {
-        return volume.is_valid(cell) ? glm::dvec2(light_of(volume, cell), 1.0) : glm::dvec2(0.0);
-    });
-    return sums.y > 0 ? sums.x / sums.y : 0;
-}
-
 /// Sum of |E| over 26 normals and RGB.
 double all_normals(std::span<const glm::dvec3> coefficients, const std::vector<Row>& transfer) {
     double sum = 0;
@@ -219,16 +205,11 @@ FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitS
 
     Equations equations{lookups, {}, std::vector<float>(lookups.unknowns())};
     Values before(lookups.unknowns());
-    const double bright = 0.1 * mean_light(volume);
+    const std::vector<double> holds = holds_of(settings, volume, lookups.cells);
     for (std::size_t u = 0; u < lookups.cells.size(); ++u) {
         const std::size_t cell = lookups.cells[u];
-        const double light = light_of(volume, cell);
-        const double held =
-            !volume.is_valid(cell) ? settings.hold_other
-            : light >= bright      ? settings.hold_valid
-                              : settings.hold_valid * std::max(settings.hold_dark, light / bright);
         for (std::size_t k = 0; k < count; ++k)
-            equations.hold[u * count + k] = float(held * unknowns.share(k));
+            equations.hold[u * count + k] = float(holds[u] * unknowns.share(k));
         unknowns.get(volume, cell, std::span(before).subspan(u * count, count));
     }
     Values lacking(lookups.used.size());

@@ -115,20 +115,7 @@ public:
             used.push_back(point);
             first_.push_back(entries_.size());
         }
-        double light = 0, valid = 0;
-        for (std::size_t i = 0; i < volume.grid.size(); ++i)
-            if (volume.is_valid(i)) {
-                light += light_of(volume, i);
-                valid += 1;
-            }
-        const double bright = valid > 0 ? 0.1 * light / valid : 0;
-        for (const std::size_t cell : cells) {
-            const double own = light_of(volume, cell);
-            hold_.push_back(!volume.is_valid(cell) ? settings.hold_other
-                            : own >= bright
-                                ? settings.hold_valid
-                                : settings.hold_valid * std::max(settings.hold_dark, own / bright));
-        }
+        hold_ = holds_of(settings, volume, cells);
     }
 
     /// Rows and what is lacking at x; the sum of squares.
@@ -198,10 +185,6 @@ private:
         double weight;
     };
 
-    static double light_of(const Volume& volume, std::size_t cell) {
-        const glm::vec3 l0 = volume.sh[0][cell];
-        return std::max(0.0, double(l0.x) + double(l0.y) + double(l0.z));
-    }
     /// Of an unknown: by the mean square of irradiance over normals.
     double hold(std::size_t i) const {
         const double factor = volume::sh_cosine_factor(i % 4 == 0 ? 0 : 1);
@@ -214,14 +197,6 @@ private:
     std::vector<std::vector<Entry>> by_cell_;
     std::vector<double> hold_;
 };
-
-glm::dvec3 ratio(glm::dvec3 a, glm::dvec3 b) {
-    glm::dvec3 result(0.0);
-    for (int c = 0; c < 3; ++c)
-        if (b[c] > 0)
-            result[c] = a[c] / b[c];
-    return result;
-}
 
 /// The change that the linearized equations ask for.
 Values step_of(const Problem& problem, const std::vector<Shown>& rows, const Values& moved,
