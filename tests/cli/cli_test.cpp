@@ -214,7 +214,9 @@ TEST_F(Cli, WrittenReferenceIsThatOfTheProgram) {
 TEST_F(Cli, TextsOfTheLibraryNameOptions) {
     EXPECT_EQ(cmd::options::in_options("`a`: `resolution`, `max_albedo`; `resolution"),
               "`a`: --resolution, --max-albedo; `resolution");
-    std::string help = run({"bake", "--help"}).out + run({"reference", "--help"}).out;
+    std::string help;
+    for (const char* command : {"bake", "reference", "render"})
+        help += run({command, "--help"}).out;
     std::ranges::replace(help, ',', ' '); // between names of one option
     for (const auto& [setting, option] : cmd::options::wordings())
         for (std::istringstream words(option); words;) {
