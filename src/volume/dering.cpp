@@ -60,7 +60,7 @@ glm::dmat3 diagonalize(glm::dmat3& q) {
 
 /// The unit normal towards which there is least: of all points where the gradient is along n, that
 /// with the greatest multiplier, n = -(Q + m)^-1 b / 2, m >= -the least eigenvalue. |n| falls as m
-/// rises, so that the multiplier for |n| = 1 is found by halving.
+/// rises to the multiplier for |n| = 1.
 glm::dvec3 darkest_normal(Quadratic e) {
     const glm::dmat3 axes = diagonalize(e.q);
     const glm::dvec3 eigen(e.q[0][0], e.q[1][1], e.q[2][2]), b = glm::transpose(axes) * e.b;
@@ -81,11 +81,23 @@ glm::dvec3 darkest_normal(Quadratic e) {
         n[first] = std::sqrt(std::max(0.0, 1 - glm::dot(n, n)));
         return axes * n;
     }
+    // Newton's method on 1 / |n|, which is concave: from below it never goes too far (More and
+    // Sorensen 1983).
+    for (int i = 0; i < 3; ++i)
+        lo = std::max(lo, 0.5 * std::abs(b[i]) - (eigen[i] - eigen[first]));
     for (int step = 0; step < 60; ++step) {
-        const double m = 0.5 * (lo + hi);
-        (glm::dot(normal_at(m), normal_at(m)) > 1 ? lo : hi) = m;
+        const glm::dvec3 n = normal_at(lo);
+        const double length = glm::length(n);
+        double slope = 0;
+        for (int i = 0; i < 3; ++i)
+            if (b[i] != 0)
+                slope += n[i] * n[i] / (eigen[i] - eigen[first] + lo);
+        const double next = lo + (length - 1) * length * length / slope;
+        if (!(next > lo * (1 + 1e-15)) || !(next <= hi))
+            break;
+        lo = next;
     }
-    return axes * glm::normalize(normal_at(hi));
+    return axes * glm::normalize(normal_at(lo));
 }
 
 double towards(const Quadratic& e, glm::dvec3 n) {
@@ -120,6 +132,9 @@ double dot_of_rest(const Bands& a, const Bands& b) {
 /// the multipliers one after the other, none below 0). What is left is scaled away.
 void dering_quadratic(Bands& e, double least) {
     constexpr int rounds = 12, passes = 40;
+    constexpr double settled = 1e-4; // of the mean: a tenth of what is left to scaling
+    // Of the basis towards any normal, but for band 0: (2 l + 1) / 4 pi a band.
+    constexpr double rest_of_square = 8 / (4 * std::numbers::pi);
     std::vector<Bands> towards_normals;
     std::vector<double> multipliers;
     const double mean = double(sh_y0) * e[0];
@@ -129,7 +144,7 @@ void dering_quadratic(Bands& e, double least) {
         const double darkest = towards(now, n);
         if (darkest >= least)
             return;
-        if (round == rounds || darkest > least - 1e-4 * mean) {
+        if (round == rounds || darkest > least - 1e-3 * mean) {
             const double scale = (mean - least) / (mean - darkest);
             for (std::size_t k = 1; k < most; ++k)
                 e[k] *= scale;
@@ -137,15 +152,19 @@ void dering_quadratic(Bands& e, double least) {
         }
         towards_normals.push_back(bands_towards(n));
         multipliers.push_back(0);
-        for (int pass = 0; pass < passes; ++pass)
+        double moved = mean; // by the last pass
+        for (int pass = 0; pass < passes && moved > settled * mean; ++pass) {
+            moved = 0;
             for (std::size_t i = 0; i < multipliers.size(); ++i) {
                 const Bands& y = towards_normals[i];
                 const double lacking = least - mean - dot_of_rest(e, y);
                 const double before = multipliers[i];
-                multipliers[i] = std::max(0.0, before + lacking / dot_of_rest(y, y));
+                multipliers[i] = std::max(0.0, before + lacking / rest_of_square);
                 for (std::size_t k = 1; k < most; ++k)
                     e[k] += (multipliers[i] - before) * y[k];
+                moved = std::max(moved, std::abs(multipliers[i] - before) * rest_of_square);
             }
+        }
     }
 }
 
