@@ -17,22 +17,24 @@
 #include <cmath>
 #include <cstring>
 
-namespace lpvbake {
+namespace lpvbake::image {
 
 /// In place of the image module, whose libraries are not ours: any texels of the size in the
 /// header.
-image::Rgba8 decode_image(std::span<const std::byte> data, const std::string& name,
-                          uint64_t max_texels) {
-    const image::ImageHeader header = image::read_image_header(data);
+Rgba8 decode_image(std::span<const std::byte> data, const std::string& name, uint64_t max_texels) {
+    const ImageHeader header = read_image_header(data);
     if (!header.format || header.texels() == 0 || header.texels() > std::min(max_texels, 1ul << 20))
         throw Error(ErrorKind::invalid, name + ": the image cannot be decoded");
-    image::Rgba8 image{static_cast<int>(header.texels()), 1, {}};
+    Rgba8 image{static_cast<int>(header.texels()), 1, {}};
     image.texels.resize(4 * header.texels());
     for (size_t i = 0; i < image.texels.size(); ++i)
         image.texels[i] = std::to_integer<uint8_t>(data[i % data.size()]);
     return image;
 }
 
+} // namespace lpvbake::image
+
+namespace lpvbake {
 namespace {
 
 using fuzz::require;

@@ -23,8 +23,13 @@ struct {
 
 } // namespace
 
-image::Pixels decode_exr(std::span<const std::byte>, const std::string&, uint64_t) {
-    image::Pixels pixels{picture.width, picture.height, picture.channels, {}};
+} // namespace lpvbake
+
+namespace lpvbake::image {
+
+/// In place of what reads and writes pictures.
+Pixels decode_exr(std::span<const std::byte>, const std::string&, uint64_t) {
+    Pixels pixels{picture.width, picture.height, picture.channels, {}};
     pixels.samples.resize(size_t(picture.width) * size_t(picture.height)
                           * size_t(picture.channels));
     for (size_t i = 0; picture.floats.size() >= 4 && i < pixels.samples.size(); ++i)
@@ -32,20 +37,22 @@ image::Pixels decode_exr(std::span<const std::byte>, const std::string&, uint64_
     return pixels;
 }
 
-image::Rgba8 decode_image(std::span<const std::byte>, const std::string&, uint64_t) {
+Rgba8 decode_image(std::span<const std::byte>, const std::string&, uint64_t) {
     std::abort();
 }
 
-std::vector<unsigned char> encode_png(const image::Pixels&, const std::string&) {
+std::vector<unsigned char> encode_png(const Pixels&, const std::string&) {
     std::abort();
 }
 
-std::vector<unsigned char> encode_exr(const image::Pixels&, bool,
-                                      const std::map<std::string, std::string>&,
-                                      const std::string&) {
+std::vector<unsigned char>
+encode_exr(const Pixels&, bool, const std::map<std::string, std::string>&, const std::string&) {
     std::abort();
 }
 
+} // namespace lpvbake::image
+
+namespace lpvbake {
 namespace {
 
 /// Takes the pictures' size from the sidecar, where that can be told. False where a volume would be
