@@ -34,9 +34,6 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::map<std::string, double> parameters; ///< of solvers
     int dilate = 0;
     std::optional<bool> fit; ///< none: as the target is read
-
-    /// Programs that cells are filled for shade surfaces by them; the others show the field.
-    bool fits() const { return fit.value_or(outputs.target->dilate > 0 && dilate == 0); }
 };
 
 // ---------------------------------------------------------------- options of solvers
@@ -167,15 +164,7 @@ void check_options(const BakeOptions& o) {
             own && !solver::is_value(*own, value))
             throw Error(ErrorKind::argument, "--" + name + ": the " + solver.name + " solver takes "
                                                  + solver::values_of(*own));
-    if (o.fits() && o.dilate > 0)
-        throw Error(ErrorKind::argument,
-                    "--fit surfaces and --dilate exclude each other: fitted cells "
-                    "are filled already");
-}
-
-/// The row of a target's program; files for none in particular are read by our own sampler.
-const readers::Reader* reader_of(const io::Target& target) {
-    return readers::reader_named(&target == io::target_named("generic") ? "lpvbake" : target.name);
+    check_fit(o.outputs, o.fit, o.dilate);
 }
 
 /// All but what choose_settings chooses.
@@ -187,8 +176,8 @@ bake::BakeSettings to_settings(const BakeOptions& o) {
     settings.solver.set(o.quality.value_or(solver::Quality::balanced));
     if (o.bounces)
         settings.bounces = o.bounces->most;
-    if (o.fits())
-        settings.fit = reader_of(*o.outputs.target);
+    if (fits(o.outputs, o.fit, o.dilate))
+        settings.fit = &reader_of(*o.outputs.target);
     settings.dering = o.outputs.storage().dering;
     return settings;
 }
@@ -405,7 +394,7 @@ options::Action declare(options::Options& options) {
             "arrives there, though it reads cells beyond walls; generic: our own sampler. none: "
             "the field at the cells' centres. Default: surfaces for programs that shade surfaces "
             "by the volume, none for generic, blender and houdini, and with --dilate")
-        .implies([&o] { return o.fits() ? "surfaces" : "none"; })
+        .implies([&o] { return fits(o.outputs, o.fit, o.dilate) ? "surfaces" : "none"; })
         .record(options::Recorded::if_changed);
     add_device_option(options, o);
     options.flag("--validation", o.validation,

@@ -49,28 +49,23 @@ bool fits(const ConvertOptions& o, const Volume& volume) {
                                ? ": is fitted to what " + volume.metadata.at("fit")
                                      + " reads already; --fit none"
                                : ": has no grids of walls to fit to; --scene FILE has surfaces"));
-    return able && o.fit.value_or(o.outputs.target->dilate > 0 && o.dilate == 0);
+    return able && fits(o.outputs, o.fit, o.dilate);
 }
 
-/// What a fit goes by, of the volume with all of its bands.
-struct FitTo {
-    std::vector<readers::FitPoint> points, checks;
-};
-
-FitTo fit_to(const ConvertOptions& o, const Volume& volume, TerminalProgress& progress) {
+/// Of the volume with all of its bands.
+bake::SurfacePoints points_of(const ConvertOptions& o, const Volume& volume,
+                              TerminalProgress& progress) {
     if (o.scene.empty())
-        return {bake::wall_points(volume), bake::wall_points(volume, true)};
+        return bake::wall_points(volume);
     const Scene scene = load_gltf(o.scene, {});
     for (const std::string& warning : scene.warnings)
         progress.warn(warning);
-    return {bake::scene_points(scene, volume, {}, progress),
-            bake::scene_points(scene, volume, {.most_points = 2000, .seed = 2}, progress)};
+    return bake::scene_points(scene, volume, progress);
 }
 
-void fit(const ConvertOptions& o, const FitTo& to, TerminalProgress& progress, Volume& volume) {
-    const bool generic = o.outputs.target == io::target_named("generic");
-    const readers::Reader& reader =
-        *readers::reader_named(generic ? "lpvbake" : o.outputs.target->name);
+void fit(const ConvertOptions& o, const bake::SurfacePoints& to, TerminalProgress& progress,
+         Volume& volume) {
+    const readers::Reader& reader = reader_of(*o.outputs.target);
     bake::SurfaceFitSettings settings;
     settings.dering = o.outputs.storage().dering;
     const bake::SurfaceFit fit =
@@ -88,14 +83,11 @@ void run(const ConvertOptions& o) {
             throw Error(ErrorKind::argument,
                         path + ": unknown kind of volume file; use " + io::format_list());
     check_files({o.scene}, {o.file}, o.outputs.paths);
-    if (o.fit.value_or(false) && o.dilate > 0)
-        throw Error(ErrorKind::argument,
-                    "--fit surfaces and --dilate exclude each other: fitted cells "
-                    "are filled already");
+    check_fit(o.outputs, o.fit, o.dilate);
     Volume volume = read_volume(o.file);
     TerminalProgress progress(ProgressStyle::none);
     const bool fitted = fits(o, volume);
-    const FitTo to = fitted ? fit_to(o, volume, progress) : FitTo{};
+    const bake::SurfacePoints to = fitted ? points_of(o, volume, progress) : bake::SurfacePoints{};
     if (o.sh_order)
         limit_order(volume, *o.sh_order, o.file);
     if (o.dilate > 0) {

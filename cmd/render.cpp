@@ -16,8 +16,6 @@
 #include "volume/dilate.h"
 #include "volume/light_content.h"
 
-#include <glm/gtc/constants.hpp>
-
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>

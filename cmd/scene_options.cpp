@@ -186,6 +186,21 @@ io::Target OutputOptions::storage() const {
     return storage;
 }
 
+const readers::Reader& reader_of(const io::Target& target) {
+    return *readers::reader_named(&target == io::target_named("generic") ? "lpvbake" : target.name);
+}
+
+bool fits(const OutputOptions& o, std::optional<bool> fit, int dilate) {
+    return fit.value_or(o.target->dilate > 0 && dilate == 0);
+}
+
+void check_fit(const OutputOptions& o, std::optional<bool> fit, int dilate) {
+    if (fits(o, fit, dilate) && dilate > 0)
+        throw Error(ErrorKind::argument,
+                    "--fit surfaces and --dilate exclude each other: fitted cells "
+                    "are filled already");
+}
+
 void add_output_options(options::Options& options, OutputOptions& o) {
     options.group("Output");
     options::Choices<const io::Target*> targets;

@@ -5,6 +5,7 @@
 #include "io/target.h"
 #include "lpvbake/scene.h"
 #include "options/option.h"
+#include "readers/readers.h"
 #include "result.h"
 #include "scene/scene.h"
 #include "terminal.h"
@@ -75,6 +76,15 @@ struct OutputOptions {
     io::Target storage() const;
 };
 void add_output_options(options::Options& options, OutputOptions& o);
+
+/// Whose picture of surfaces the target's files are for: its program's; of none in particular our
+/// own sampler's.
+const readers::Reader& reader_of(const io::Target& target);
+/// Whether volumes are fitted to that, by --fit (none: as the target is read) and --dilate:
+/// programs that cells are filled for shade surfaces by them, the others show the field.
+bool fits(const OutputOptions& o, std::optional<bool> fit, int dilate);
+/// Throws Error (argument) where --fit and --dilate contradict each other.
+void check_fit(const OutputOptions& o, std::optional<bool> fit, int dilate);
 
 enum class Format { text, json };
 void add_format_option(options::Options& options, Format& format);

@@ -10,10 +10,8 @@ namespace lpvbake::bake {
 
 namespace {
 
-readers::FitPoint fit_point(const scene::Frame& frame, const surface::SidePoint& point,
-                            double weight, glm::vec3 irradiance) {
-    return {frame.to_world(glm::dvec3(point.position)), glm::normalize(glm::dvec3(point.normal)),
-            weight, glm::dvec3(irradiance)};
+double weight_of(const surface::SidePoints& sides, size_t i) {
+    return double(sides.area[i]) * readers::openness_weight(double(sides.open[i]));
 }
 
 /// Other points than those of the fit, by rays that are shared with none.
@@ -23,29 +21,37 @@ std::vector<readers::FitPoint> check_points(const Scene& scene, const surface::L
                                             Progress& progress) {
     const surface::SidePointSettings drawing{.most_points = settings.checks, .seed = 2};
     surface::SidePoints sides = surface::draw_side_points(lit, glm::vec3(frame.extent), drawing);
-    std::vector<double> weights; // of what matters
+    size_t kept = 0; // what matters
     for (size_t i = 0; i < sides.points.size(); ++i)
-        if (const double weight =
-                double(sides.area[i]) * readers::openness_weight(double(sides.open[i]));
-            weight > 0) {
-            sides.points[weights.size()] = sides.points[i];
-            weights.push_back(weight);
+        if (weight_of(sides, i) > 0) {
+            sides.points[kept] = sides.points[i];
+            sides.area[kept] = sides.area[i];
+            sides.open[kept++] = sides.open[i];
         }
-    sides.points.resize(weights.size());
-    const std::vector<glm::vec3> irradiance = surface::irradiance_at(
-        scene, lit, frame, sides.points, emitters, settings.check_rays, drawing.seed, progress);
-    std::vector<readers::FitPoint> points;
-    for (size_t i = 0; i < weights.size(); ++i)
-        points.push_back(fit_point(frame, sides.points[i], weights[i], irradiance[i]));
-    return points;
-}
-
-bool any_light(const std::vector<readers::FitPoint>& points) {
-    return std::ranges::any_of(
-        points, [](const readers::FitPoint& point) { return point.irradiance != glm::dvec3(0.0); });
+    sides.points.resize(kept);
+    return weighed_points(frame, sides,
+                          surface::irradiance_at(scene, lit, frame, sides.points, emitters,
+                                                 settings.check_rays, drawing.seed, progress));
 }
 
 } // namespace
+
+std::vector<readers::FitPoint> weighed_points(const scene::Frame& frame,
+                                              const surface::SidePoints& sides,
+                                              std::span<const glm::vec3> irradiance) {
+    std::vector<readers::FitPoint> points;
+    for (size_t i = 0; i < sides.points.size(); ++i)
+        if (const double weight = weight_of(sides, i); weight > 0)
+            points.push_back({frame.to_world(glm::dvec3(sides.points[i].position)),
+                              glm::normalize(glm::dvec3(sides.points[i].normal)), weight,
+                              irradiance.empty() ? glm::dvec3(0.0) : glm::dvec3(irradiance[i])});
+    return points;
+}
+
+bool any_light(std::span<const readers::FitPoint> points) {
+    return std::ranges::any_of(
+        points, [](const readers::FitPoint& point) { return point.irradiance != glm::dvec3(0.0); });
+}
 
 int rays_a_point(const SurfaceFitSettings& settings, double points) {
     return int(std::clamp(double(settings.rays) / std::max(points, 1.0), 16.0, 64.0));
@@ -54,19 +60,18 @@ int rays_a_point(const SurfaceFitSettings& settings, double points) {
 std::vector<readers::FitPoint> fit_points(const Scene& scene, const surface::LitSurfaces& lit,
                                           const scene::Frame& frame, bool emitters,
                                           const SurfaceFitSettings& settings, Progress& progress) {
-    const surface::SidePoints sides = surface::draw_side_points(
+    surface::SidePoints sides = surface::draw_side_points(
         lit, glm::vec3(frame.extent),
         {.density = settings.density, .most_points = settings.most_points, .looks = 0});
     const std::vector<surface::SideLight> light = surface::shared_irradiance_at(
         scene, lit, frame, sides.points, emitters,
         rays_a_point(settings, double(sides.points.size())), 1, progress);
-    std::vector<readers::FitPoint> points;
-    for (size_t i = 0; i < light.size(); ++i)
-        if (const double weight =
-                double(sides.area[i]) * readers::openness_weight(double(light[i].open));
-            weight > 0)
-            points.push_back(fit_point(frame, sides.points[i], weight, light[i].irradiance));
-    return points;
+    std::vector<glm::vec3> irradiance;
+    for (size_t i = 0; i < light.size(); ++i) {
+        sides.open[i] = light[i].open;
+        irradiance.push_back(light[i].irradiance);
+    }
+    return weighed_points(frame, sides, irradiance);
 }
 
 SurfaceFit fit_to_points(const readers::Reader& reader, std::span<const readers::FitPoint> points,

@@ -28,10 +28,23 @@ struct SurfaceFit {
     readers::SurfaceError before, after;
 };
 
+/// What a fit goes by, and other points at which it is checked.
+struct SurfacePoints {
+    std::vector<readers::FitPoint> points, checks;
+};
+
 int rays_a_point(const SurfaceFitSettings& settings, double points);
 
-/// Points of all sides, what arrives there, and how much they matter: by area and by how open they
-/// are (readers::openness_weight). `lit` as irradiance_at wants it.
+/// The points that matter, by area and by how open they are (readers::openness_weight), and what
+/// arrives there, lux; nothing where `irradiance` is empty.
+std::vector<readers::FitPoint> weighed_points(const scene::Frame& frame,
+                                              const surface::SidePoints& sides,
+                                              std::span<const glm::vec3> irradiance);
+
+/// Whether light arrives at any of the points.
+bool any_light(std::span<const readers::FitPoint> points);
+
+/// Points of all sides of the surfaces. `lit` as irradiance_at wants it.
 std::vector<readers::FitPoint> fit_points(const Scene& scene, const surface::LitSurfaces& lit,
                                           const scene::Frame& frame, bool emitters,
                                           const SurfaceFitSettings& settings, Progress& progress);

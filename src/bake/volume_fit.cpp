@@ -28,11 +28,9 @@ bool is_before_others(const Volume& volume, size_t cell, size_t own, glm::vec3 x
     return true;
 }
 
-} // namespace
-
-std::vector<readers::FitPoint> wall_points(const Volume& volume, bool others) {
+/// along * along points on each wall, nearest to each valid cell.
+std::vector<readers::FitPoint> points_on_walls(const Volume& volume, int along) {
     std::vector<readers::FitPoint> points;
-    const int along = others ? 1 : 2;
     for (size_t cell = 0; cell < volume.grid.size(); ++cell) {
         if (!volume.is_valid(cell))
             continue;
@@ -64,9 +62,22 @@ std::vector<readers::FitPoint> wall_points(const Volume& volume, bool others) {
     return points;
 }
 
-std::vector<readers::FitPoint> scene_points(Scene scene, const Volume& volume,
-                                            const surface::SidePointSettings& settings,
-                                            Progress& progress) {
+std::vector<readers::FitPoint> points_on_sides(const surface::LitSurfaces& surfaces,
+                                               const scene::Frame& frame, const Volume& volume,
+                                               const surface::SidePointSettings& settings) {
+    auto points = weighed_points(
+        frame, surface::draw_side_points(surfaces, glm::vec3(frame.extent), settings), {});
+    read_by_own_sampler(volume, points);
+    return points;
+}
+
+} // namespace
+
+SurfacePoints wall_points(const Volume& volume) {
+    return {points_on_walls(volume, 2), points_on_walls(volume, 1)};
+}
+
+SurfacePoints scene_points(Scene scene, const Volume& volume, Progress& progress) {
     scene.lights.clear(); // its surfaces alone count
     scene.sky = {};
     const scene::Frame frame = scene::frame_of(volume.grid);
@@ -76,19 +87,8 @@ std::vector<readers::FitPoint> scene_points(Scene scene, const Volume& volume,
     dark.emitters = false;
     const surface::LitSurfaces surfaces =
         surface::light_surfaces(scene, visibility, frame, dark, progress);
-    const surface::SidePoints sides =
-        surface::draw_side_points(surfaces, glm::vec3(frame.extent), settings);
-    std::vector<readers::FitPoint> points;
-    for (size_t i = 0; i < sides.points.size(); ++i)
-        if (const double weight =
-                double(sides.area[i]) * readers::openness_weight(double(sides.open[i]));
-            weight > 0)
-            points.push_back({frame.to_world(glm::dvec3(sides.points[i].position)),
-                              glm::normalize(glm::dvec3(sides.points[i].normal)),
-                              weight,
-                              {}});
-    read_by_own_sampler(volume, points);
-    return points;
+    return {points_on_sides(surfaces, frame, volume, {}),
+            points_on_sides(surfaces, frame, volume, {.most_points = 2000, .seed = 2})};
 }
 
 } // namespace lpvbake::bake

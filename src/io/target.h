@@ -28,7 +28,7 @@ struct Target {
     /// cells around a point, valid or not.
     int dilate = 0;
     /// Its program shows the sum of the bands as it is: cells without negative irradiance are
-    /// written (volume/dering.h), unless they were fitted to the program, and so.
+    /// written (volume/dering.h), unless they were fitted.
     bool dering = false;
     /// What band 1 is multiplied by: metadata `l1_scale`, which read_volume takes back.
     double l1_scale = 1;

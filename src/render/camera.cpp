@@ -3,14 +3,8 @@
 #include "lpvbake/error.h"
 #include "text.h"
 
-#include <numbers>
-
 namespace lpvbake::render {
 namespace {
-
-constexpr double radians(double degrees) {
-    return degrees * std::numbers::pi / 180;
-}
 
 /// A camera of the scene by name or index; null where there is none.
 const Camera* camera_of(const Scene& scene, const std::string& name) {
@@ -60,9 +54,9 @@ Camera choose_camera(const CameraChoice& choice, const Scene& scene, const Bound
     if (const auto* eye = std::get_if<Camera>(&made.own)) {
         camera = *eye;
     } else if (const auto* orbit = std::get_if<Orbit>(&made.own)) {
-        camera = orbit_camera(box, *orbit, radians(45), aspect);
+        camera = orbit_camera(box, *orbit, glm::radians(45.0), aspect);
     } else if (std::holds_alternative<Inside>(made.own)) {
-        camera = inside_camera(box, visibility, frame, radians(60));
+        camera = inside_camera(box, visibility, frame, glm::radians(60.0));
     } else {
         std::string names;
         for (const Camera& each : scene.cameras)

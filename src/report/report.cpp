@@ -21,6 +21,7 @@
 #include <cmath>
 #include <functional>
 #include <map>
+#include <memory>
 #include <numbers>
 #include <set>
 
@@ -100,6 +101,7 @@ SurfaceTruth trace_surfaces(const Scene& scene, const Grid& grid, const Bounds& 
 
 /// The reference at the probes of a grid, kept while its rows are baked.
 struct GridTruth {
+    std::unique_ptr<const Place> place;
     std::vector<std::size_t> cells;
     Truth truth;
     LayerChoice layer;
@@ -153,9 +155,7 @@ public:
             const surface::LitSurfaces lit = surface::light_surfaces(
                 scene_, place_.visibility, place_.frame, lighting, progress);
             auto points = bake::fit_points(scene_, lit, place_.frame, plan.emitters, {}, progress);
-            if (std::ranges::any_of(points, [](const readers::FitPoint& point) {
-                    return point.irradiance != glm::dvec3(0.0);
-                }))
+            if (bake::any_light(points))
                 found->second = std::move(points);
         }
         return found->second;
@@ -172,33 +172,28 @@ std::vector<ReaderError> shown_errors(const Volume& volume,
                                       std::span<const readers::FitPoint> points,
                                       const SurfaceTruth& surfaces) {
     std::vector<ReaderError> shown;
-    std::vector<const readers::Reader*> writes_for;
-    for (const readers::Reader& reader : readers::all_readers())
-        if (io::target_named(reader.name)) {
-            writes_for.push_back(&reader);
-            shown.push_back({reader.name, {}});
-        }
-    std::vector<bool> done(shown.size());
-    for (std::size_t i = 0; i < shown.size(); ++i) {
-        if (done[i])
+    for (const readers::Reader& reader : readers::all_readers()) {
+        const io::Target* target = io::target_named(reader.name);
+        if (!target)
             continue;
-        const readers::Reader& reader = *writes_for[i];
+        const auto alike = std::ranges::find_if(shown, [&](const ReaderError& other) {
+            return readers::read_alike(reader, *readers::reader_named(other.reader))
+                   && io::target_named(other.reader)->dilate == target->dilate;
+        });
+        if (alike != shown.end()) {
+            shown.push_back({reader.name, FieldError(alike->error)});
+            continue;
+        }
         std::optional<Volume> written;
-        const int rings = io::target_named(reader.name)->dilate;
-        if (rings > 0 && !volume.metadata.contains("fit")) {
+        if (target->dilate > 0 && !volume.metadata.contains("fit")) {
             written = volume;
             if (points.empty())
-                volume::dilate(*written, rings);
+                volume::dilate(*written, target->dilate);
             else
                 bake::fit_to_points(reader, points, {}, {}, *written);
         }
-        for (std::size_t k = i; k < shown.size(); ++k)
-            if (!done[k] && readers::read_alike(reader, *writes_for[k])
-                && io::target_named(shown[k].reader)->dilate == rings) {
-                shown[k].error =
-                    surface_error(*writes_for[k], written ? *written : volume, surfaces);
-                done[k] = true;
-            }
+        shown.push_back(
+            {reader.name, surface_error(reader, written ? *written : volume, surfaces)});
     }
     return shown;
 }
@@ -313,11 +308,12 @@ std::vector<PeerPoint> trace_peers(const Scene& scene, const Place& place, const
 GridTruth trace_grid(const Scene& scene, GridResult& grid, const std::set<int>& orders,
                      const ReportSettings& settings, Progress& progress) {
     const Clock::time_point begin = Clock::now();
-    const Place place(scene, grid.grid);
+    GridTruth kept;
+    kept.place = std::make_unique<const Place>(scene, grid.grid);
+    const Place& place = *kept.place;
     const std::vector<float> validity =
         visibility::trace_validity(place.visibility, grid.grid.dims);
     const double setup = since(begin);
-    GridTruth kept;
     kept.cells = draw_cells(validity, settings.probes, settings.seed);
     grid.valid = uint64_t(std::ranges::count(validity, 1.0f));
     grid.probes = kept.cells.size();
@@ -490,8 +486,7 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
                                              "is still %.3g %%; raise `rays`",
                                              grid.grid.dims.x, grid.grid.dims.y, grid.grid.dims.z,
                                              100 * grid.noise));
-        const Place place(scene, grid.grid);
-        FitPoints fit_points(scene, place);
+        FitPoints fit_points(scene, *truth.place);
         std::optional<Volume> best;
         std::size_t best_row = 0;
         for (std::size_t i = 0; i < report.rows.size(); ++i) {
@@ -501,7 +496,10 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
             Titled on_row(progress, format("row %zu/%zu: ", ++done, report.rows.size()));
             bake::BakePlan plan;
             const Volume volume = bake_row(scene, settings.repeats, device, row, plan, on_row);
-            measure_row(volume, truth, on_them, fit_points.of(plan, on_row), row);
+            std::span<const readers::FitPoint> points;
+            if (!on_them.points.empty() && !volume.metadata.contains("fit"))
+                points = fit_points.of(plan, on_row);
+            measure_row(volume, truth, on_them, points, row);
             if (truth.layers.contains(row.sh_order)
                 && (!best || row.error.relative_l1 < report.rows[best_row].error.relative_l1)) {
                 best = layer_of(volume, truth.layer);

@@ -202,13 +202,12 @@ void measure(const Scene& scene, const Options& options) {
             tell_air(*reader, field);
         if (options.alone) {
             Volume alone = field;
-            bake::fit_to_points(*reader, bake::wall_points(field), bake::wall_points(field, true),
-                                options.fit, alone);
+            const bake::SurfacePoints walls = bake::wall_points(field);
+            bake::fit_to_points(*reader, walls.points, walls.checks, options.fit, alone);
             print("by walls", readers::error_of(*reader, alone, points));
             alone = field;
-            bake::fit_to_points(*reader, bake::scene_points(scene, field, {}, silent),
-                                bake::scene_points(scene, field, {.seed = 2}, silent), options.fit,
-                                alone);
+            const bake::SurfacePoints surfaces = bake::scene_points(scene, field, silent);
+            bake::fit_to_points(*reader, surfaces.points, surfaces.checks, options.fit, alone);
             print("by surfaces", readers::error_of(*reader, alone, points));
         }
         std::printf("  told %4.1f %%; air %4.1f %% (dark %4.1f %%); %zu cells, %zu points, %d steps"
