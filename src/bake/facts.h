@@ -2,6 +2,7 @@
 #pragma once
 
 #include "scene/scene.h"
+#include "surface/patch_count.h"
 
 #include <string>
 #include <vector>
@@ -13,7 +14,7 @@ struct SceneFacts {
     std::string path;
     std::vector<std::string> warnings; ///< the scene's
     uint64_t triangles = 0;            ///< placed, at least one
-    double area = 0;                   ///< of them all, m^2
+    surface::TriangleSample surfaces;  ///< some of them
     Bounds bounds;                     ///< of them all
     Bounds crowd; ///< what is left of that without 1 % of them on each side: see trimmed_bounds
     std::vector<Light> lights;

@@ -112,7 +112,7 @@ void plan_lighting(const SceneFacts& scene, double patches, BakePlan& plan) {
     plan.stages.push_back(
         {"lighting",
          seconds::lighting + seconds::lighting_patch * patches + seconds::lighting_ray * rays,
-         light
+         format("about %.2g patches; ", patches) + light
              + (!bounces        ? "; all reflections from patch to patch"
                 : *bounces == 0 ? "; no reflections"
                 : *bounces == 1 ? "; one reflection"
@@ -146,15 +146,14 @@ void plan_maps(const SceneFacts& scene, int size, BakePlan& plan) {
 }
 
 /// Points of surfaces, rays from each, and the solution.
-void plan_fit(const SceneFacts& scene, BakePlan& plan) {
+void plan_fit(const surface::PatchCount& surfaces, BakePlan& plan) {
     const readers::Reader* reader = plan.settings.fit;
     if (!reader) {
         skip(plan, "fit", "the field is wanted, not a program's picture of it");
         return;
     }
     const SurfaceFitSettings fit;
-    const double faces = scene.area / (plan.grid.cell * plan.grid.cell);
-    const double points = std::min(fit.density * faces, double(fit.most_points));
+    const double points = std::min(fit.density * surfaces.inside, double(fit.most_points));
     plan.stages.push_back(
         {"fit",
          seconds::fit + seconds::fit_ray * points * rays_a_point(fit, points)
@@ -203,9 +202,8 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     const int map_size = solver.kind().map_size(plan.grid, solver);
     plan.lit = map_size == 0 || settings.bounces != 1 || plan.emitters || scene.sky;
 
-    // Patches are halves of a cell's square and less.
-    const double patches =
-        double(plan.triangles) + 6.0 * scene.area / (plan.grid.cell * plan.grid.cell);
+    const surface::PatchCount surfaces = surface::count_patches(scene.surfaces, plan.frame, 1.0f);
+    const double patches = surfaces.patches;
     const double cells = double(plan.grid.size());
     plan_light(scene, plan);
     plan.stages.push_back({"visibility", seconds::visibility_triangle * double(plan.triangles),
@@ -217,7 +215,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     plan.skipped.insert(plan.skipped.end(), cost.skipped.begin(), cost.skipped.end());
     plan.stages.push_back({"walls", seconds::walls_cell * cells,
                            "what stands between cells and the points around them"});
-    plan_fit(scene, plan);
+    plan_fit(surfaces, plan);
     for (const StageReport& stage : plan.stages)
         plan.seconds += stage.seconds;
 

@@ -2,6 +2,7 @@
 
 #include "lpvbake/error.h"
 #include "scene/material.h"
+#include "surface/cutting.h"
 
 #include <tbb/parallel_for.h>
 
@@ -46,16 +47,8 @@ bool outside(const Piece& piece, glm::vec3 extent) {
            || glm::any(glm::greaterThan(glm::min(a, glm::min(b, c)), extent));
 }
 
-/// From the box [0, extent] to the piece's nearest corner or centroid.
-float distance_to_grid(const Piece& piece, glm::vec3 extent) {
-    float nearest = HUGE_VALF;
-    const auto look = [&](glm::vec3 p) {
-        nearest = std::min(nearest, glm::distance(p, glm::clamp(p, glm::vec3(0.0f), extent)));
-    };
-    for (const Corner& corner : piece)
-        look(corner.position);
-    look((piece[0].position + piece[1].position + piece[2].position) / 3.0f);
-    return nearest;
+Corners corners_of(const Piece& piece) {
+    return {piece[0].position, piece[1].position, piece[2].position};
 }
 
 /// Triangles are cut in runs of this many, so that threads share a large mesh.
@@ -86,10 +79,9 @@ public:
             stack.pop_back();
             if (!walls && outside(piece, extent))
                 continue;
-            const int edge = longest_edge(piece);
+            const auto [edge, length] = longest_edge(corners_of(piece));
             const Corner a = piece[size_t(edge)], b = piece[size_t(edge + 1) % 3],
                          c = piece[size_t(edge + 2) % 3];
-            const float length = glm::distance(a.position, b.position);
             const bool large = length > limit(piece);
             const bool crossed = !large && length > max_edge / 16.0f && is_crossed(piece);
             if (large || (crossed && length > max_edge / 8.0f)) {
@@ -115,22 +107,8 @@ private:
         return uint32_t(nodes.size() - 1);
     }
 
-    static int longest_edge(const Piece& piece) {
-        int at = 0;
-        float longest = 0.0f;
-        for (int i = 0; i < 3; ++i) {
-            const float length =
-                glm::distance(piece[size_t(i)].position, piece[size_t(i + 1) % 3].position);
-            if (length > longest) {
-                longest = length;
-                at = i;
-            }
-        }
-        return at;
-    }
-
     float limit(const Piece& piece) const {
-        return walls ? max_edge * (1.0f + 0.25f * distance_to_grid(piece, extent)) : max_edge;
+        return walls ? edge_limit(corners_of(piece), extent, max_edge) : max_edge;
     }
 
     /// True if something stands on the piece between its centroid and its corners.

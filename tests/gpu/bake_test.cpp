@@ -532,6 +532,24 @@ TEST_F(Bake, TheResolutionThatItNamesFits) {
     }
 }
 
+TEST_F(Bake, WhatLiesFarFromTheGridCostsAPlanLittle) {
+    // A room on a plain of 80 m and of 8 km, and a grid around the room.
+    const auto plan = [&](float edge) {
+        Scene scene = scenes::floor_quad(edge, glm::vec3(0.5f));
+        scenes::add_box(scene, 0, {0, 0.01f, 0}, {4, 3, 4}, scenes::Facing::inward);
+        scene.lights.push_back(scenes::point_light({2, 2.5, 2}, 100.0));
+        bake::BakeSettings settings(*bake::find_solver("sn"));
+        settings.grid.cell = 0.25;
+        settings.bounds = Bounds{{-1, 0, -1}, {5, 3.2, 5}};
+        settings.fit = readers::reader_named("unity");
+        return plan_of(scene, settings);
+    };
+    const bake::BakePlan near = plan(80.0f), far = plan(8000.0f);
+    EXPECT_LT(far.host_bytes, near.host_bytes + near.host_bytes / 4);
+    EXPECT_LT(far.seconds, 2.0 * near.seconds);
+    EXPECT_GT(far.seconds, near.seconds);
+}
+
 TEST_F(Bake, WarnsOfEmptyBoundsAndOfBacks) {
     Scene town;
     const int material = scenes::add_material(town, glm::vec3(0.5f));
