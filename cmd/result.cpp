@@ -70,11 +70,18 @@ void add_fit(const Volume& volume, report::Json& document) {
     if (fit == volume.metadata.end())
         return;
     document["fit"] = {{"reader", fit->second}};
-    for (const char* fact : {"error", "energy", "leak", "moved"})
-        if (const auto text = volume.metadata.find("fit_" + std::string(fact));
-            text != volume.metadata.end())
-            if (const auto number = options::parse_number(text->second))
-                document["fit"][fact] = *number;
+    for (const char* fact :
+         {"error", "energy", "leak", "moved", "worst", "worst_at", "contested", "cell"}) {
+        const auto text = volume.metadata.find("fit_" + std::string(fact));
+        if (text == volume.metadata.end())
+            continue;
+        report::Json numbers = report::Json::array();
+        for (const std::string& part : options::split(text->second, ','))
+            if (const auto number = options::parse_number(part))
+                numbers.push_back(*number);
+        if (numbers.size() == 1 || numbers.size() == 3)
+            document["fit"][fact] = numbers.size() == 1 ? numbers[0] : numbers;
+    }
 }
 
 void print_json(const report::Json& document) {

@@ -10,6 +10,7 @@
 #include "volume/light_content.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace lpvbake::bake {
 namespace {
@@ -28,6 +29,23 @@ std::string share_with_walls(const std::vector<std::vector<glm::vec3>>& walls) {
     const auto without = std::ranges::count(walls[0], glm::vec3(0.0f));
     return format("beside %.1f %% of the cells",
                   100.0 * (1.0 - double(without) / double(walls[0].size())));
+}
+
+/// Where walls ask for more than the reader can be made to show, and by which grid it could.
+void warn_of_contested(const Contested& contested, const BakePlan& plan, solver::Stages& stages) {
+    if (contested.share <= contested_most)
+        return;
+    const glm::ivec3 dims = plan.grid.dims;
+    const double cells = std::max({dims.x, dims.y, dims.z}) * plan.grid.cell / contested.cell;
+    const std::string finer = plan.settings.grid.cell > 0
+                                  ? format("`cell_size` %.4g", contested.cell)
+                                  : format("`resolution` %.0f", std::ceil(cells));
+    const glm::dvec3 at = contested.worst;
+    stages.warn(format("%s reads places that walls part from the same cells, and shows %.2g %% of "
+                       "the light on surfaces wrong by it, most at %.4g,%.4g,%.4g; from %s on it "
+                       "should be less than %.0f %%",
+                       plan.settings.fit->name, 100 * contested.share, at.x, at.y, at.z,
+                       finer.c_str(), 100 * contested_most));
 }
 
 /// Where maps hold some of the light, surfaces are lit anew for all of it.
@@ -56,6 +74,7 @@ void fit_volume(const Scene& scene, const BakePlan& plan, const visibility::Visi
                       reader.name, 100 * fit.after.relative, fit.after.energy, 100 * fit.after.leak,
                       100 * fit.before.relative, fit.before.energy, 100 * fit.before.leak,
                       counted(fit.fit.points, "point").c_str()));
+    warn_of_contested(fit.contested, plan, stages);
     if (fit.after.relative > fit.before.relative)
         stages.warn(format("what %s shows on surfaces is no nearer to their light than before the "
                            "fit: `fit` none",

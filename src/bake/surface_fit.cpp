@@ -89,6 +89,10 @@ SurfaceFit fit_to_points(const readers::Reader& reader, std::span<const readers:
     volume.metadata["fit_energy"] = format("%.4g", result.after.energy);
     volume.metadata["fit_leak"] = format("%.3g", result.after.leak);
     volume.metadata["fit_moved"] = format("%.3g", result.fit.moved);
+    const readers::WorstPlace worst = readers::worst_place(reader, volume, points);
+    const glm::dvec3 at = worst.position;
+    volume.metadata["fit_worst"] = format("%.3g", worst.error);
+    volume.metadata["fit_worst_at"] = format("%.5g,%.5g,%.5g", at.x, at.y, at.z);
     return result;
 }
 
@@ -99,7 +103,11 @@ SurfaceFit fit_to_surfaces(const Scene& scene, const surface::LitSurfaces& lit,
     if (!any_light(checks))
         return {};
     const auto points = fit_points(scene, lit, frame, emitters, settings, progress);
-    return fit_to_points(reader, points, checks, settings, volume);
+    SurfaceFit result = fit_to_points(reader, points, checks, settings, volume);
+    result.contested = find_contested(reader, volume, points, *lit.visibility, frame);
+    volume.metadata["fit_contested"] = format("%.3g", result.contested.share);
+    volume.metadata["fit_cell"] = format("%.4g", result.contested.cell);
+    return result;
 }
 
 } // namespace lpvbake::bake

@@ -1,7 +1,7 @@
 // A volume fitted to what a program shows of it: from lit surfaces to points, and to values.
 #pragma once
 
-#include "readers/fit.h"
+#include "bake/contested.h"
 #include "surface/side_points.h"
 
 namespace lpvbake::bake {
@@ -26,6 +26,7 @@ struct SurfaceFit {
     readers::FitReport fit;
     /// At points that the fit has not seen.
     readers::SurfaceError before, after;
+    Contested contested; ///< of fit_to_surfaces alone
 };
 
 /// What a fit goes by, and other points at which it is checked.
@@ -50,12 +51,14 @@ std::vector<readers::FitPoint> fit_points(const Scene& scene, const surface::Lit
                                           const SurfaceFitSettings& settings, Progress& progress);
 
 /// Fits the volume to a reader by points, and adds the metadata fit (the reader's name), fit_error,
-/// fit_energy, fit_leak (SurfaceFit::after, of `checks`) and fit_moved.
+/// fit_energy, fit_leak (SurfaceFit::after, of `checks`), fit_moved, and fit_worst, fit_worst_at
+/// (readers::WorstPlace, of `points`).
 SurfaceFit fit_to_points(const readers::Reader& reader, std::span<const readers::FitPoint> points,
                          std::span<const readers::FitPoint> checks,
                          const SurfaceFitSettings& settings, Volume& volume);
 
-/// Fits the volume to a reader by points of the scene's lit surfaces. Where no light arrives on any
+/// Fits the volume to a reader by points of the scene's lit surfaces; metadata fit_contested and
+/// fit_cell tell of SurfaceFit::contested. Where no light arrives on any
 /// surface of the grid the volume stays as it is, and FitReport::points is 0. Throws whatever
 /// `progress` throws.
 SurfaceFit fit_to_surfaces(const Scene& scene, const surface::LitSurfaces& lit,

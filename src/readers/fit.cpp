@@ -189,6 +189,45 @@ SurfaceError error_of(const Reader& reader, const Volume& volume,
     return error;
 }
 
+WorstPlace worst_place(const Reader& reader, const Volume& volume,
+                       std::span<const FitPoint> points) {
+    std::vector<volume::CellWeights> taps(points.size());
+    std::vector<double> wrong(points.size());
+    const auto sum_of = [](glm::dvec3 e) { return e.x + e.y + e.z; };
+    tbb::parallel_for(std::size_t(0), points.size(), [&](std::size_t i) {
+        const auto& [position, normal, weight, truth] = points[i];
+        taps[i] = taps_of(reader, volume, position, normal);
+        wrong[i] = sum_of(glm::abs(irradiance(reader, volume, position, normal) - truth));
+    });
+    std::vector<glm::dvec2> cells(volume.grid.size()); // what is wrong, faces of surface
+    double arrives = 0, whole = 0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+        arrives += points[i].weight * sum_of(points[i].irradiance);
+        whole += points[i].weight;
+        for (std::size_t k = 0; k < taps[i].cell.size(); ++k)
+            if (const double share = points[i].weight * taps[i].weight[k]; share > 0)
+                cells[taps[i].cell[k]] += share * glm::dvec2(wrong[i], 1.0);
+    }
+    WorstPlace worst;
+    std::size_t worst_cell = 0;
+    for (std::size_t cell = 0; cell < cells.size(); ++cell)
+        if (const double error = cells[cell].y < 0.5 || !(arrives > 0)
+                                     ? 0.0
+                                     : cells[cell].x / cells[cell].y * whole / arrives;
+            error > worst.error) {
+            worst.error = error;
+            worst_cell = cell;
+        }
+    if (!(worst.error > 0))
+        return worst;
+    for (std::size_t i = 0; i < points.size(); ++i)
+        for (std::size_t k = 0; k < taps[i].cell.size(); ++k)
+            if (taps[i].cell[k] == worst_cell)
+                worst.position += points[i].weight * taps[i].weight[k] * wrong[i]
+                                  / cells[worst_cell].x * points[i].position;
+    return worst;
+}
+
 FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitSettings& settings,
               Volume& volume) {
     if (!is_linear(reader))

@@ -51,6 +51,18 @@ struct FitReport {
     std::size_t points = 0; ///< that are read from cells at all
 };
 
+/// Where what a reader shows is farthest from what arrives.
+struct WorstPlace {
+    /// Mean |E - T| of the points that one cell is read at, by their weights in it, over the mean T
+    /// of all points, RGB: single points have the noise of their rays.
+    double error = 0;
+    glm::dvec3 position{0.0}; ///< of these points, by what is wrong at them; metres
+};
+
+/// Of the cells that stand for half a face of surface at least; error 0 without any, or light.
+WorstPlace worst_place(const Reader& reader, const Volume& volume,
+                       std::span<const FitPoint> points);
+
 /// Where the truth is dark, a relative number is infinite, or 0 where nothing is shown either.
 SurfaceError error_of(const Reader& reader, const Volume& volume, std::span<const FitPoint> points);
 

@@ -1,5 +1,6 @@
 // The whole pipeline on small scenes: what has to hold whatever the numbers are.
 #include "bake/bake.h"
+#include "bake/contested.h"
 
 #include "gpu/device.h"
 #include "lpvbake/error.h"
@@ -592,6 +593,53 @@ TEST_F(Bake, AFitShowsSurfacesToItsReaderAndSaysHowWell) {
         EXPECT_EQ(fitted.volume.validity, plain.volume.validity);
         EXPECT_EQ(fitted.volume.sh_order, plain.volume.sh_order);
     }
+}
+
+TEST_F(Bake, TheResolutionHoldsFromWhichOnItSaysThatAFitWould) {
+    // A lit storey below a dark one: their walls stand above each other, and share cells.
+    Scene scene;
+    const int material = scenes::add_material(scene, glm::vec3(0.7f), glm::vec3(0.0f), true);
+    for (const float y : {0.0f, 1.0f, 2.0f})
+        scenes::add_quad(scene, material, {0, y, 0}, {0, 0, 3}, {4, 0, 0});
+    for (const float x : {0.0f, 4.0f})
+        scenes::add_quad(scene, material, {x, 0, 0}, {0, 2, 0}, {0, 0, 3});
+    for (const float z : {0.0f, 3.0f})
+        scenes::add_quad(scene, material, {0, 0, z}, {4, 0, 0}, {0, 2, 0});
+    scene.lights.push_back(scenes::point_light({2, 0.8, 1.5}, 100));
+    bake::BakeSettings settings = coarse(8, "sn");
+    settings.bounces.reset();
+    settings.fit = readers::reader_named("unity");
+    const auto warning = [&](const Baked& baked) -> std::string {
+        for (const std::string& text : baked.warnings)
+            if (text.find("walls part") != std::string::npos)
+                return text;
+        return {};
+    };
+    const auto contested = [](const Baked& baked) {
+        return std::stod(baked.volume.metadata.at("fit_contested"));
+    };
+    const Baked first = run(scene, settings);
+    EXPECT_GT(contested(first), 2 * bake::contested_most);
+    const std::string told = warning(first), setting = "from `resolution` ";
+    ASSERT_NE(told.find(setting), std::string::npos) << told;
+    const int enough = std::stoi(told.substr(told.find(setting) + setting.size()));
+    EXPECT_GT(enough, 15);
+    EXPECT_LT(enough, 30);
+    EXPECT_NEAR(std::stod(first.volume.metadata.at("fit_cell")),
+                8 * first.volume.grid.cell / enough, first.volume.grid.cell * 8 / 15 / 15);
+
+    settings.grid.resolution = enough;
+    const Baked holds = run(scene, settings);
+    EXPECT_EQ(warning(holds), "");
+    EXPECT_LE(contested(holds), bake::contested_most);
+    settings.grid.resolution = enough * 4 / 5;
+    const Baked before = run(scene, settings);
+    EXPECT_NE(warning(before), "");
+    const auto error = [](const Baked& baked) {
+        return std::stod(baked.volume.metadata.at("fit_error"));
+    };
+    EXPECT_LT(error(holds), error(before));
+    EXPECT_LT(error(holds), 0.5 * error(first));
 }
 
 TEST_F(Bake, NothingIsFittedWhereNoSurfaceIs) {

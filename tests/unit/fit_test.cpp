@@ -301,6 +301,28 @@ TEST(Fit, TheDarkSideGivesWayToTheAirOfTheLitOne) {
               readers::error_of(reader("unity"), alike, points).relative);
 }
 
+TEST(Fit, SaysWhereItIsWorst) {
+    Volume volume = Room{1}.field(0);
+    for (glm::vec3& c : volume.sh[0])
+        c = glm::vec3(1.0f / volume::sh_y0); // pi lux towards everywhere
+    const glm::dvec3 n(0, 0, 1);
+    const auto at = [&](glm::ivec3 c, double weight, double lux) {
+        return readers::FitPoint{volume.grid.center(c), n, weight, pi * glm::dvec3(lux)};
+    };
+    std::vector<readers::FitPoint> points{at({2, 2, 2}, 1, 1), at({4, 4, 4}, 1, 3),
+                                          at({4, 4, 4}, 3, 1), at({6, 5, 4}, 0.4, 9),
+                                          at({6, 3, 2}, 2, 0)};
+    const double mean = (1 + 3 + 3 + 0.4 * 9) / 7.4;
+    readers::WorstPlace worst = readers::worst_place(reader("unity"), volume, points);
+    EXPECT_NEAR(worst.error, 1 / mean, 1e-6); // 2 of 4 at the other; 8, but of a small face
+    EXPECT_NEAR(glm::distance(worst.position, points[4].position), 0, 1e-9);
+    points[4].weight = points[3].weight = 0.4;
+    worst = readers::worst_place(reader("unity"), volume, points);
+    EXPECT_NEAR(worst.error, (2.0 / 4) / ((7 + 0.4 * 9) / 5.8), 1e-6);
+    EXPECT_NEAR(glm::distance(worst.position, points[1].position), 0, 1e-9);
+    EXPECT_EQ(readers::worst_place(reader("unity"), volume, {}).error, 0);
+}
+
 TEST(Fit, CountsErrorEnergyAndLeakByHand) {
     Volume volume = Room{1}.field(0);
     for (glm::vec3& c : volume.sh[0])
