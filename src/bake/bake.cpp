@@ -115,6 +115,10 @@ Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
         lit = surface::light_surfaces(scene, visibility, plan.frame, lighting_of(plan), progress);
         stages.end(counted(lit.patches.size(), "patch", "patches") + ", "
                    + counted(uint64_t(lit.bounces), "reflection"));
+        if (lit.residual > 0.01)
+            stages.warn(format("%s: %.2g %% of the light is missing after %d reflections; set "
+                               "`max_albedo` lower",
+                               scene.path.c_str(), 100.0 * lit.residual, lit.bounces));
     }
 
     solver->solve(

@@ -3,6 +3,7 @@
 #include "lpvbake/error.h"
 #include "reference/sampling.h"
 #include "scene/material.h"
+#include "scene/names.h"
 #include "scene/sky.h"
 
 #include <glm/gtc/constants.hpp>
@@ -208,7 +209,9 @@ glm::dvec3 Paths::trace(glm::vec3 origin, glm::dvec3 towards, double density, Pa
             throw Error(ErrorKind::invalid,
                         scene_.path
                             + ": light in a closed part of the scene is reflected without end, "
-                              "its albedo is 1; set `max_albedo` below 1 or a number of `bounces`");
+                              "its albedo is 1, as that of "
+                            + scene::name_of_surface(scene_, hit.instance)
+                            + "; set `max_albedo` below 1 or a number of `bounces`");
         towards = sample_cosine(n, sampler.pair());
         density = cosine_density(towards);
     }

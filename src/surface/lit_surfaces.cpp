@@ -2,11 +2,13 @@
 
 #include "lpvbake/error.h"
 #include "mix_word.h"
+#include "scene/names.h"
 #include "scene/photometry.h"
 #include "scene/sky.h"
 #include "surface/emitter_sampling.h"
 #include "surface/halton.h"
 #include "surface/shared_rays.h"
+#include "text.h"
 #include "visibility/tangents.h"
 
 #include <glm/gtc/constants.hpp>
@@ -249,54 +251,102 @@ struct DirectLight {
     }
 };
 
-/// R = D + rho K R, iterated. `reflected` comes as D and becomes R, a reflector; `hits` are their
-/// rays' ends.
-void reflect_between(const Scene& scene, const Reflectors& reflectors,
+/// How fast the orders of a series fall off.
+class Orders {
+public:
+    /// Power of one more; none may be 0.
+    void add(double power) {
+        last_.insert(last_.begin(), power);
+        last_.resize(std::min<size_t>(last_.size(), several + 1));
+    }
+    /// Of an order to the one before it: of the last two, or on the mean of several if that is
+    /// more.
+    double ratio() const {
+        if (last_.size() < 2)
+            return 1.0;
+        const double orders = double(last_.size() - 1);
+        return std::min(
+            1.0, std::max(last_[0] / last_[1], std::pow(last_[0] / last_.back(), 1.0 / orders)));
+    }
+
+private:
+    static constexpr size_t several = 16;
+    std::vector<double> last_; ///< the latest first
+};
+
+/// What reflects without end: where it is, and what it is made of.
+std::string endless(const Scene& scene, const scene::Frame& frame, const Patch& patch) {
+    const glm::dvec3 at = frame.to_world(glm::dvec3(patch.position));
+    return format("%s: light in a closed part of the scene is reflected without end, its albedo is "
+                  "1, as that of %s at %.4g,%.4g,%.4g; set `max_albedo` below 1 or a number of "
+                  "`bounces`",
+                  scene.path.c_str(), scene::name_of_surface(scene, patch.instance).c_str(), at.x,
+                  at.y, at.z);
+}
+
+/// R = D + rho K R by its series, D + rho K D + ...: each order is added to the others, not taken
+/// as a difference of sums, so that it falls off to any number of digits. `reflected` comes as D
+/// and becomes R, a reflector; `hits` are their rays' ends. No row of K sums to more than 1: where
+/// the largest albedo is below 1 the series ends.
+void reflect_between(const Scene& scene, const scene::Frame& frame, const Reflectors& reflectors,
                      const std::vector<uint32_t>& hits, const LightingSettings& settings,
                      std::vector<glm::vec3>& reflected, LitSurfaces& lit, Progress& progress) {
-    const std::vector<glm::vec3> direct = reflected;
-    std::vector<glm::vec3> next(reflected.size());
-    const size_t rays = hits.size() / std::max<size_t>(reflected.size(), 1);
+    std::vector<glm::dvec3> sums(reflected.begin(), reflected.end());
+    std::vector<glm::vec3> order = std::move(reflected), next(order.size());
+    const size_t rays = hits.size() / std::max<size_t>(order.size(), 1);
     const auto patch_of = [&](size_t i) -> const Patch& {
         return lit.patches[reflectors.sides[i] / 2];
     };
-    double previous = 0.0;
+    const auto power_of = [&](size_t i, glm::dvec3 luminance) {
+        const double most = std::max({luminance.x, luminance.y, luminance.z});
+        return double(patch_of(i).area) * double(patch_of(i).alpha) * most;
+    };
+    // Who has the largest albedo, and sends most of those that have it.
+    const auto keeps = [&](size_t i) { return greatest(patch_of(i).albedo) >= 1.0f; };
+    bool ends = true;
+    for (size_t i = 0; i < order.size(); ++i)
+        ends = ends && !keeps(i);
+    Orders orders;
     const int most = settings.bounces.value_or(longest_sum);
     progress.begin("bounces", 0);
     while (lit.bounces < most) {
         progress.advance(0);
-        tbb::parallel_for(size_t(0), reflected.size(), [&](size_t i) {
-            glm::vec3 sum{0.0f};
+        tbb::parallel_for(size_t(0), order.size(), [&](size_t i) {
+            glm::dvec3 sum{0.0};
             for (const uint32_t hit : std::span(hits).subspan(i * rays, rays))
                 if (hit != black)
-                    sum += reflected[hit];
-            next[i] = direct[i] + patch_of(i).albedo * sum / float(rays);
+                    sum += glm::dvec3(order[hit]);
+            next[i] = glm::vec3(glm::dvec3(patch_of(i).albedo) * sum / double(rays));
+            sums[i] += glm::dvec3(next[i]);
         });
-        // The light of one more reflection, and all; both by power.
-        double change = 0.0, all = 0.0;
-        for (size_t i = 0; i < reflected.size(); ++i) {
-            const double area = double(patch_of(i).area) * double(patch_of(i).alpha);
-            change += area * double(greatest(next[i] - reflected[i]));
-            all += area * double(greatest(next[i]));
-        }
-        std::swap(reflected, next);
+        std::swap(order, next);
         ++lit.bounces;
-        if (!(change > 0.0))
+        double last = 0.0, all = 0.0;
+        for (size_t i = 0; i < order.size(); ++i) {
+            last += power_of(i, order[i]);
+            all += power_of(i, sums[i]);
+        }
+        if (!(last > 0.0)) {
+            lit.residual = 0.0;
             break;
-        // What is missing is a geometric series.
-        const double ratio = previous > 0.0 ? std::min(change / previous, 1.0) : 1.0;
-        previous = change;
-        if (!settings.bounces && lit.bounces > 100 && ratio > 0.9999)
-            throw Error(ErrorKind::invalid,
-                        scene.path
-                            + ": light in a closed part of the scene is reflected without end, "
-                              "its albedo is 1; set `max_albedo` below 1 or a number of `bounces`");
-        lit.residual = ratio < 1.0 ? change * ratio / (1.0 - ratio) / all : 1.0;
+        }
+        orders.add(last);
+        const double ratio = orders.ratio();
+        if (!settings.bounces && !ends && lit.bounces > 100 && ratio > 0.9999) {
+            size_t worst = 0;
+            for (size_t i = 0; i < order.size(); ++i)
+                if (!keeps(worst)
+                    || (keeps(i) && power_of(i, order[i]) > power_of(worst, order[worst])))
+                    worst = i;
+            throw Error(ErrorKind::invalid, endless(scene, frame, patch_of(worst)));
+        }
+        lit.residual = ratio < 1.0 ? last * ratio / (1.0 - ratio) / all : 1.0;
         if (!settings.bounces && lit.residual <= double(settings.tolerance))
             break;
     }
     if (settings.bounces)
         lit.residual = 0.0;
+    reflected.assign(sums.begin(), sums.end());
 }
 
 } // namespace
@@ -360,7 +410,7 @@ LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& vis
         }
         lit.bounces = 1;
         if (between)
-            reflect_between(scene, reflectors, hits, settings, reflected, lit, progress);
+            reflect_between(scene, frame, reflectors, hits, settings, reflected, lit, progress);
         for (size_t i = 0; i < count; ++i)
             lit.luminance[reflectors.sides[i]] =
                 settings.maps ? glm::max(reflected[i] - mapped[i], 0.0f) : reflected[i];

@@ -632,7 +632,7 @@ void expect_refusal(const Scene& scene, const reference::ReferenceSettings& sett
 TEST(Reference, ClosedSceneOfAlbedoOneIsRefused) {
     Scene scene = turned_furnace(1.0f);
     scene.rules.max_albedo = 1.0f;
-    expect_refusal(scene, settings_of(std::nullopt, 64), "`max_albedo`");
+    expect_refusal(scene, settings_of(std::nullopt, 64), "material 0 of mesh 0; set `max_albedo`");
     const reference::Reference finite = reference(scene, inside_furnace, settings_of(3, 256));
     EXPECT_NEAR(mean_luminance(finite), 4.0, 0.02);
     // Open, it has an answer.
