@@ -146,7 +146,7 @@ report::ReportSettings to_settings(const ReportOptions& o) {
     settings.seed = o.seed;
     settings.truth = {o.noise, o.rays, o.seed};
     settings.peer = !o.no_peer;
-    settings.slices = !o.no_slices && wants(o, ".html");
+    settings.slices = settings.views = !o.no_slices && wants(o, ".html");
     return settings;
 }
 

@@ -18,8 +18,9 @@ th, td { padding: .25em .7em; text-align: right; border-bottom: 1px solid #ddd; 
 th { border-bottom: 2px solid #888; font-weight: 600; }
 th:first-child, td:first-child, td.text { text-align: left; }
 tr.front td:first-child::before { content: "\25CB\00A0"; }
-figure { display: inline-block; margin: 0 1em 1em 0; }
+figure { display: inline-block; vertical-align: top; margin: 0 1em 1em 0; }
 figure img { width: 300px; image-rendering: pixelated; background: #000; }
+.views img { image-rendering: auto; }
 figcaption { font-size: 13px; color: #555; max-width: 300px; }
 pre { background: #f4f4f4; padding: .8em; overflow-x: auto; font-size: 13px; }
 .note { color: #555; font-size: 13.5px; max-width: 60em; }
@@ -130,6 +131,26 @@ std::string slices_of(const SceneReport& scene) {
     return html;
 }
 
+std::string views_of(const SceneReport& scene) {
+    if (!scene.views)
+        return {};
+    const Views& v = *scene.views;
+    std::string html = "<h3>As programs show it</h3>\n<div class=\"views\">"
+                       + picture(v.traced, format("path-traced, %d paths a pixel", v.paths));
+    for (const Views::View& view : v.shown)
+        html += picture(view.picture, view.what + ": " + percent(view.error.relative_l1)
+                                          + format(" wrong on surfaces, energy %.3g; FLIP %.3f",
+                                                   view.error.energy_ratio, view.flip));
+    return html + "</div>\n<p class=\"note\">" + html_text(row_name(scene.rows[v.row]))
+           + ", the best bake on surfaces, seen by " + html_text(v.camera)
+           + format(
+               " at EV %.3g. Our own sampler reads the field; each of the programs (Unreal and "
+               "Godot read as Unity does) shows the file that its target writes, fitted to "
+               "it, or, <i>not fitted</i>, with cells inside geometry filled instead. FLIP is "
+               "that from the path-traced picture, whose own noise counts.</p>\n",
+               v.exposure);
+}
+
 std::string section(const SceneReport& scene) {
     std::string html =
         "<h2>" + html_text(std::filesystem::path(scene.path).filename().string()) + "</h2>\n<p>";
@@ -158,6 +179,7 @@ std::string section(const SceneReport& scene) {
     html += "surfaces: " + html_text(percent(scene.surface_noise)) + ".</p>\n";
     if (const std::string slices = slices_of(scene); !slices.empty())
         html += "<h3>A layer of the best bake on each grid</h3>\n" + slices;
+    html += views_of(scene);
     html += "<h3>To repeat a row</h3>\n<pre>";
     for (const RowResult& row : scene.rows)
         html += html_text(row.command) + "\n";

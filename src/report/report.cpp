@@ -9,6 +9,7 @@
 #include "reference/peer.h"
 #include "reference/sampler.h"
 #include "report/slices.h"
+#include "report/views.h"
 #include "surface/lit_surfaces.h"
 #include "text.h"
 #include "visibility/validity.h"
@@ -390,6 +391,66 @@ void measure_row(const Volume& volume, const GridTruth& truth, const SurfaceTrut
     }
 }
 
+/// The bake that surfaces show best, and what it is of.
+struct BestOnSurfaces {
+    double error = HUGE_VAL;
+    Volume volume;
+    bake::BakePlan plan;
+    std::size_t row = 0;
+
+    /// Takes the volume of a row that is better.
+    void offer(Volume&& other, const bake::BakePlan& other_plan, const SceneReport& report,
+               std::size_t i) {
+        const std::optional<FieldError>& surface = report.rows[i].surface;
+        if (!surface || !(surface->relative_l1 < error))
+            return;
+        error = surface->relative_l1;
+        volume = std::move(other);
+        plan = other_plan;
+        row = i;
+    }
+};
+
+Views views_of(const Scene& scene, const BestOnSurfaces& best, const reference::PathRules& rules,
+               const SurfaceTruth& surfaces, const gpu::Device& device, Progress& progress) {
+    const Place place(scene, best.plan.grid);
+    FitPoints fit_points(scene, place);
+    std::span<const readers::FitPoint> points;
+    if (!best.volume.metadata.contains("fit"))
+        points = fit_points.of(best.plan, progress);
+    Views views = draw_views(
+        scene, place.visibility, place.frame, rules, device, best.volume, points,
+        [&](const readers::Reader& reader, const Volume& volume) {
+            return surface_error(reader, volume, surfaces);
+        },
+        progress);
+    views.row = best.row;
+    return views;
+}
+
+/// Rows without results, and the grids that they are baked on.
+void list_rows(const Scene& scene, const std::vector<SweepRow>& rows, const gpu::Device& device,
+               SceneReport& report) {
+    const bake::SceneFacts facts = bake::survey(scene);
+    for (const SweepRow& row : rows) {
+        const bake::BakePlan plan = bake::plan_bake(facts, row.settings, device.info());
+        RowResult result;
+        result.row = row;
+        const reference::PathRules rules = field_rules(row.settings);
+        const auto same = [&](const GridResult& g) {
+            return g.grid == plan.grid && g.rules == rules;
+        };
+        const auto found = std::ranges::find_if(report.grids, same);
+        result.grid = std::size_t(found - report.grids.begin());
+        if (found == report.grids.end()) {
+            report.grids.emplace_back();
+            report.grids.back().grid = plan.grid;
+            report.grids.back().rules = rules;
+        }
+        report.rows.push_back(std::move(result));
+    }
+}
+
 /// Compares rows with each other and with the peer.
 void rank(SceneReport& report) {
     std::vector<SpeedError> points;
@@ -433,24 +494,7 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
     report.path = scene.path;
     report.triangles = scene::triangle_count(scene);
     report.warnings = scene.warnings;
-    const bake::SceneFacts facts = bake::survey(scene);
-    for (const SweepRow& row : rows) {
-        const bake::BakePlan plan = bake::plan_bake(facts, row.settings, device.info());
-        RowResult result;
-        result.row = row;
-        const reference::PathRules rules = field_rules(row.settings);
-        const auto same = [&](const GridResult& g) {
-            return g.grid == plan.grid && g.rules == rules;
-        };
-        const auto found = std::ranges::find_if(report.grids, same);
-        result.grid = std::size_t(found - report.grids.begin());
-        if (found == report.grids.end()) {
-            report.grids.emplace_back();
-            report.grids.back().grid = plan.grid;
-            report.grids.back().rules = rules;
-        }
-        report.rows.push_back(std::move(result));
-    }
+    list_rows(scene, rows, device, report);
     if (report.rows.empty())
         return report;
 
@@ -469,6 +513,11 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
     report.surface_noise = surfaces[0].second.truth.noise;
     report.surface_rays = surfaces[0].second.truth.rays;
 
+    const auto on_rules = [&](const reference::PathRules& rules) -> const SurfaceTruth& {
+        return std::ranges::find_if(surfaces, [&](const auto& s) { return s.first == rules; })
+            ->second;
+    };
+    BestOnSurfaces best_shown;
     std::size_t done = 0;
     for (std::size_t g = 0; g < report.grids.size(); ++g) {
         GridResult& grid = report.grids[g];
@@ -476,9 +525,7 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
         for (const RowResult& row : report.rows)
             if (row.grid == g)
                 orders.insert(row.row.settings.solver.order());
-        const SurfaceTruth& on_them = std::ranges::find_if(surfaces, [&](const auto& s) {
-                                          return s.first == grid.rules;
-                                      })->second;
+        const SurfaceTruth& on_them = on_rules(grid.rules);
         Titled on_grid(progress, format("grid %zu/%zu: ", g + 1, report.grids.size()));
         const GridTruth truth = trace_grid(scene, grid, orders, settings, on_grid);
         if (!grid.converged)
@@ -495,7 +542,7 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
                 continue;
             Titled on_row(progress, format("row %zu/%zu: ", ++done, report.rows.size()));
             bake::BakePlan plan;
-            const Volume volume = bake_row(scene, settings.repeats, device, row, plan, on_row);
+            Volume volume = bake_row(scene, settings.repeats, device, row, plan, on_row);
             std::span<const readers::FitPoint> points;
             if (!on_them.points.empty() && !volume.metadata.contains("fit"))
                 points = fit_points.of(plan, on_row);
@@ -505,6 +552,8 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
                 best = layer_of(volume, truth.layer);
                 best_row = i;
             }
+            if (settings.views)
+                best_shown.offer(std::move(volume), plan, report, i);
         }
         if (best) {
             grid.slices = draw_slices(*best, truth.layers.at(best->sh_order), truth.layer);
@@ -512,6 +561,11 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
             grid.slices->row = best_row;
             grid.slices->rays = truth.layer_rays;
         }
+    }
+    if (std::isfinite(best_shown.error)) {
+        const reference::PathRules& rules = report.grids[report.rows[best_shown.row].grid].rules;
+        Titled on_views(progress, "views: ");
+        report.views = views_of(scene, best_shown, rules, on_rules(rules), device, on_views);
     }
     rank(report);
     return report;

@@ -21,6 +21,7 @@ struct ReportSettings {
     TruthSettings truth;
     bool peer = true;   ///< measure path-traced probes as well
     bool slices = true; ///< draw the best row of each grid
+    bool views = true;  ///< draw what programs show of the row that is best on surfaces
 };
 
 /// Seconds of the repeats.
@@ -108,11 +109,28 @@ struct GridResult {
     std::optional<Slices> slices;
 };
 
+/// What a camera sees of a row, as programs show it; as PNG files.
+struct Views {
+    std::size_t row = 0; ///< index into SceneReport::rows
+    std::string camera;
+    int paths = 0;       ///< of each pixel of the path-traced picture
+    double exposure = 0; ///< EV, of all pictures
+    std::vector<unsigned char> traced;
+    struct View {
+        std::string what;
+        FieldError error; ///< on surfaces
+        double flip = 0;  ///< from the path-traced picture
+        std::vector<unsigned char> picture;
+    };
+    std::vector<View> shown;
+};
+
 struct SceneReport {
     std::string path;
     uint64_t triangles = 0;
     std::vector<GridResult> grids;
     std::vector<RowResult> rows;
+    std::optional<Views> views; ///< none where no light arrives on surfaces
     uint64_t surface_points = 0;
     double surface_noise = 0;
     uint64_t surface_rays = 0;

@@ -78,8 +78,22 @@ TEST_F(ReportCli, MeasuresEveryRowAndWritesEveryForm) {
 
     const std::string page = slurp(folder_ / "r.html");
     EXPECT_NE(page.find("data:image/svg+xml;base64,"), std::string::npos);
-    EXPECT_NE(page.find("data:image/png;base64,"), std::string::npos);
     EXPECT_NE(page.find("--occlusion face"), std::string::npos);
+    // A slice, its truth and its error; and what is seen: by paths, our own sampler, four programs,
+    // and one of them without the fit, which is farther from the paths.
+    const std::string png = "data:image/png;base64,";
+    int pictures = 0;
+    for (std::size_t at = 0; (at = page.find(png, at)) != std::string::npos; at += png.size())
+        ++pictures;
+    EXPECT_EQ(pictures, 3 + 7);
+    const auto flip = [&](const std::string& what) {
+        const std::size_t caption = page.find("<figcaption>" + what + ": ");
+        const std::size_t at = caption == std::string::npos ? caption : page.find("FLIP ", caption);
+        return at == std::string::npos ? -1 : std::stod(page.substr(at + 5));
+    };
+    for (const char* what : {"our own sampler", "unity", "threejs", "vrc", "bevy"})
+        EXPECT_GT(flip(what), 0) << what;
+    EXPECT_GT(flip("unity, not fitted"), 1.2 * flip("unity"));
     EXPECT_NE(slurp(folder_ / "r.svg").find("</svg>"), std::string::npos);
     const std::string csv = slurp(folder_ / "r.csv");
     EXPECT_EQ(std::ranges::count(csv, '\n'), 1 + 2 + 3 * (5 + 1));

@@ -307,6 +307,12 @@ report::Report made_up(const std::string& path) {
         scene.rows.push_back(row);
     }
     scene.rows[1].error.relative_l1 = std::numeric_limits<double>::infinity();
+    scene.views = report::Views{.row = 1,
+                                .camera = path,
+                                .paths = 64,
+                                .exposure = 3,
+                                .traced = {'p', 'a', 't', 'h'},
+                                .shown = {{"unity", {.relative_l1 = 0.123}, 0.456, {'u'}}}};
     report.scenes.push_back(scene);
     return report;
 }
@@ -320,6 +326,10 @@ TEST(Written, NoTextOfASceneBecomesMarkup) {
     EXPECT_NE(page.find("x&#39;;system &quot;touch pwned&quot;"), std::string::npos);
     EXPECT_NE(page.find("&lt;script&gt;&amp;.gltf"), std::string::npos);
     EXPECT_EQ(page.find("http"), std::string::npos); // loads nothing
+    EXPECT_NE(page.find("base64,cGF0aA=="), std::string::npos);
+    EXPECT_NE(page.find("base64,dQ=="), std::string::npos);
+    EXPECT_NE(page.find("unity: 12.3 % wrong on surfaces, energy 1; FLIP 0.456"),
+              std::string::npos);
     EXPECT_EQ(report::html_text("<a href='x'>&\""), "&lt;a href=&#39;x&#39;&gt;&amp;&quot;");
 }
 
