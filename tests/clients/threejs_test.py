@@ -3,9 +3,9 @@
 that the comparison fails where the volume is broken; and beside the path-traced picture of a room
 whose walls have no thickness, where volumes fitted to the reader have to come nearer to it.
 
-Usage: threejs_test.py LPVBAKE EXAMPLES CACHE
+Usage: threejs_test.py LPVBAKE FLIP EXAMPLES CACHE
 
-three.js itself comes from the npm registry, once, into the folder CACHE.
+FLIP is the program of flip.cpp. three.js itself comes from the npm registry, once, into the folder CACHE.
 """
 
 import base64
@@ -25,7 +25,8 @@ import urllib.request
 import numpy as np
 import OpenImageIO as oiio
 
-LPVBAKE, EXAMPLES, CACHE = sys.argv[1], pathlib.Path(sys.argv[2]), pathlib.Path(sys.argv[3])
+LPVBAKE, FLIP = sys.argv[1:3]
+EXAMPLES, CACHE = pathlib.Path(sys.argv[3]), pathlib.Path(sys.argv[4])
 CDN = "https://cdn.jsdelivr.net/npm/three@0.187.0/"
 PACKAGE = "https://registry.npmjs.org/three/-/three-0.187.0.tgz"
 SHA256 = "ff540832ded0cfe919764d24a3d88f3e2a05f23303f876423e4f893841e90728"
@@ -40,6 +41,7 @@ def run(*command):
     result = subprocess.run([str(part) for part in command], capture_output=True, text=True)
     if result.returncode != 0:
         raise AssertionError(f"{command} ended with {result.returncode}\n{result.stderr}")
+    return result.stdout
 
 
 def three():
@@ -346,27 +348,31 @@ class ThinWalls(unittest.TestCase):
         cls.addClassCleanup(cls.chromium.close)
 
     def difference(self, page, volume):
-        """Mean difference from the paths over squares of 8 pixels, which have little of their noise,
-        where they see the room."""
+        """From the paths: mean difference over squares of 8 pixels, which have little of their noise,
+        where they see the room; and FLIP of the whole pictures."""
         state = self.chromium.open(
             f"{self.url}/{page}.html?scene=scene.gltf&volume={volume}.json&camera={self.CAMERA}"
             f"&exposure={self.EXPOSURE}&show=indirect&panel=0")
         self.assertEqual(state, ["ready", ""])
-        view = self.chromium.screenshot(self.folder / f"{page}_{volume}.png")
+        shown = self.folder / f"{page}_{volume}.png"
+        view = self.chromium.screenshot(shown)
         room = squares(self.paths.max(-1) > 0) == 1
         self.assertGreater(room.mean(), 0.3)
-        return float(np.abs(squares(view) - squares(self.paths))[room].mean())
+        mean = float(np.abs(squares(view) - squares(self.paths))[room].mean())
+        return mean, float(run(FLIP, shown, self.folder / "paths.png"))
 
     def test_fitted_volumes_are_nearer_to_the_paths(self):
         for page, reader, better in (("index", "threejs", 0.9), ("plain", "godot", 0.3)):
-            before = self.difference(page, f"{reader}_none")
-            after = self.difference(page, f"{reader}_surfaces")
-            print(f"{page}: mean difference {before:.4f} as filled, {after:.4f} fitted")
+            before, flip_before = self.difference(page, f"{reader}_none")
+            after, flip_after = self.difference(page, f"{reader}_surfaces")
+            print(f"{page}: mean difference {before:.4f} as filled, {after:.4f} fitted; "
+                  f"FLIP {flip_before:.4f}, {flip_after:.4f}")
             self.assertLess(after, better * before, page)
+            self.assertLess(flip_after, better * flip_before, page)
 
     def test_a_volume_fitted_to_another_reader_is_seen(self):
-        own = self.difference("plain", "godot_surfaces")
-        other = self.difference("plain", "threejs_none")
+        own, _ = self.difference("plain", "godot_surfaces")
+        other, _ = self.difference("plain", "threejs_none")
         print(f"plain, read from what is for three.js: {other:.4f}, {own:.4f} of its own")
         self.assertGreater(other, 2 * own)
 
