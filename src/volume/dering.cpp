@@ -9,7 +9,7 @@
 #include <atomic>
 #include <cassert>
 #include <cmath>
-#include <vector>
+#include <numbers>
 
 namespace lpvbake::volume {
 namespace {
@@ -37,24 +37,51 @@ Quadratic quadratic_of(const Bands& e) {
     return result;
 }
 
+/// Back.
+Bands bands_of(const Quadratic& e) {
+    const double a = 2 / double(sh_y2a);
+    const glm::dvec3 b = e.b / double(sh_y1);
+    return {e.mean / double(sh_y0),
+            b.y,
+            b.z,
+            b.x,
+            a * e.q[0][1],
+            a * e.q[1][2],
+            0.5 * e.q[2][2] / double(sh_y2b),
+            a * e.q[0][2],
+            0.5 * (e.q[0][0] - e.q[1][1]) / double(sh_y2c)};
+}
+
 /// Turns q into a diagonal matrix by Jacobi's rotations; the columns of the result are the axes.
+/// What is left beside the diagonal turns axes by a billionth, and eigenvalues by its square.
 glm::dmat3 diagonalize(glm::dmat3& q) {
     glm::dmat3 axes(1.0);
-    for (int sweep = 0; sweep < 12; ++sweep)
-        for (const auto& [i, j] : {std::pair(0, 1), {0, 2}, {1, 2}}) {
-            if (q[j][i] == 0)
-                continue;
-            const double theta = (q[j][j] - q[i][i]) / (2 * q[j][i]);
-            const double t =
-                (theta < 0 ? -1 : 1) / (std::abs(theta) + std::sqrt(theta * theta + 1));
-            const double c = 1 / std::sqrt(t * t + 1), s = t * c;
-            glm::dmat3 turn(1.0);
-            turn[i][i] = turn[j][j] = c;
-            turn[j][i] = s;
-            turn[i][j] = -s;
-            q = glm::transpose(turn) * q * turn;
-            axes = axes * turn;
-        }
+    const auto beside = [&] { return q[0][1] * q[0][1] + q[0][2] * q[0][2] + q[1][2] * q[1][2]; };
+    const auto turn = [&](int i, int j, int other) {
+        const double slant = q[i][j];
+        if (slant == 0)
+            return;
+        const double half = 0.5 * (q[j][j] - q[i][i]);
+        const double length = std::sqrt(half * half + slant * slant);
+        const double t = (half < 0 ? -slant : slant) / (std::abs(half) + length);
+        const double c = 1 / std::sqrt(t * t + 1), s = t * c;
+        q[i][i] -= t * slant;
+        q[j][j] += t * slant;
+        const double at_i = q[other][i], at_j = q[other][j];
+        q[i][j] = q[j][i] = 0;
+        q[other][i] = q[i][other] = c * at_i - s * at_j;
+        q[other][j] = q[j][other] = s * at_i + c * at_j;
+        const glm::dvec3 axis = axes[i];
+        axes[i] = c * axis - s * axes[j];
+        axes[j] = s * axis + c * axes[j];
+    };
+    const double small =
+        1e-18 * (q[0][0] * q[0][0] + q[1][1] * q[1][1] + q[2][2] * q[2][2] + 2 * beside());
+    for (int sweep = 0; sweep < 12 && beside() > small; ++sweep) {
+        turn(0, 1, 2);
+        turn(0, 2, 1);
+        turn(1, 2, 0);
+    }
     return axes;
 }
 
@@ -63,41 +90,37 @@ glm::dmat3 diagonalize(glm::dmat3& q) {
 /// rises to the multiplier for |n| = 1.
 glm::dvec3 darkest_normal(Quadratic e) {
     const glm::dmat3 axes = diagonalize(e.q);
-    const glm::dvec3 eigen(e.q[0][0], e.q[1][1], e.q[2][2]), b = glm::transpose(axes) * e.b;
+    const glm::dvec3 eigen(e.q[0][0], e.q[1][1], e.q[2][2]);
+    const glm::dvec3 half = -0.5 * (e.b * axes);
     const int first =
         eigen.x <= eigen.y ? (eigen.x <= eigen.z ? 0 : 2) : (eigen.y <= eigen.z ? 1 : 2);
-    const auto normal_at = [&](double m) { // m counts from minus the least eigenvalue on
-        glm::dvec3 n(0.0);
-        for (int i = 0; i < 3; ++i)
-            if (const double slope = eigen[i] - eigen[first] + m; b[i] != 0)
-                n[i] = slope > 0 ? -0.5 * b[i] / slope : std::copysign(1e300, -b[i]);
-        return n;
-    };
-    double lo = 0, hi = 0.5 * glm::length(b);
-    if (!(hi > 0) || glm::dot(normal_at(lo), normal_at(lo)) <= 1) {
-        // Too short even there: the rest lies along the axis of the least eigenvalue.
-        glm::dvec3 n = normal_at(lo);
+    const glm::dvec3 slopes = eigen - eigen[first]; // of the gradient; m counts from there on
+    // Newton's method on 1 / |n|, which is concave: from below it never goes too far (More and
+    // Sorensen 1983). No part of n is longer than 1.
+    double m = 0;
+    for (int i = 0; i < 3; ++i)
+        m = std::max(m, std::abs(half[i]) - slopes[i]);
+    glm::dvec3 n(0.0);
+    double square = 0; // of |n|
+    for (int step = 0; step < 60; ++step) {
+        double change = 0;
+        for (int i = 0; i < 3; ++i) {
+            const double inverse = slopes[i] + m > 0 ? 1 / (slopes[i] + m) : 0;
+            n[i] = half[i] * inverse;
+            change += n[i] * n[i] * inverse;
+        }
+        square = glm::dot(n, n);
+        // The least changes by the square of what n lacks.
+        if (!(square > 1 + 1e-9))
+            break;
+        m += (std::sqrt(square) - 1) * square / change;
+    }
+    if (square
+        < 1 - 1e-9) { // even with m = 0: the rest lies along the axis of the least eigenvalue
         n[first] = 0;
         n[first] = std::sqrt(std::max(0.0, 1 - glm::dot(n, n)));
-        return axes * n;
     }
-    // Newton's method on 1 / |n|, which is concave: from below it never goes too far (More and
-    // Sorensen 1983).
-    for (int i = 0; i < 3; ++i)
-        lo = std::max(lo, 0.5 * std::abs(b[i]) - (eigen[i] - eigen[first]));
-    for (int step = 0; step < 60; ++step) {
-        const glm::dvec3 n = normal_at(lo);
-        const double length = glm::length(n);
-        double slope = 0;
-        for (int i = 0; i < 3; ++i)
-            if (b[i] != 0)
-                slope += n[i] * n[i] / (eigen[i] - eigen[first] + lo);
-        const double next = lo + (length - 1) * length * length / slope;
-        if (!(next > lo * (1 + 1e-15)) || !(next <= hi))
-            break;
-        lo = next;
-    }
-    return axes * glm::normalize(normal_at(lo));
+    return axes * glm::normalize(n);
 }
 
 double towards(const Quadratic& e, glm::dvec3 n) {
@@ -113,57 +136,56 @@ double bound_below(const Quadratic& e) {
     return e.mean - glm::length(e.b) - std::sqrt(2.0 / 3 * square);
 }
 
-Bands bands_towards(glm::dvec3 n) {
-    const ShValues basis = sh_basis(2, glm::vec3(n));
-    Bands result{};
-    std::copy_n(basis.begin(), most, result.begin());
-    return result;
-}
-
-double dot_of_rest(const Bands& a, const Bands& b) {
-    double sum = 0;
-    for (std::size_t k = 1; k < most; ++k)
-        sum += a[k] * b[k];
-    return sum;
-}
-
-/// The nearest of order 2 whose least irradiance is `least`: halfspaces E(n) >= least of the
-/// normals that were darkest, one more a round, and the projection on all of them (Hildreth 1957:
-/// the multipliers one after the other, none below 0). What is left is scaled away.
-void dering_quadratic(Bands& e, double least) {
+/// The nearest without less than `least`: halfspaces E(n) >= least of the normals that were
+/// darkest, one more a round, and the projection on all of them (Hildreth 1957: the multipliers one
+/// after the other, none below 0). What is left is scaled away. False where it has no less than
+/// `good`
+/// (<= least) from the start on, and nothing changes.
+bool dering_quadratic(Quadratic& e, double least, double good) {
     constexpr int rounds = 12, passes = 40;
     constexpr double settled = 1e-4; // of the mean: a tenth of what is left to scaling
-    // Of the basis towards any normal, but for band 0: (2 l + 1) / 4 pi a band.
-    constexpr double rest_of_square = 8 / (4 * std::numbers::pi);
-    std::vector<Bands> towards_normals;
-    std::vector<double> multipliers;
-    const double mean = double(sh_y0) * e[0];
+    // What a multiplier of a normal adds towards one at a cosine: bands 1 and 2 of a peak there,
+    // the sum of (2 l + 1) / 4 pi times Legendre's polynomials.
+    constexpr double band_1 = 3 / (4 * std::numbers::pi), band_2 = 5 / (4 * std::numbers::pi);
+    const auto added = [&](double cosine) {
+        return band_1 * cosine + band_2 * (1.5 * cosine * cosine - 0.5);
+    };
+    std::array<glm::dvec3, rounds> normals;
+    std::array<double, rounds> multipliers{}, lacking{};
+    std::array<std::array<double, rounds>, rounds> adds;
     for (int round = 0;; ++round) {
-        const Quadratic now = quadratic_of(e);
-        const glm::dvec3 n = darkest_normal(now);
-        const double darkest = towards(now, n);
-        if (darkest >= least)
-            return;
-        if (round == rounds || darkest > least - 1e-3 * mean) {
-            const double scale = (mean - least) / (mean - darkest);
-            for (std::size_t k = 1; k < most; ++k)
-                e[k] *= scale;
-            return;
+        const glm::dvec3 n = darkest_normal(e);
+        const double darkest = towards(e, n);
+        if (darkest >= (round == 0 ? good : least))
+            return round > 0;
+        if (round == rounds || darkest > least - 1e-3 * e.mean) {
+            const double scale = (e.mean - least) / (e.mean - darkest);
+            e.b *= scale;
+            e.q *= scale;
+            return true;
         }
-        towards_normals.push_back(bands_towards(n));
-        multipliers.push_back(0);
-        double moved = mean; // by the last pass
-        for (int pass = 0; pass < passes && moved > settled * mean; ++pass) {
+        const auto count = std::size_t(round) + 1;
+        normals[count - 1] = n;
+        for (std::size_t i = 0; i < count; ++i)
+            adds[i][count - 1] = adds[count - 1][i] = added(glm::dot(normals[i], n));
+        lacking[count - 1] = least - darkest;
+        const std::array<double, rounds> before = multipliers;
+        double moved = e.mean; // by the last pass
+        for (int pass = 0; pass < passes && moved > settled * e.mean; ++pass) {
             moved = 0;
-            for (std::size_t i = 0; i < multipliers.size(); ++i) {
-                const Bands& y = towards_normals[i];
-                const double lacking = least - mean - dot_of_rest(e, y);
-                const double before = multipliers[i];
-                multipliers[i] = std::max(0.0, before + lacking / rest_of_square);
-                for (std::size_t k = 1; k < most; ++k)
-                    e[k] += (multipliers[i] - before) * y[k];
-                moved = std::max(moved, std::abs(multipliers[i] - before) * rest_of_square);
+            for (std::size_t i = 0; i < count; ++i) {
+                const double change = std::max(-multipliers[i], lacking[i] / (band_1 + band_2));
+                multipliers[i] += change;
+                for (std::size_t k = 0; k < count; ++k)
+                    lacking[k] -= change * adds[i][k];
+                moved = std::max(moved, std::abs(change) * (band_1 + band_2));
             }
+        }
+        for (std::size_t i = 0; i < count; ++i) {
+            const double change = multipliers[i] - before[i];
+            e.b += change * band_1 * normals[i];
+            e.q += change * band_2
+                   * (1.5 * glm::outerProduct(normals[i], normals[i]) - glm::dmat3(0.5));
         }
     }
 }
@@ -199,9 +221,10 @@ bool dering_colour(std::span<float> coefficients) {
             coefficients[k] = float(scale * double(coefficients[k]));
         return true;
     }
-    if (towards(given, darkest_normal(given)) >= rounded)
+    Quadratic nearest = given;
+    if (!dering_quadratic(nearest, least, rounded))
         return false;
-    dering_quadratic(e, least);
+    e = bands_of(nearest);
     for (std::size_t k = 1; k < coefficients.size(); ++k)
         coefficients[k] = float(e[k] / sh_cosine_factor(band_of(k)));
     return true;
