@@ -488,6 +488,7 @@ std::vector<SideLight> shared_irradiance_at(const Scene& scene, const LitSurface
                                     aim, own,        std::max(8, own / 2)};
             std::vector<SidePoint> kept;
             std::vector<SharedRay> shared;
+            std::vector<OwnLight> alone;
             std::vector<uint32_t> places;
             for (uint32_t k = 0; k < group.size(); ++k) {
                 SideLight& at = result[group[k]];
@@ -524,10 +525,12 @@ std::vector<SideLight> shared_irradiance_at(const Scene& scene, const LitSurface
                     continue;
                 }
                 kept.push_back(points[group[k]]);
+                alone.push_back(light_alone(std::span(shared).subspan(before), own));
                 places.push_back(group[k]);
             }
             std::vector<glm::vec3> reflected(kept.size(), glm::vec3(0.0f));
             add_shared(kept, shared, own, reflected);
+            tell_apart(kept, alone, reflected);
             for (size_t k = 0; k < kept.size(); ++k)
                 result[places[k]].irradiance += reflected[k];
         });

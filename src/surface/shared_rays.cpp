@@ -26,6 +26,19 @@ std::array<int32_t, 4> place_of(const SidePoint& point) {
     return place;
 }
 
+/// Orders the points along the longest edge of the box around them.
+void order_along(std::span<uint32_t> members, std::span<const SidePoint> points) {
+    glm::vec3 lo(HUGE_VALF), hi(-HUGE_VALF);
+    for (const uint32_t i : members) {
+        lo = glm::min(lo, points[i].position);
+        hi = glm::max(hi, points[i].position);
+    }
+    const glm::vec3 size = hi - lo;
+    const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
+    std::ranges::sort(members, {},
+                      [&](uint32_t i) { return std::pair(points[i].position[axis], i); });
+}
+
 glm::vec3 above(const SidePoint& point) {
     return point.position + lift * point.normal;
 }
@@ -99,6 +112,56 @@ void add_shared(std::span<const SidePoint> points, std::span<const SharedRay> ra
         const glm::vec3 share = ray.luminance * (glm::pi<float>() / (float(each) * density));
         for (size_t q = 0; q < count; ++q)
             irradiance[q] += share * seen[q];
+    }
+}
+
+OwnLight light_alone(std::span<const SharedRay> rays, int count) {
+    glm::vec3 mean(0.0f), square(0.0f);
+    for (const SharedRay& ray : rays) {
+        mean += ray.luminance / float(count);
+        square += ray.luminance * ray.luminance / float(count);
+    }
+    constexpr float pi = glm::pi<float>();
+    return {pi * mean, pi * pi * glm::max(square - mean * mean, 0.0f) / float(count)};
+}
+
+void tell_apart(std::span<const SidePoint> points, std::span<const OwnLight> own,
+                std::span<glm::vec3> irradiance) {
+    struct Part {
+        std::span<uint32_t> members;
+        glm::vec3 has{0.0f}, lacks{0.0f};
+    };
+    std::vector<uint32_t> order(points.size());
+    std::iota(order.begin(), order.end(), 0u);
+    std::vector<Part> parts{{order}}, halves;
+    for (;; parts.swap(halves)) {
+        halves.clear();
+        for (const Part& part : parts)
+            if (const size_t count = part.members.size(); count > 1) {
+                order_along(part.members, points);
+                halves.push_back({part.members.first(count / 2)});
+                halves.push_back({part.members.subspan(count / 2)});
+            }
+        if (halves.empty())
+            return;
+        float noise = 0.0f, square = 0.0f;
+        for (Part& part : halves) {
+            for (const uint32_t i : part.members) {
+                part.has += irradiance[i];
+                part.lacks += own[i].irradiance - irradiance[i];
+                noise += own[i].variance.x + own[i].variance.y + own[i].variance.z;
+            }
+            square += glm::dot(part.lacks, part.lacks);
+        }
+        if (!(square > noise))
+            continue;
+        const float share = 1.0f - noise / square;
+        for (const Part& part : halves)
+            for (int c = 0; c < 3; ++c)
+                if (part.has[c] > 0.0f)
+                    for (const uint32_t i : part.members)
+                        irradiance[i][c] *=
+                            std::max(0.0f, 1.0f + share * part.lacks[c] / part.has[c]);
     }
 }
 

@@ -4,7 +4,8 @@
 // by their own way to it and their own normals: all rays of a group are samples of one mixture of
 // their densities (the balance heuristic; Veach and Guibas 1995), so that a weight is bounded and
 // near surfaces count as they do from each point. What hides an end from one point of a group but
-// not from another is averaged over them.
+// not from another is averaged over them; where that shows in what the points' own rays met, beyond
+// their noise, these have their say.
 #pragma once
 
 #include "surface/lit_surfaces.h"
@@ -36,6 +37,21 @@ PointGroups group_points(const visibility::Visibility& visibility,
 /// Adds the irradiance (lux) that the rays of a group, `each` of every point, give its points.
 /// Those that meet darkness can be left out.
 void add_shared(std::span<const SidePoint> points, std::span<const SharedRay> rays, int each,
+                std::span<glm::vec3> irradiance);
+
+/// What a point's own rays alone say.
+struct OwnLight {
+    glm::vec3 irradiance; ///< lux
+    glm::vec3 variance;   ///< of that, by the rays
+};
+
+/// From `count` cosine-distributed rays, of which those that meet darkness can be left out.
+OwnLight light_alone(std::span<const SharedRay> rays, int count);
+
+/// Brings the irradiance of a group's points, that add_shared gave, nearer to what their own rays
+/// say: of its halves, their halves and so on down to single points, level by level, by as much of
+/// the difference as is not noise on that level (James and Stein 1961).
+void tell_apart(std::span<const SidePoint> points, std::span<const OwnLight> own,
                 std::span<glm::vec3> irradiance);
 
 } // namespace lpvbake::surface

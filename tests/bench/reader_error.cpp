@@ -17,7 +17,7 @@
 #include "volume/dering.h"
 #include "volume/dilate.h"
 
-#include <chrono>
+#include <ctime>
 #include <cstdio>
 #include <cstdlib>
 #include <string>
@@ -27,10 +27,7 @@ namespace {
 
 using readers::Reader;
 
-double now() {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
-        .count();
-}
+double now() { return double(std::clock()) / CLOCKS_PER_SEC; }
 
 /// Share of the valid cells with negative irradiance towards any normal, of bands 0 to `order`.
 double negative_share(const Volume& volume, int order) {

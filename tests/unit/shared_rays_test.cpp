@@ -29,6 +29,46 @@ TEST(SharedRays, WeighsWhatRaysMeetByThePointsOwnWays) {
     EXPECT_EQ(lux[0].z, 1.0f);
 }
 
+TEST(SharedRays, TellApartWhatDiffersBeyondNoise) {
+    // A row of eight; by the rays of all each has 4.
+    std::vector<surface::SidePoint> points;
+    for (int i = 0; i < 8; ++i)
+        points.push_back({{float(i), 0, 0}, {0, 1, 0}});
+    const auto told = [&](const std::vector<float>& alone, float deviation) {
+        std::vector<surface::OwnLight> own;
+        for (const float lux : alone)
+            own.push_back({glm::vec3(lux), glm::vec3(deviation * deviation)});
+        std::vector<glm::vec3> lux(8, glm::vec3(4.0f));
+        surface::tell_apart(points, own, lux);
+        std::vector<float> result;
+        for (const glm::vec3& e : lux)
+            result.push_back(e.y);
+        return result;
+    };
+    const std::vector<float> noisy{5, 3, 4.5f, 3.5f, 3, 5, 3.5f, 4.5f};
+    EXPECT_EQ(told(noisy, 1.0f), std::vector<float>(8, 4.0f));
+    // The same is no noise, if rays are sure of it.
+    const auto sure = told(noisy, 0.01f);
+    for (size_t i = 0; i < 8; ++i)
+        EXPECT_NEAR(sure[i], noisy[i], 0.01) << i;
+    // A shadow over one half shows in the sum of its points, in none of them alone.
+    const auto half = told({6.5f, 7.5f, 5.5f, 6.5f, 0.5f, 1.5f, 2.5f, 1.5f}, 1.5f);
+    for (size_t i = 0; i < 8; ++i)
+        EXPECT_NEAR(half[i], i < 4 ? 6.5 : 1.5, 0.5) << i;
+    EXPECT_EQ(told(std::vector<float>(8, 0.0f), 0.0f), std::vector<float>(8, 0.0f));
+}
+
+TEST(SharedRays, KnowTheNoiseOfAPointsOwn) {
+    // Two rays of eight met light: mean of x 3 / 4, of its square 5 / 2.
+    const std::vector<surface::SharedRay> rays{{{}, {0, 0, 1}, {2, 0, 1}}, {{}, {}, {4, 0, 1}}};
+    const surface::OwnLight own = surface::light_alone(rays, 8);
+    const float pi = glm::pi<float>();
+    EXPECT_NEAR(own.irradiance.x, 0.75f * pi, 1e-5);
+    EXPECT_NEAR(own.variance.x, pi * pi * (2.5f - 0.75f * 0.75f) / 8, 1e-5);
+    EXPECT_EQ(own.variance.y, 0.0f);
+    EXPECT_NEAR(own.variance.z, pi * pi * (0.25f - 0.0625f) / 8, 1e-5);
+}
+
 /// A floor with a thin wall across, over which something is bright on one side.
 struct Parted {
     static Scene make() {
@@ -107,6 +147,29 @@ TEST(SharedRays, GiveWhatManyOfEachPointGive) {
         // What emitters give directly is each point's own.
         EXPECT_LT(error(shared, truth), (emitters ? 0.9 : 0.3) * error(lux_of(16, 1), truth));
     }
+}
+
+TEST(SharedRays, SeeWhatHidesTheEndsOfNeighbours) {
+    // Slats above a bright floor of patches, a unit wide and a unit apart.
+    Scene scene = Parted::make();
+    const int grey = scenes::add_material(scene, glm::vec3(0.5f), glm::vec3(0.0f), true);
+    for (int i = 0; i < 4; ++i)
+        scenes::add_quad(scene, grey, {0.3f + float(i), 0.4f, 0}, {0.5f, 0, 0}, {0, 0, 8});
+    const scene::Frame frame{glm::dvec3(-1), 1.0, glm::dvec3(10)};
+    const visibility::Visibility visibility(scene, frame);
+    Progress silent;
+    const surface::LitSurfaces lit =
+        surface::light_surfaces(scene, visibility, frame, {.bounces = std::nullopt}, silent);
+    const auto points = surface::draw_side_points(lit, glm::vec3(frame.extent), {}).points;
+    const auto truth = surface::irradiance_at(scene, lit, frame, points, false, 1024, 3, silent);
+    const auto light =
+        surface::shared_irradiance_at(scene, lit, frame, points, false, 32, 1, silent);
+    double off = 0, whole = 0;
+    for (size_t i = 0; i < points.size(); ++i) {
+        off += double(std::abs(light[i].irradiance.x - truth[i].x));
+        whole += double(truth[i].x);
+    }
+    EXPECT_LT(off, 0.1 * whole);
 }
 
 } // namespace
