@@ -32,8 +32,7 @@ struct BakeOptions : SceneOptions, RunOptions {
     int sh_order = 0;                           ///< 0: the solver's
     std::optional<solver::Quality> quality;
     std::map<std::string, double> parameters; ///< of solvers
-    int dilate = 0;
-    std::optional<bool> fit; ///< none: as the target is read
+    FitOptions fit;
 };
 
 // ---------------------------------------------------------------- options of solvers
@@ -164,11 +163,11 @@ void check_options(const BakeOptions& o) {
             own && !solver::is_value(*own, value))
             throw Error(ErrorKind::argument, "--" + name + ": the " + solver.name + " solver takes "
                                                  + solver::values_of(*own));
-    check_fit(o.outputs, o.fit, o.dilate);
+    check_fit(o.outputs, o.fit, o.sh_order);
 }
 
-/// All but what choose_settings chooses.
-bake::BakeSettings to_settings(const BakeOptions& o) {
+/// All but what choose_settings chooses; refers to the reader.
+bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& reader) {
     bake::BakeSettings settings(*solvers_of(o).front());
     settings.grid = o.grid;
     settings.bounds = o.bounds;
@@ -176,8 +175,8 @@ bake::BakeSettings to_settings(const BakeOptions& o) {
     settings.solver.set(o.quality.value_or(solver::Quality::balanced));
     if (o.bounces)
         settings.bounces = o.bounces->most;
-    if (fits(o.outputs, o.fit, o.dilate))
-        settings.fit = &reader_of(*o.outputs.target);
+    if (fits(o.outputs, o.fit))
+        settings.fit = &reader;
     settings.dering = o.outputs.storage().dering;
     return settings;
 }
@@ -187,6 +186,8 @@ bake::Wish wish_of(const BakeOptions& o) {
     wish.solvers = solvers_of(o);
     if (o.sh_order > 0)
         wish.order = o.sh_order;
+    else if (o.fit.evaluation != readers::Evaluation::linear)
+        wish.order = 1;
     wish.error = o.error;
     wish.seconds = o.seconds;
     for (const auto& [name, value] : o.parameters)
@@ -285,7 +286,8 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const bak
 
 void run(const BakeOptions& o, const std::string& settings) {
     check_options(o);
-    const bake::BakeSettings base = to_settings(o);
+    const readers::Reader reader = reader_of(*o.outputs.target, o.fit);
+    const bake::BakeSettings base = to_settings(o, reader);
     const bake::Wish wish = wish_of(o);
     Run run(o, o, o.outputs.paths);
     auto opening = std::async(std::launch::async, [&o] {
@@ -311,10 +313,10 @@ void run(const BakeOptions& o, const std::string& settings) {
     Baked baked = bake::bake(scene, choice.plan, *device, run.progress);
     run.stages.insert(run.stages.end(), baked.stages.begin(), baked.stages.end());
     run.warn(baked.warnings);
-    if (o.dilate > 0) {
+    if (o.fit.dilate > 0) {
         run.begin_stage();
-        const std::size_t filled = volume::dilate(baked.volume, o.dilate);
-        baked.volume.metadata["dilate"] = std::to_string(o.dilate);
+        const std::size_t filled = volume::dilate(baked.volume, o.fit.dilate);
+        baked.volume.metadata["dilate"] = std::to_string(o.fit.dilate);
         run.end_stage("dilate", counted(filled, "cell") + " inside geometry filled");
     }
     baked.volume.metadata["choice"] = choice.text;
@@ -383,19 +385,20 @@ options::Action declare(options::Options& options) {
     add_solver_options(options, o);
     add_output_options(options, o.outputs);
     options
-        .number("--dilate", o.dilate, 0, 1024,
+        .number("--dilate", o.fit.dilate, 0, 1024,
                 "Rings of cells inside geometry to fill from cells around them; the validity "
                 "stays as it is")
         .record();
     options
         .choice(
-            "--fit", o.fit, options::Choices<bool>{{"none", false}, {"surfaces", true}},
+            "--fit", o.fit.fit, options::Choices<bool>{{"none", false}, {"surfaces", true}},
             "surfaces: values with which the target's program shows on surfaces the light that "
             "arrives there, though it reads cells beyond walls; generic: our own sampler. none: "
             "the field at the cells' centres. Default: surfaces for programs that shade surfaces "
             "by the volume, none for generic, blender and houdini, and with --dilate")
-        .implies([&o] { return fits(o.outputs, o.fit, o.dilate) ? "surfaces" : "none"; })
+        .implies([&o] { return fits(o.outputs, o.fit) ? "surfaces" : "none"; })
         .record(options::Recorded::if_changed);
+    add_evaluation_option(options, o.fit);
     add_device_option(options, o);
     options.flag("--validation", o.validation,
                  "Load Vulkan's validation layer; messages are errors");

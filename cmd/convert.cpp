@@ -22,8 +22,7 @@ struct ConvertOptions {
     std::string file;
     OutputOptions outputs;
     std::optional<int> sh_order; ///< none: the volume's
-    int dilate = 0;
-    std::optional<bool> fit;
+    FitOptions fit;
     std::string scene; ///< whose surfaces it is fitted to; empty: its own walls
     Format format = Format::text;
 };
@@ -42,14 +41,15 @@ void limit_order(Volume& volume, int order, const std::string& path) {
 bool fits(const ConvertOptions& o, const Volume& volume) {
     const bool able = !volume.metadata.contains("fit")
                       && (!o.scene.empty() || (!volume.walls.empty() && !volume.validity.empty()));
-    if (o.fit.value_or(false) && !able)
+    const bool asked = o.fit.fit.value_or(o.fit.evaluation != readers::Evaluation::linear);
+    if (asked && !able)
         throw Error(ErrorKind::argument,
                     o.file
                         + (volume.metadata.contains("fit")
                                ? ": is fitted to what " + volume.metadata.at("fit")
                                      + " reads already; --fit none"
                                : ": has no grids of walls to fit to; --scene FILE has surfaces"));
-    return able && fits(o.outputs, o.fit, o.dilate);
+    return able && fits(o.outputs, o.fit);
 }
 
 /// Of the volume with all of its bands.
@@ -65,7 +65,7 @@ bake::SurfacePoints points_of(const ConvertOptions& o, const Volume& volume,
 
 void fit(const ConvertOptions& o, const bake::SurfacePoints& to, TerminalProgress& progress,
          Volume& volume) {
-    const readers::Reader& reader = reader_of(*o.outputs.target);
+    const readers::Reader reader = reader_of(*o.outputs.target, o.fit);
     bake::SurfaceFitSettings settings;
     settings.dering = o.outputs.storage().dering;
     const bake::SurfaceFit fit =
@@ -83,16 +83,16 @@ void run(const ConvertOptions& o) {
             throw Error(ErrorKind::argument,
                         path + ": unknown kind of volume file; use " + io::format_list());
     check_files({o.scene}, {o.file}, o.outputs.paths);
-    check_fit(o.outputs, o.fit, o.dilate);
+    check_fit(o.outputs, o.fit, o.sh_order.value_or(0));
     Volume volume = read_volume(o.file);
     TerminalProgress progress(ProgressStyle::none);
     const bool fitted = fits(o, volume);
     const bake::SurfacePoints to = fitted ? points_of(o, volume, progress) : bake::SurfacePoints{};
-    if (o.sh_order)
-        limit_order(volume, *o.sh_order, o.file);
-    if (o.dilate > 0) {
-        volume::dilate(volume, o.dilate);
-        volume.metadata["dilate"] = std::to_string(o.dilate);
+    if (o.sh_order || o.fit.evaluation != readers::Evaluation::linear)
+        limit_order(volume, o.sh_order.value_or(1), o.file);
+    if (o.fit.dilate > 0) {
+        volume::dilate(volume, o.fit.dilate);
+        volume.metadata["dilate"] = std::to_string(o.fit.dilate);
     }
     if (fitted)
         fit(o, to, progress, volume);
@@ -120,13 +120,14 @@ options::Action declare(options::Options& options) {
     options.texts("output", o.outputs.paths, "OUT", "Volumes to write: " + io::format_list())
         .require();
     options.number("--sh-order", o.sh_order, 0, 4, "Highest band to keep; default: the volume's");
-    options.number("--dilate", o.dilate, 0, 1024,
+    options.number("--dilate", o.fit.dilate, 0, 1024,
                    "Rings of cells inside geometry to fill from those around them");
     options.choice(
-        "--fit", o.fit, options::Choices<bool>{{"none", false}, {"surfaces", true}},
+        "--fit", o.fit.fit, options::Choices<bool>{{"none", false}, {"surfaces", true}},
         "surfaces: values with which the target's program shows on surfaces what our own "
         "sampler reads there; default: as for bake, where the volume has walls and is not "
         "fitted");
+    add_evaluation_option(options, o.fit);
     options.text("--scene", o.scene, "FILE",
                  "The volume's scene, glTF 2.0: surfaces to fit to; default: the volume's walls");
     add_output_options(options, o.outputs);

@@ -389,8 +389,15 @@ void run(RenderOptions o) {
         return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
     });
     const Volume volume = read(o.volume);
-    if (!o.sampler)
+    std::optional<readers::Reader> evaluated;
+    if (!o.sampler) {
         o.sampler = usual_sampler(volume);
+        const auto own = volume.metadata.find("fit_evaluation");
+        if (const readers::Evaluation* evaluation =
+                own == volume.metadata.end() ? nullptr : readers::evaluation_named(own->second);
+            evaluation && o.sampler->gives_coefficients)
+            o.sampler = &evaluated.emplace(readers::with_evaluation(*o.sampler, *evaluation));
+    }
     const Scene scene = run.load();
     if (scene::triangle_count(scene) == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to draw");

@@ -186,19 +186,46 @@ io::Target OutputOptions::storage() const {
     return storage;
 }
 
-const readers::Reader& reader_of(const io::Target& target) {
-    return *readers::reader_named(&target == io::target_named("generic") ? "lpvbake" : target.name);
+void add_evaluation_option(options::Options& options, FitOptions& o) {
+    options::Choices<readers::Evaluation> choices;
+    for (const char* name : {"linear", "geomerics", "zh3"})
+        choices.emplace_back(name, *readers::evaluation_named(name));
+    options
+        .choice("--evaluation", o.evaluation, choices,
+                "generic, unity and vrc: what shaders make of bands 0 and 1, which --fit surfaces "
+                "goes by: their sum, or what lpv_irradiance_l1_nonlinear and lpv_irradiance_l1_zh3 "
+                "of examples/shaders do; these have no higher bands")
+        .record(options::Recorded::if_changed);
 }
 
-bool fits(const OutputOptions& o, std::optional<bool> fit, int dilate) {
-    return fit.value_or(o.target->dilate > 0 && dilate == 0);
+bool fits(const OutputOptions& o, const FitOptions& fit) {
+    return fit.fit.value_or(o.target->dilate > 0 && fit.dilate == 0);
 }
 
-void check_fit(const OutputOptions& o, std::optional<bool> fit, int dilate) {
-    if (fits(o, fit, dilate) && dilate > 0)
+readers::Reader reader_of(const io::Target& target, const FitOptions& fit) {
+    const readers::Reader& reader =
+        *readers::reader_named(&target == io::target_named("generic") ? "lpvbake" : target.name);
+    return fit.evaluation == readers::Evaluation::linear
+               ? reader
+               : readers::with_evaluation(reader, fit.evaluation);
+}
+
+void check_fit(const OutputOptions& o, const FitOptions& fit, int order) {
+    if (fits(o, fit) && fit.dilate > 0)
         throw Error(ErrorKind::argument,
                     "--fit surfaces and --dilate exclude each other: fitted cells "
                     "are filled already");
+    if (fit.evaluation == readers::Evaluation::linear)
+        return;
+    const std::string option = std::string("--evaluation ") + readers::name_of(fit.evaluation);
+    if (!reader_of(*o.target, {}).gives_coefficients)
+        throw Error(ErrorKind::argument, option + " is for shaders of generic, unity and vrc; "
+                                             + o.target->name + " has a formula of its own");
+    if (!fits(o, fit))
+        throw Error(ErrorKind::argument, option + " is what a fit goes by: --fit surfaces");
+    if (order > 1)
+        throw Error(ErrorKind::argument,
+                    option + " is of order 1, not of --sh-order " + std::to_string(order));
 }
 
 void add_output_options(options::Options& options, OutputOptions& o) {

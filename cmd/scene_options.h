@@ -77,14 +77,23 @@ struct OutputOptions {
 };
 void add_output_options(options::Options& options, OutputOptions& o);
 
+/// What is done to cells for those who read them on surfaces.
+struct FitOptions {
+    std::optional<bool> fit; ///< none: as the target is read
+    int dilate = 0;
+    readers::Evaluation evaluation = readers::Evaluation::linear;
+};
+void add_evaluation_option(options::Options& options, FitOptions& o);
+
+/// Whether volumes are fitted: programs that cells are filled for shade surfaces by them, the
+/// others show the field.
+bool fits(const OutputOptions& o, const FitOptions& fit);
 /// Whose picture of surfaces the target's files are for: its program's; of none in particular our
 /// own sampler's.
-const readers::Reader& reader_of(const io::Target& target);
-/// Whether volumes are fitted to that, by --fit (none: as the target is read) and --dilate:
-/// programs that cells are filled for shade surfaces by them, the others show the field.
-bool fits(const OutputOptions& o, std::optional<bool> fit, int dilate);
-/// Throws Error (argument) where --fit and --dilate contradict each other.
-void check_fit(const OutputOptions& o, std::optional<bool> fit, int dilate);
+readers::Reader reader_of(const io::Target& target, const FitOptions& fit);
+/// Throws Error (argument) where these options contradict each other, the target, or the order that
+/// is asked for (0: none).
+void check_fit(const OutputOptions& o, const FitOptions& fit, int order);
 
 enum class Format { text, json };
 void add_format_option(options::Options& options, Format& format);

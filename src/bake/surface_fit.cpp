@@ -85,6 +85,8 @@ SurfaceFit fit_to_points(const readers::Reader& reader, std::span<const readers:
     result.fit = readers::fit(reader, points, settings.solve, volume);
     result.after = readers::error_of(reader, volume, checks);
     volume.metadata["fit"] = reader.name;
+    if (!readers::is_linear(reader))
+        volume.metadata["fit_evaluation"] = readers::name_of(reader.evaluation);
     volume.metadata["fit_error"] = format("%.3g", result.after.relative);
     volume.metadata["fit_energy"] = format("%.4g", result.after.energy);
     volume.metadata["fit_leak"] = format("%.3g", result.after.leak);

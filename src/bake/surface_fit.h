@@ -52,7 +52,7 @@ std::vector<readers::FitPoint> fit_points(const Scene& scene, const surface::Lit
 
 /// Fits the volume to a reader by points, and adds the metadata fit (the reader's name), fit_error,
 /// fit_energy, fit_leak (SurfaceFit::after, of `checks`), fit_moved, and fit_worst, fit_worst_at
-/// (readers::WorstPlace, of `points`).
+/// (readers::WorstPlace, of `points`); fit_evaluation (its name) where the reader is not linear.
 SurfaceFit fit_to_points(const readers::Reader& reader, std::span<const readers::FitPoint> points,
                          std::span<const readers::FitPoint> checks,
                          const SurfaceFitSettings& settings, Volume& volume);

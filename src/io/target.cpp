@@ -114,8 +114,23 @@ Json common_notes(const std::string& program, const std::string& stem, const Wri
     };
 }
 
+/// Of a colour's texel, by what shaders make of it (metadata fit_evaluation).
+std::string unity_formula(const std::string& evaluation) {
+    const std::string parts = "of a colour with v = (x, y, z) and w: ";
+    if (evaluation == "geomerics")
+        return parts
+               + "w (a + (1 - a)(p + 1) q^p), r = |v| / (2 w) but at most 1, q = (1 + v.n / |v|) / "
+                 "2, p = 1 + 2 r, a = (1 - r) / (1 + r) (Geomerics, CEDEC 2015)";
+    if (evaluation == "zh3")
+        return parts
+               + "v.n + w + 0.279508 w (0.08 r + 0.6 r^2)(3 (d.n)^2 - 1), d the direction of v's "
+                 "luminance, r = 0.866025 |v.d| / w but at most 1.732051 (Roughton et al. 2024)";
+    return "ShadeSH9 of UnityCG.cginc: a colour's dot(SHA, (n, 1)) + dot(SHB, n.xyzz * n.yzzx) + "
+           "SHC * (n.x^2 - n.y^2)";
+}
+
 /// Names are those of UnityEditor.TextureImporter and TextureImporterSettings.
-Json unity_notes(const WriteReport& report) {
+Json unity_notes(const WriteReport& report, const std::string& evaluation) {
     return {
         {"importer",
          {{"textureShape", "Texture3D"},
@@ -129,8 +144,7 @@ Json unity_notes(const WriteReport& report) {
           {"textureCompression", "Uncompressed"},
           {"format", report.precision == Precision::half ? "RGBAHalf" : "RGBAFloat"}}},
         {"sampling", "u, w = (position - min) / (max - min); v = 1 - the same, as rows run down"},
-        {"irradiance over pi", "ShadeSH9 of UnityCG.cginc: a colour's dot(SHA, (n, 1)) + dot(SHB, "
-                               "n.xyzz * n.yzzx) + SHC * (n.x^2 - n.y^2)"},
+        {"irradiance over pi", unity_formula(evaluation)},
         {"unproven", "that slices run left to right, then down, and the direction of v: look at a "
                      "slice before you trust them"},
     };
@@ -178,7 +192,7 @@ Json bevy_notes(const Grid& grid, const WriteReport& report) {
 }
 
 void write_notes(const Target& target, const std::string& path, const Grid& baked,
-                 WriteReport& report) {
+                 const std::string& evaluation, WriteReport& report) {
     const Grid grid = volume::turned_grid(baked, volume::from_gltf(target.encoding.axes));
     const std::string stem = fs::path(path).replace_extension().string();
     std::vector<WriteReport::File> notes;
@@ -198,7 +212,7 @@ void write_notes(const Target& target, const std::string& path, const Grid& bake
         write("Godot 4", "godot", godot_notes());
         break;
     case Notes::unity:
-        write("Unity 2020.2 or later", "unity", unity_notes(report));
+        write("Unity 2020.2 or later", "unity", unity_notes(report, evaluation));
         break;
     case Notes::unreal:
         write("Unreal Engine 5", "unreal", unreal_notes(grid), 100.0);
@@ -244,11 +258,13 @@ template <class AnyVolume>
 WriteReport write(const Target& target, const std::string& path, AnyVolume&& volume,
                   const std::vector<std::string>& warnings) {
     const Grid grid = volume.grid;
+    const auto named = volume.metadata.find("fit_evaluation");
+    const std::string evaluation = named == volume.metadata.end() ? "" : named->second;
     WriteReport report = write_volume(path, std::forward<AnyVolume>(volume), target.precision,
                                       target.pictures, target.encoding);
     report.warnings.insert(report.warnings.end(), warnings.begin(), warnings.end());
     if (volume_format(path)->has_pictures)
-        write_notes(target, path, grid, report);
+        write_notes(target, path, grid, evaluation, report);
     return report;
 }
 

@@ -15,12 +15,15 @@ constexpr Reader readers[] = {
      .lookup = Reading::facing,
      .highest_order = volume::sh_max_order,
      .clamped = true,
+     .gives_coefficients = true,
      .source = "volume/sampler.h; examples/shaders"},
     {.name = "blender",
      .highest_order = volume::sh_max_order,
      .source = "a volume grid, linear; examples/blender"},
     {.name = "houdini", .highest_order = volume::sh_max_order, .source = "volumesample() of VEX"},
-    {.name = "unity", .source = "a Texture3D, bilinear and clamped; ShadeSH9 of UnityCG.cginc"},
+    {.name = "unity",
+     .gives_coefficients = true,
+     .source = "a Texture3D, bilinear and clamped; ShadeSH9 of UnityCG.cginc"},
     {.name = "unreal",
      .clamped = true,
      .source = "a volume texture, clamped; DotSH3 of SHCommon.ush, BasePassPixelShader.usf"},
@@ -31,6 +34,7 @@ constexpr Reader readers[] = {
     {.name = "vrc",
      .highest_order = 1,
      .beyond_box = false,
+     .gives_coefficients = true,
      .source = "LightVolumes.cginc, REDSIM/VRCLightVolumes 3cefcb7"},
     {.name = "bevy",
      .evaluation = Evaluation::cube,
@@ -44,6 +48,12 @@ constexpr Reader readers[] = {
      .evaluation = Evaluation::zh3,
      .highest_order = 1,
      .source = "Roughton et al. 2024, section 3.4.3"},
+};
+
+constexpr std::pair<const char*, Evaluation> evaluations[] = {
+    {"linear", Evaluation::linear},
+    {"geomerics", Evaluation::geomerics},
+    {"zh3", Evaluation::zh3},
 };
 
 /// Which end of an axis the cube looks to; 0 counts as positive.
@@ -125,6 +135,28 @@ const Reader* reader_named(std::string_view name) {
         if (name == reader.name)
             return &reader;
     return nullptr;
+}
+
+const Evaluation* evaluation_named(std::string_view name) {
+    for (const auto& [own, evaluation] : evaluations)
+        if (name == own)
+            return &evaluation;
+    return nullptr;
+}
+
+const char* name_of(Evaluation evaluation) {
+    for (const auto& [name, own] : evaluations)
+        if (evaluation == own)
+            return name;
+    return "";
+}
+
+Reader with_evaluation(Reader reader, Evaluation evaluation) {
+    assert(reader.gives_coefficients);
+    reader.evaluation = evaluation;
+    if (!is_linear(reader))
+        reader.highest_order = std::min(reader.highest_order, 1);
+    return reader;
 }
 
 bool read_alike(const Reader& a, const Reader& b) {

@@ -36,9 +36,11 @@ struct Reader {
     Reading lookup = Reading::trilinear;
     double offset = 0; ///< cells along the normal from the point that is shaded to the lookup
     Evaluation evaluation = Evaluation::linear;
-    int highest_order = 2;   ///< bands above it are not read
-    bool clamped = false;    ///< its shader turns a negative sum to 0
-    bool beyond_box = true;  ///< false: outside of the lattice's box the volume gives nothing
+    int highest_order = 2;  ///< bands above it are not read
+    bool clamped = false;   ///< its shader turns a negative sum to 0
+    bool beyond_box = true; ///< false: outside of the lattice's box the volume gives nothing
+    /// Shaders get the coefficients from it, and may make irradiance of them in another way.
+    bool gives_coefficients = false;
     const char* source = ""; ///< where the lookup and the formula stand
 };
 
@@ -48,6 +50,15 @@ struct Reader {
 std::span<const Reader> all_readers();
 /// Null for an unknown name.
 const Reader* reader_named(std::string_view name);
+
+/// Null for all but "linear", "geomerics" and "zh3".
+const Evaluation* evaluation_named(std::string_view name);
+/// Empty for cube.
+const char* name_of(Evaluation evaluation);
+
+/// The same lookup by shaders that make irradiance of it in that way: geomerics and zh3 have bands
+/// 0 and 1.
+Reader with_evaluation(Reader reader, Evaluation evaluation);
 
 /// Whether both show the same of any volume.
 bool read_alike(const Reader& a, const Reader& b);

@@ -771,6 +771,59 @@ TEST_F(Cli, FitIsForTheTargetsProgramAndIsTold) {
     }
 }
 
+TEST_F(Cli, AFitGoesByWhatShadersMakeOfOrderOne) {
+    need_device();
+    const std::vector<std::string> bake{"bake", "room.gltf", "--resolution", "8"};
+    const auto error = [&](const std::vector<std::string>& given) {
+        const Result result = run(bake + given + std::vector<std::string>{"--format", "json"});
+        EXPECT_EQ(result.status, 0) << result.err;
+        const json document = json::parse(result.out);
+        EXPECT_EQ(document["choice"]["sh_order"], 1);
+        EXPECT_EQ(result.err.find("left out"), std::string::npos) << result.err;
+        return document["fit"]["error"].get<double>();
+    };
+    for (const char* evaluation : {"geomerics", "zh3"}) {
+        const std::string path = std::string(evaluation) + ".exr";
+        EXPECT_LT(error({"--target", "unity", "--evaluation", evaluation, "-o", path}), 0.1);
+        const Volume volume = read_volume((folder_ / path).string());
+        EXPECT_EQ(volume.metadata.at("fit"), "unity");
+        EXPECT_EQ(volume.metadata.at("fit_evaluation"), evaluation);
+        EXPECT_NE(volume.metadata.at("settings").find("evaluation = "), std::string::npos);
+        const json notes = json::parse(slurp(folder_ / (std::string(evaluation) + ".unity.json")));
+        EXPECT_EQ(notes["irradiance over pi"].get<std::string>().find("of a colour with"), 0u);
+        // Read by a sum the same cells show something else; render reads them as they are meant.
+        const auto flip = [&](const std::string& sampler) {
+            const Result result = run({"render", "room.gltf", path, "-o", "p.png", "--size",
+                                       "48x32", "--samples", "1", "--reference", "32", "--show",
+                                       "indirect", "--sampler", sampler, "--format", "json"});
+            EXPECT_EQ(result.status, 0) << result.err;
+            return json::parse(result.out)["reference"]["flip"].get<double>();
+        };
+        EXPECT_EQ(flip("auto"), flip(evaluation));
+        EXPECT_GT(flip("unity"), 1.05 * flip("auto")) << evaluation;
+    }
+    ASSERT_EQ(run(bake + std::vector<std::string>{"-o", "a.vdb"}).status, 0);
+    EXPECT_EQ(run({"convert", "a.vdb", "v.exr", "--target", "vrc", "--evaluation", "zh3"}).err, "");
+    EXPECT_EQ(read_volume((folder_ / "v.exr").string()).metadata.at("fit_evaluation"), "zh3");
+
+    const Result again =
+        run({"convert", "zh3.exr", "b.exr", "--target", "vrc", "--evaluation", "geomerics"});
+    EXPECT_EQ(again.status, 1);
+    EXPECT_NE(again.err.find("is fitted to what unity reads already"), std::string::npos);
+
+    const auto refused = [&](const std::vector<std::string>& given, const std::string& why) {
+        const Result result = run(
+            bake + std::vector<std::string>{"-o", "b.vdb", "--evaluation", "geomerics"} + given);
+        EXPECT_EQ(result.status, 1) << why;
+        EXPECT_NE(result.err.find(why), std::string::npos) << result.err;
+        EXPECT_EQ(std::ranges::count(result.err, '\n'), 1) << result.err;
+    };
+    refused({"--target", "threejs"}, "threejs has a formula of its own");
+    refused({}, "--fit surfaces");
+    refused({"--target", "unity", "--fit", "none"}, "--fit surfaces");
+    refused({"--target", "unity", "--sh-order", "2"}, "is of order 1");
+}
+
 TEST_F(Cli, TargetsThatShadeSurfacesAreFittedUnlessToldOtherwise) {
     need_device();
     const std::vector<std::string> bake{"bake", "room.gltf", "--resolution", "8", "-o", "a.vdb"};

@@ -1,7 +1,8 @@
 // FLIP of two pictures as they are shown: flip A B prints a number from 0 to 1.
+#include "render/flip.h"
+
 #include "image/image.h"
 #include "lpvbake/error.h"
-#include "render/flip.h"
 
 #include <cstdio>
 #include <fstream>

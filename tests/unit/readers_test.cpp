@@ -332,5 +332,48 @@ TEST(Readers, OnlySomeClampWhatIsNegative) {
     }
 }
 
+TEST(Readers, NotesForUnityAreTheFormulasOfShaders) {
+    const Volume volume = random_volume({4, 4, 4}, 1, false, 5);
+    Places places(volume.grid);
+    int lit = 0;
+    for (std::size_t cell = 0; cell < volume.grid.size(); ++cell) {
+        std::array<glm::vec3, 4> c;
+        for (std::size_t k = 0; k < 4; ++k)
+            c[k] = volume.sh[k][cell];
+        if (c[1] == glm::vec3(0.0f)) // some are dark
+            continue;
+        ++lit;
+        c[0] = glm::abs(c[0]) + 0.5f;
+        const glm::dvec3 n = places.normal();
+        const glm::dvec3 geomerics = evaluate(Evaluation::geomerics, c, n);
+        const glm::dvec3 zh3 = evaluate(Evaluation::zh3, c, n);
+        std::array<glm::dvec3, 3> v; // of a colour, as Unity's convention stores it
+        glm::dvec3 w, axis(0.0);
+        for (int colour = 0; colour < 3; ++colour) {
+            w[colour] = double(volume::sh_y0 * c[0][colour]);
+            v[std::size_t(colour)] = 2.0 / 3 * double(volume::sh_y1)
+                                     * glm::dvec3(c[3][colour], c[1][colour], c[2][colour]);
+            axis += glm::dvec3(0.2126, 0.7152, 0.0722)[colour] * v[std::size_t(colour)];
+        }
+        const glm::dvec3 d = glm::normalize(axis);
+        for (int colour = 0; colour < 3; ++colour) {
+            const glm::dvec3 of = v[std::size_t(colour)];
+            const double e0 = w[colour], length = glm::length(of);
+            double r = std::min(1.0, length / (2 * e0));
+            const double q = (1 + glm::dot(of, n) / length) / 2, p = 1 + 2 * r,
+                         a = (1 - r) / (1 + r);
+            const double whole = pi * e0;
+            EXPECT_NEAR(geomerics[colour] / whole, a + (1 - a) * (p + 1) * std::pow(q, p), 1e-4);
+            r = std::min(1.732051, 0.866025 * std::abs(glm::dot(of, d)) / e0);
+            const double along = glm::dot(d, n);
+            EXPECT_NEAR(zh3[colour] / whole,
+                        glm::dot(of, n) / e0 + 1
+                            + 0.279508 * (0.08 * r + 0.6 * r * r) * (3 * along * along - 1),
+                        1e-4);
+        }
+    }
+    EXPECT_GT(lit, 20);
+}
+
 } // namespace
 } // namespace lpvbake::readers
