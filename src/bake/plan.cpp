@@ -2,7 +2,7 @@
 
 #include "bake/surface_fit.h"
 #include "lpvbake/error.h"
-#include "raster/view.h"
+#include "scene/light_view.h"
 #include "scene/lights.h"
 #include "solver/models.h"
 #include "text.h"
@@ -135,7 +135,7 @@ void plan_maps(const SceneFacts& scene, int size, BakePlan& plan) {
     const glm::dvec3 lo = plan.frame.from_world(scene.bounds.lo);
     const glm::dvec3 hi = plan.frame.from_world(scene.bounds.hi);
     for (const Light& light : scene.lights)
-        plan.maps.count += int(raster::views_of(light, plan.frame, lo, hi).size());
+        plan.maps.count += int(scene::views_of(light, plan.frame, lo, hi).size());
     const double texels = double(plan.maps.count) * size * size;
     plan.stages.push_back(
         {"rsm",

@@ -156,7 +156,7 @@ struct Raster::Impl {
     void make_passes();
     const vk::raii::Pipeline& pipeline(bool textured, bool see_through);
     void make_targets(int edge);
-    void draw(const RsmView& view, const Tile& tile, bool cull);
+    void draw(const scene::RsmView& view, const Tile& tile, bool cull);
 
     const gpu::Device& shared;
     gpu::Device::Impl& device;
@@ -383,7 +383,7 @@ void Raster::Impl::make_targets(int edge) {
     target_edge = edge;
 }
 
-void Raster::Impl::draw(const RsmView& view, const Tile& tile, bool cull) {
+void Raster::Impl::draw(const scene::RsmView& view, const Tile& tile, bool cull) {
     const glm::ivec2 extent = tile.extent;
     make_targets(std::max(extent.x, extent.y));
     // The tile's part of the map is stretched to fill clip space.
@@ -461,7 +461,8 @@ const RsmGeometry& Raster::geometry() const {
     return impl_->geometry;
 }
 
-std::span<const RasterTexel> Raster::draw(const RsmView& view, const Tile& tile, bool cull) const {
+std::span<const RasterTexel> Raster::draw(const scene::RsmView& view, const Tile& tile,
+                                          bool cull) const {
     gpu::checked("drawing the scene", [&] { impl_->draw(view, tile, cull); });
     return {reinterpret_cast<const RasterTexel*>(impl_->readback->mapped),
             std::size_t(tile.extent.x) * std::size_t(tile.extent.y)};

@@ -3,7 +3,7 @@
 
 #include "gpu/gpu.h"
 #include "raster/geometry.h"
-#include "raster/view.h"
+#include "scene/light_view.h"
 
 #include <memory>
 #include <span>
@@ -45,7 +45,8 @@ public:
     const RsmGeometry& geometry() const;
     /// The tile's texels, row-major, until the next call. With `cull` the backs of single-sided
     /// materials are not there.
-    std::span<const RasterTexel> draw(const RsmView& view, const Tile& tile, bool cull) const;
+    std::span<const RasterTexel> draw(const scene::RsmView& view, const Tile& tile,
+                                      bool cull) const;
 
 private:
     struct Impl;

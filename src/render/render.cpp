@@ -99,7 +99,7 @@ Rendering render(const LitScene& lit, const Volume& volume, const raster::Raster
     if (show == Show::occlusion && volume.occlusion.empty())
         throw Error(ErrorKind::invalid, "the volume holds no occlusion to show; lpv bakes it");
     const glm::ivec2 size = settings.size;
-    const raster::RsmView view = view_of(settings.camera, frame, size);
+    const scene::RsmView view = view_of(settings.camera, frame, size);
     const Surface surface(scene, frame);
     const std::vector<raster::RsmOrigin>& origins = raster.geometry().origins;
     const auto samples = uint32_t(settings.samples);
@@ -165,7 +165,7 @@ Rendering trace_picture(const LitScene& lit, const ViewSettings& settings, Progr
     const auto& [scene, frame, visibility, paths] = lit;
     const Show show = settings.show;
     const glm::ivec2 size = settings.size;
-    const raster::RsmView view = view_of(settings.camera, frame, size);
+    const scene::RsmView view = view_of(settings.camera, frame, size);
     const Surface surface(scene, frame);
     const auto samples = uint32_t(settings.samples);
 

@@ -87,8 +87,8 @@ Camera inside_camera(const Bounds& box, const visibility::Visibility& visibility
     return look_at(farthest > 0 ? eye : middle + glm::dvec3(0, 0, frame.unit), middle, yfov);
 }
 
-raster::RsmView view_of(const Camera& camera, const scene::Frame& frame, glm::ivec2 size) {
-    raster::RsmView view;
+scene::RsmView view_of(const Camera& camera, const scene::Frame& frame, glm::ivec2 size) {
+    scene::RsmView view;
     view.perspective = true;
     view.origin = frame.from_world(glm::dvec3(camera.to_world[3]));
     view.axis = -glm::normalize(glm::dvec3(camera.to_world[2]));

@@ -1,7 +1,7 @@
 // Where a picture is seen from.
 #pragma once
 
-#include "raster/view.h"
+#include "scene/light_view.h"
 #include "visibility/visibility.h"
 
 namespace lpvbake::render {
@@ -32,6 +32,6 @@ Camera inside_camera(const Bounds& box, const visibility::Visibility& visibility
                      const scene::Frame& frame, double yfov);
 
 /// The rays of a picture of `size` pixels, row 0 at its top.
-raster::RsmView view_of(const Camera& camera, const scene::Frame& frame, glm::ivec2 size);
+scene::RsmView view_of(const Camera& camera, const scene::Frame& frame, glm::ivec2 size);
 
 } // namespace lpvbake::render

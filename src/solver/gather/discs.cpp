@@ -32,7 +32,7 @@ public:
 
     /// Where the light sees a point, texels; inside the map.
     glm::dvec2 place(glm::dvec3 point) const {
-        const raster::RsmView& view = rsm_.view;
+        const scene::RsmView& view = rsm_.view;
         const glm::dvec3 to = point - view.origin;
         const double depth = view.perspective ? glm::dot(to, view.axis) : 1.0;
         if (!(depth > 0.0)) // behind the light
@@ -54,7 +54,7 @@ public:
     /// Surface that a texel stands for, frame units squared; seen edge-on, twenty times as much as
     /// seen from above at most.
     double footprint(size_t i) const {
-        const raster::RsmView& view = rsm_.view;
+        const scene::RsmView& view = rsm_.view;
         const double across = 4.0 * glm::length(view.u) * glm::length(view.v) / (size_.x * size_.y);
         const glm::dvec3 normal(rsm_.normal[i]);
         if (!view.perspective)

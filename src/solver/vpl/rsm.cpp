@@ -1,7 +1,7 @@
 #include "solver/vpl/rsm.h"
 
 #include "raster/raster.h"
-#include "raster/view.h"
+#include "scene/light_view.h"
 
 #include <tbb/parallel_for.h>
 
@@ -24,7 +24,7 @@ glm::vec3 pulled_inward(const raster::RsmVertex* vertex, glm::dvec3 point) {
 }
 
 /// Depth at which a view's ray meets a triangle's plane, in double.
-double depth_at(const raster::RsmView& view, glm::dvec2 at, const raster::RsmVertex* triangle) {
+double depth_at(const scene::RsmView& view, glm::dvec2 at, const raster::RsmVertex* triangle) {
     const glm::dvec3 normal(triangle->plane);
     const double slope = glm::dot(normal, view.along(at));
     // RasterTexel edge-on the plane may be met far away: the triangle's own depths are the limit.
@@ -39,11 +39,11 @@ double depth_at(const raster::RsmView& view, glm::dvec2 at, const raster::RsmVer
 
 /// From reflectance and triangle to position, normal and power.
 void resolve(std::span<const raster::RasterTexel> texels, const raster::RsmGeometry& geometry,
-             const scene::Frame& frame, const raster::RsmView& view, const Light& light,
+             const scene::Frame& frame, const scene::RsmView& view, const Light& light,
              const raster::Tile& tile, Rsm& rsm) {
     const glm::dvec3 color(light.color);
     const glm::ivec2 corner(tile.corner);
-    const raster::TexelFlux texel_flux(light, frame, view, tile.size.x);
+    const scene::TexelFlux texel_flux(light, frame, view, tile.size.x);
     tbb::parallel_for(0, rsm.height, [&](int row) {
         for (int column = 0; column < rsm.width; ++column) {
             const std::size_t i = std::size_t(row) * rsm.width + column;
@@ -90,7 +90,7 @@ void RsmPass::render(const Light& light, int size, const std::function<void(cons
     const auto& [frame, cull, raster] = *impl_;
     const raster::RsmGeometry& geometry = raster.geometry();
     Rsm rsm;
-    for (const raster::RsmView& view : raster::views_of(light, frame, geometry.lo, geometry.hi))
+    for (const scene::RsmView& view : scene::views_of(light, frame, geometry.lo, geometry.hi))
         for (int y = 0; y < size; y += raster::max_tile)
             for (int x = 0; x < size; x += raster::max_tile) {
                 rsm.width = std::min(raster::max_tile, size - x);

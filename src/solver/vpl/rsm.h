@@ -3,7 +3,7 @@
 #pragma once
 
 #include "gpu/gpu.h"
-#include "raster/view.h"
+#include "scene/light_view.h"
 
 #include <functional>
 #include <memory>
@@ -19,7 +19,7 @@ struct Rsm {
     std::vector<glm::vec3> position; ///< frame units
     std::vector<glm::vec3> normal;   ///< unit, of the triangle, on the lit side
     std::vector<glm::vec3> power;    ///< reflected power of the texel, lm a channel
-    raster::RsmView view;            ///< of the whole map
+    scene::RsmView view;             ///< of the whole map
 };
 
 /// A virtual point light: emits power / pi * max(0, n.w) candela.

@@ -6,7 +6,7 @@
 
 #include <vector>
 
-namespace lpvbake::raster {
+namespace lpvbake::scene {
 
 /// One map. A texel at (x, y) in [-1, 1]^2 sees along the ray of points
 /// origin + x u + y v + t axis (parallel) or origin + t (axis + x u + y v) (perspective), t the
@@ -30,8 +30,7 @@ struct RsmView {
 /// The maps of a light: one, or for a point light or a spot of more than 80 degrees the faces of a
 /// cube. None where it cannot light anything. [lo, hi] are the scene's bounds: a directional
 /// light's map covers their part inside the frame's box across, and all of them along the light.
-std::vector<RsmView> views_of(const Light& light, const scene::Frame& frame, glm::dvec3 lo,
-                              glm::dvec3 hi);
+std::vector<RsmView> views_of(const Light& light, const Frame& frame, glm::dvec3 lo, glm::dvec3 hi);
 
 /// Light of colour 1 that leaves through each texel of a map of size x size, lumen, before `range`:
 /// illuminance times area, or intensity times solid angle. The solid angle of a texel is the
@@ -39,7 +38,7 @@ std::vector<RsmView> views_of(const Light& light, const scene::Frame& frame, glm
 /// and rim.
 class TexelFlux {
 public:
-    TexelFlux(const Light& light, const scene::Frame& frame, const RsmView& view, int size);
+    TexelFlux(const Light& light, const Frame& frame, const RsmView& view, int size);
     double operator()(int column, int row) const;
 
 private:
@@ -50,10 +49,10 @@ private:
     double parallel_ = 0; ///< of any texel of a directional light
     bool spot_ = false;
     double intensity_ = 0;
-    scene::Cone cone_;
+    Cone cone_;
     glm::dvec3 axis_, u_, v_; ///< unit
     glm::dvec2 half_, edge_;  ///< of the map, of a texel: metres or tangents
     int parts_ = 1;           ///< samples along a texel's edge where intensity varies
 };
 
-} // namespace lpvbake::raster
+} // namespace lpvbake::scene

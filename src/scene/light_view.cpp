@@ -1,4 +1,4 @@
-#include "raster/view.h"
+#include "scene/light_view.h"
 
 #include <algorithm>
 #include <array>
@@ -6,7 +6,7 @@
 #include <tuple>
 #include <utility>
 
-namespace lpvbake::raster {
+namespace lpvbake::scene {
 
 namespace {
 
@@ -30,7 +30,7 @@ std::array<glm::dvec3, 2> across(glm::dvec3 axis) {
     return {u, glm::cross(axis, u)};
 }
 
-std::vector<RsmView> parallel_view(const Light& light, const scene::Frame& frame, glm::dvec3 lo,
+std::vector<RsmView> parallel_view(const Light& light, const Frame& frame, glm::dvec3 lo,
                                    glm::dvec3 hi) {
     const glm::dvec3 inner_lo = glm::max(lo, glm::dvec3(0)), inner_hi = glm::min(hi, frame.extent);
     if (glm::any(glm::greaterThan(inner_lo, inner_hi)))
@@ -88,7 +88,7 @@ glm::dmat4 RsmView::clip() const {
     return glm::transpose(rows);
 }
 
-std::vector<RsmView> views_of(const Light& light, const scene::Frame& frame, glm::dvec3 lo,
+std::vector<RsmView> views_of(const Light& light, const Frame& frame, glm::dvec3 lo,
                               glm::dvec3 hi) {
     if (glm::any(glm::greaterThan(lo, hi)))
         return {};
@@ -127,7 +127,7 @@ std::vector<RsmView> views_of(const Light& light, const scene::Frame& frame, glm
     return faces;
 }
 
-TexelFlux::TexelFlux(const Light& light, const scene::Frame& frame, const RsmView& view, int size)
+TexelFlux::TexelFlux(const Light& light, const Frame& frame, const RsmView& view, int size)
     : spot_(light.type == LightType::spot),
       intensity_(light.intensity),
       axis_(view.axis),
@@ -139,7 +139,7 @@ TexelFlux::TexelFlux(const Light& light, const scene::Frame& frame, const RsmVie
     if (!view.perspective)
         parallel_ = light.intensity * edge_.x * edge_.y * frame.unit * frame.unit;
     else if (spot_)
-        cone_ = scene::Cone(light);
+        cone_ = Cone(light);
 }
 
 glm::dvec3 TexelFlux::towards(glm::dvec2 at) const {
@@ -171,4 +171,4 @@ double TexelFlux::operator()(int column, int row) const {
     return sum;
 }
 
-} // namespace lpvbake::raster
+} // namespace lpvbake::scene
