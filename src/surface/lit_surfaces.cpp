@@ -6,6 +6,7 @@
 #include "scene/photometry.h"
 #include "scene/sky.h"
 #include "surface/emitter_sampling.h"
+#include "surface/flux.h"
 #include "surface/halton.h"
 #include "surface/shared_rays.h"
 #include "text.h"
@@ -195,14 +196,13 @@ struct Reflectors {
     }
 };
 
-/// What lights a side without another reflection: punctual lights, emitters and sky.
+/// What lights a side without another reflection: suns, emitters and sky.
 struct DirectLight {
     const LitSurfaces& lit;
     const visibility::Visibility& visibility;
     const Sky& sky;
     const std::vector<glm::vec3>& emission; ///< a side, nits; empty without emitters
-    std::vector<PunctualSource> sources;
-    std::vector<PunctualSource> suns; ///< of the sky
+    std::vector<PunctualSource> suns;       ///< of the sky
     EmitterSampling aim;
     int rays;       ///< into the half-space of a side
     int aimed_rays; ///< towards emitters
@@ -373,19 +373,17 @@ LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& vis
         const int rays = emitters || scene::has_sky(scene) || between
                              ? std::clamp(int(settings.rays / std::max<size_t>(count, 1)), 16, 256)
                              : 0;
-        const DirectLight light{lit,
-                                visibility,
-                                scene.sky,
-                                emission,
-                                sources_of(scene.lights, visibility, frame),
-                                sources_of(scene::sky_suns(scene.sky), visibility, frame),
-                                EmitterSampling(emitters ? patches : std::vector<Patch>{}),
-                                rays,
-                                rays / 8};
+        const DirectLight light{
+            lit,      visibility, scene.sky,
+            emission, {},         EmitterSampling(emitters ? patches : std::vector<Patch>{}),
+            rays,     rays / 8};
         std::vector<glm::vec3> reflected(count); // luminance
         std::vector<glm::vec3> mapped(settings.maps ? count : 0);
         std::vector<uint32_t> hits(between ? count * size_t(rays) : 0, black);
         progress.begin("lighting", count);
+        const PunctualLight lamps = illuminate(scene, scene.lights, lit, frame, 0, progress);
+        const PunctualLight suns = illuminate(scene, scene::sky_suns(scene.sky), lit, frame,
+                                              uint32_t(scene.lights.size()), progress);
         constexpr size_t block = 8192;
         for (size_t first = 0; first < count; first += block) {
             progress.advance(first);
@@ -394,10 +392,10 @@ LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& vis
                 const Patch& patch = patches[index / 2];
                 const Side side{patch, index, index % 2 != 0 ? -patch.normal : patch.normal};
                 const glm::vec3 share = patch.albedo / glm::pi<float>();
-                glm::vec3 lux = punctual(side, light.sources, visibility);
+                glm::vec3 lux = lamps.of(index);
                 if (settings.maps)
                     mapped[i] = share * lux;
-                lux += punctual(side, light.suns, visibility);
+                lux += suns.of(index);
                 if (!light.aim.empty())
                     lux += aimed(side, light.aim, light.aimed_rays, rays, visibility);
                 const std::span<uint32_t> met = std::span(hits).subspan(
@@ -431,7 +429,6 @@ std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
                             visibility,
                             scene.sky,
                             emission,
-                            {},
                             sources_of(scene::sky_suns(scene.sky), visibility, frame),
                             EmitterSampling(aims ? lit.patches : std::vector<Patch>{}),
                             rays,
@@ -484,8 +481,8 @@ std::vector<SideLight> shared_irradiance_at(const Scene& scene, const LitSurface
                     .subspan(groups.first[g], groups.first[g + 1] - groups.first[g]);
             // Few that share have more rays of their own.
             const int own = std::min(256, std::max(rays, 16 * rays / int(group.size())));
-            const DirectLight light{lit, visibility, scene.sky,           emission, {}, suns,
-                                    aim, own,        std::max(8, own / 2)};
+            const DirectLight light{lit,  visibility, scene.sky, emission,
+                                    suns, aim,        own,       std::max(8, own / 2)};
             std::vector<SidePoint> kept;
             std::vector<SharedRay> shared;
             std::vector<OwnLight> alone;

@@ -48,8 +48,8 @@ inline glm::vec3 luminance_above(glm::vec3 luminance, float limit) {
     return mean > limit ? luminance * (1.0f - limit / mean) : glm::vec3(0.0f);
 }
 
-/// Lights all surfaces. Direct light of punctual lights is sampled at stratified points of each
-/// patch with shadow rays; emitters by points on them and by cosine-distributed rays together
+/// Lights all surfaces. Direct light of punctual lights is what each of them sends to what it sees
+/// (flux.h); emitters by points on them and by cosine-distributed rays together
 /// (multiple importance sampling, balance heuristic: Veach and Guibas 1995), the sky by the latter.
 /// The same rays, their hits stored, carry light from patch to patch: R = D + rho K R, iterated.
 /// Throws Error (invalid) for all bounces in a closed scene of albedo 1.

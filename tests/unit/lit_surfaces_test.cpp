@@ -130,8 +130,14 @@ TEST(LitSurfaces, PointLightFollowsTheInverseSquare) {
         const glm::dvec3 p = cells.to_world(glm::dvec3(lit.patches[i].position));
         if (glm::length(p) > 4.0)
             continue;
-        const double square = p.x * p.x + p.z * p.z + 9.0;
-        const double lux = 200.0 * 3.0 / std::pow(square, 1.5);
+        double lux = 0.0; // mean over the patch: centroids of the 64 triangles of its subdivision
+        for (int j = 0; j < 8; ++j)
+            for (int k = 0; k < 8 - j; ++k)
+                for (int half = 0; half < (j + k < 7 ? 2 : 1); ++half) {
+                    const glm::vec2 at = (glm::vec2(j, k) + float(1 + half) / 3.0f) / 8.0f;
+                    const glm::dvec3 q = cells.to_world(glm::dvec3(lit.patches[i].at(at)));
+                    lux += 200.0 * 3.0 / std::pow(q.x * q.x + q.z * q.z + 9.0, 1.5) / 64.0;
+                }
         EXPECT_NEAR(double(lit.luminance[2 * i].x) / (0.5 * lux / glm::pi<double>()), 1.0, 2e-3);
         EXPECT_EQ(lit.luminance[2 * i + 1], glm::vec3(0.0f)) << "a single-sided back is black";
     }

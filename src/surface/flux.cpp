@@ -1,0 +1,164 @@
+#include "surface/flux.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace lpvbake::surface {
+namespace {
+
+/// A light in the frame.
+struct Source {
+    const Light& light;
+    const scene::Frame& frame;
+    glm::dvec3 position;
+    scene::Cone cone;
+
+    Source(const Light& of, const scene::Frame& in)
+        : light(of),
+          frame(in),
+          position(in.from_world(of.position)),
+          cone(of.type == LightType::spot ? scene::Cone(of) : scene::Cone()) {}
+
+    /// What is left of the light towards a point: cone and range.
+    double share(glm::vec3 point) const {
+        const glm::dvec3 way = glm::dvec3(point) - position;
+        const double distance = glm::length(way);
+        const double window = scene::range_window(light, distance * frame.unit);
+        return light.type == LightType::spot && distance > 0.0 ? window * cone(way / distance)
+                                                               : window;
+    }
+    /// Where the way to a point begins.
+    glm::vec3 way_from(glm::vec3 point, float across) const {
+        return light.type == LightType::directional ? across * glm::vec3(-light.direction)
+                                                    : glm::vec3(position - glm::dvec3(point));
+    }
+};
+
+/// Solid angle of a triangle from the origin (van Oosterom and Strackee 1983), sr.
+double solid_angle(glm::dvec3 a, glm::dvec3 b, glm::dvec3 c) {
+    const double la = glm::length(a), lb = glm::length(b), lc = glm::length(c);
+    const double volume = std::abs(glm::dot(a, glm::cross(b, c)));
+    return 2.0
+           * std::atan2(volume, la * lb * lc + glm::dot(a, b) * lc + glm::dot(a, c) * lb
+                                    + glm::dot(b, c) * la);
+}
+
+/// Centroids of the four halves of the halves, then the corners.
+constexpr std::array<glm::vec2, 7> points{{{1.0f / 6, 1.0f / 6},
+                                           {4.0f / 6, 1.0f / 6},
+                                           {1.0f / 6, 4.0f / 6},
+                                           {1.0f / 3, 1.0f / 3},
+                                           {0, 0},
+                                           {1, 0},
+                                           {0, 1}}};
+constexpr size_t middles = 4;
+
+/// Light that arrives on a patch, if nothing is in the way, lumen of colour 1; 0 where it varies
+/// too much over the patch to be known from a few points.
+double unhidden(const Source& source, const Patch& patch) {
+    const double covered = double(patch.alpha);
+    if (source.light.type == LightType::directional)
+        return source.light.intensity * double(patch.area) * covered * source.frame.unit
+               * source.frame.unit
+               * std::abs(
+                   glm::dot(glm::dvec3(patch.normal), glm::normalize(source.light.direction)));
+    double least = HUGE_VAL, most = 0, sum = 0;
+    for (size_t i = 0; i < points.size(); ++i) {
+        const double share = source.share(patch.at(points[i]));
+        least = std::min(least, share);
+        most = std::max(most, share);
+        if (i < middles)
+            sum += share / double(middles);
+    }
+    if (!(most - least <= 0.5 * sum))
+        return 0;
+    return source.light.intensity * covered * sum
+           * solid_angle(glm::dvec3(patch.at({0, 0})) - source.position,
+                         glm::dvec3(patch.at({1, 0})) - source.position,
+                         glm::dvec3(patch.at({0, 1})) - source.position);
+}
+
+/// What partly transparent surfaces leave of the light on a side, in the mean.
+double transmittance(const Source& source, const LitSurfaces& lit, uint32_t side) {
+    const Patch& patch = lit.patches[side / 2];
+    const glm::vec3 normal = side % 2 != 0 ? -patch.normal : patch.normal;
+    const float across = 2.0f * glm::length(lit.visibility->hi() - lit.visibility->lo()) + 1.0f;
+    double sum = 0;
+    for (size_t i = 0; i < middles; ++i) {
+        const glm::vec3 point = patch.at(points[i]), from = point + ray_offset(point) * normal;
+        const glm::vec3 way = source.way_from(from, across);
+        const float end = 1.0f - ray_offset(glm::vec3(source.position)) / glm::length(way);
+        sum += double(lit.visibility->transmittance(
+            {from, way, 0.0f, source.light.type == LightType::directional ? 1.0f : end}));
+    }
+    return sum / double(middles);
+}
+
+/// The flux of a side in closed form; 0 where the texels know better: where something hides a part
+/// of it, and where it is too small or too steeply lit.
+double closed_form(const Source& source, const LitSurfaces& lit, const SideFlux& seen, bool veils) {
+    const Patch& patch = lit.patches[seen.side / 2];
+    if (seen.edged || patch.crossed || !(seen.flux > 0.0))
+        return 0;
+    double exact = unhidden(source, patch);
+    const double texels = seen.flux * exact / seen.squares; // that would fall on it
+    if (!(texels >= 2.0))
+        return 0;
+    double passes = double(patch.alpha);
+    if (veils) {
+        const double left = transmittance(source, lit, seen.side);
+        if (!(left > 0.0))
+            return 0;
+        exact *= left;
+        passes *= left;
+    }
+    // Texels at the rim of the patch, and those that pass by chance, make the flux uncertain.
+    const double rim = 0.15 * std::min(1.0, 3.5 / std::sqrt(texels));
+    const double noise = 4.0 * std::sqrt((rim + (1.0 - passes) / passes) / texels);
+    return seen.flux >= (1.0 - noise) * exact ? exact : 0;
+}
+
+void add_light(const Source& source, const LightMap& map, const LitSurfaces& lit, bool veils,
+               std::vector<glm::vec3>& lux) {
+    std::vector<double> exact(map.sides.size());
+    tbb::parallel_for(size_t(0), exact.size(),
+                      [&](size_t i) { exact[i] = closed_form(source, lit, map.sides[i], veils); });
+    double seen = 0, known = 0;
+    for (size_t i = 0; i < exact.size(); ++i)
+        if (exact[i] > 0.0) {
+            seen += map.sides[i].flux;
+            known += exact[i];
+        }
+    const double factor = known > 0.0 ? seen / known : 1.0;
+    const double square = source.frame.unit * source.frame.unit;
+    for (size_t i = 0; i < exact.size(); ++i) {
+        const SideFlux& side = map.sides[i];
+        const Patch& patch = lit.patches[side.side / 2];
+        const double flux = exact[i] > 0.0 ? factor * exact[i] : side.flux;
+        const double share = flux / (double(patch.area) * double(patch.alpha) * square);
+        lux[side.side] += source.light.color * float(share);
+    }
+}
+
+} // namespace
+
+PunctualLight illuminate(const Scene& scene, std::span<const Light> lights, const LitSurfaces& lit,
+                         const scene::Frame& frame, uint32_t key, Progress& progress) {
+    PunctualLight result;
+    if (lights.empty())
+        return result;
+    result.lux.assign(2 * lit.patches.size(), glm::vec3(0.0f));
+    LightMapper mapper(scene, lit, frame, lights);
+    for (size_t i = 0; i < lights.size(); ++i) {
+        progress.advance(0);
+        const LightMap map = mapper.draw(lights[i], key + uint32_t(i));
+        result.power.push_back(map.power);
+        add_light(Source(lights[i], frame), map, lit, mapper.veiled(), result.lux);
+    }
+    return result;
+}
+
+} // namespace lpvbake::surface

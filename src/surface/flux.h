@@ -1,0 +1,25 @@
+// Direct light of punctual lights on surfaces, by the power that each light sends to what it sees.
+#pragma once
+
+#include "surface/light_map.h"
+
+#include <span>
+
+namespace lpvbake::surface {
+
+/// Mean illuminance (lux) of the covered part of every side, [2 * patch + side], by lights.
+struct PunctualLight {
+    std::vector<glm::vec3> lux;    ///< empty without lights
+    std::vector<LightPower> power; ///< a light
+
+    glm::vec3 of(uint32_t side) const { return lux.empty() ? glm::vec3(0.0f) : lux[side]; }
+};
+
+/// Each light gives its power, but for what meets nothing or backs, to the sides that it sees
+/// (LightMapper). A side's share of it is what the texels on it hold. Sides that a light sees
+/// wholly, by enough texels, have their exact share instead, which has no noise: irradiance in
+/// closed form, times one factor a light that keeps the sum. `key`: another one gives other rays.
+PunctualLight illuminate(const Scene& scene, std::span<const Light> lights, const LitSurfaces& lit,
+                         const scene::Frame& frame, uint32_t key, Progress& progress);
+
+} // namespace lpvbake::surface

@@ -1,0 +1,74 @@
+// What a punctual light sees, as power: its maps (scene/light_view.h) as quadtrees of texels, a ray
+// each, as fine as patches and as the edges of what is seen ask for.
+#pragma once
+
+#include "scene/light_view.h"
+#include "surface/lit_surfaces.h"
+
+#include <memory>
+#include <span>
+#include <vector>
+
+namespace lpvbake::surface {
+
+/// What a light gives one side. All power is that of a light of colour 1, lumen.
+struct SideFlux {
+    uint32_t side = 0;  ///< 2 * patch + side
+    bool edged = false; ///< some of them lie where the light sees something end
+    double flux = 0;
+    double squares = 0; ///< sum of the squares of the texels' flux
+    double area = 0;    ///< of the texels on the surface, frame units squared
+};
+
+/// Where the power of a light goes.
+struct LightPower {
+    double sent = 0; ///< all that leaves through its maps: the sum of the others
+    double landed = 0;
+    double missed = 0; ///< meets nothing, or nothing within the light's range
+    double black = 0;  ///< meets the backs of single-sided surfaces
+    double lost = 0;   ///< meets a side that no patch shows
+};
+
+struct LightMap {
+    std::vector<SideFlux> sides; ///< each once
+    LightPower power;
+    uint64_t rays = 0;
+};
+
+/// Draws the maps of one light after the other.
+class LightMapper {
+public:
+    /// All outlive this. `lights` are those that are going to be drawn: the more, the coarser a map
+    /// begins.
+    LightMapper(const Scene& scene, const LitSurfaces& lit, const scene::Frame& frame,
+                std::span<const Light> lights);
+    ~LightMapper();
+
+    /// The same bits for any number of threads. `key`: another one gives other rays.
+    LightMap draw(const Light& light, uint32_t key);
+
+    /// The longest edge that patches have around a point, about: they grow outside the grid.
+    float patch_edge(glm::vec3 point) const;
+    /// The side that a hit lies on, or where none shows it, one beside it on the same surface;
+    /// no_side: there is none.
+    uint32_t side_at(const visibility::Hit& hit, glm::vec3 direction) const;
+    /// Corners of the triangle that was hit, frame units.
+    glm::dmat3 triangle(const visibility::Hit& hit) const;
+    bool blended(const visibility::Hit& hit) const { return blended_[hit.instance] != 0; }
+    /// Some surfaces are partly transparent.
+    bool veiled() const { return veiled_; }
+
+    const LitSurfaces& lit;
+    const scene::Frame& frame;
+
+private:
+    const Scene& scene_;
+    int base_ = 0;                 ///< texels along the scene's side, where a map begins
+    std::vector<uint8_t> blended_; ///< an instance
+    bool veiled_ = false;
+    std::vector<uint32_t> place_; ///< a side: where it stands in LightMap::sides
+    struct Workers;
+    std::unique_ptr<Workers> workers_;
+};
+
+} // namespace lpvbake::surface
