@@ -1,82 +1,139 @@
 #include "reference/emitters.h"
 
-#include "scene/material.h"
-
 #include <algorithm>
 #include <cmath>
 
 namespace lpvbake::reference {
 namespace {
 
-/// Largest channel of what the triangle emits, mean over points spread over it.
-double mean_emission(const Scene& scene, const Mesh& mesh, uint32_t triangle) {
-    const Material& material = scene.materials[size_t(mesh.material)];
-    const bool even = material.emission_texture < 0 && material.alpha_mode == AlphaMode::opaque;
-    const int steps = even ? 1 : 6;
-    double sum = 0.0;
-    int points = 0;
-    for (int i = 0; i < steps; ++i)
-        for (int j = 0; i + j < steps; ++j, ++points) {
-            const glm::vec2 place = (glm::vec2(i, j) + 1.0f / 3.0f) / float(steps);
-            const glm::vec3 emission = scene::sample_emission(scene, mesh, triangle, place);
-            sum += double(std::max({emission.r, emission.g, emission.b}));
-        }
-    return sum / points;
+/// Pieces that textures may ask for, of all triangles together, and of each at least.
+constexpr size_t most_pieces = 1 << 16, least_pieces = 16;
+
+double greatest(glm::vec3 v) {
+    return double(std::max({v.x, v.y, v.z}));
 }
 
 } // namespace
 
 Emitters::Emitters(const Scene& scene, const scene::Frame& frame)
     : first_(scene.instances.size(), ~0u) {
-    double total = 0.0;
+    const scene::EmissionMaps maps(scene);
+    size_t textured = 1;
+    for (const Instance& instance : scene.instances) {
+        const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
+        if (scene.materials[size_t(mesh.material)].emission_texture >= 0)
+            textured += mesh.triangles.size();
+    }
+    const size_t most = std::max(most_pieces / textured, least_pieces);
     for (uint32_t i = 0; i < scene.instances.size(); ++i) {
         const Mesh& mesh = scene.meshes[size_t(scene.instances[i].mesh)];
-        if (scene.materials[size_t(mesh.material)].emission == glm::vec3(0.0f))
+        const Material& material = scene.materials[size_t(mesh.material)];
+        if (material.emission == glm::vec3(0.0f))
             continue;
+        const bool even = material.emission_texture < 0 && material.alpha_mode == AlphaMode::opaque;
         first_[i] = uint32_t(triangles_.size());
         const std::vector<glm::vec3> placed =
             scene::positions_in_frame(scene, scene.instances[i], frame);
         for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
             const glm::uvec3 v = mesh.triangles[t];
-            const glm::vec3 ab = placed[v.y] - placed[v.x], ac = placed[v.z] - placed[v.x];
-            const double area = 0.5 * glm::length(glm::cross(glm::dvec3(ab), glm::dvec3(ac)));
-            const double luminance = area > 0.0 ? mean_emission(scene, mesh, t) : 0.0;
-            triangles_.push_back({placed[v.x], ab, ac, i, t, luminance});
-            cumulative_.push_back(total += area * luminance);
+            triangles_.push_back({placed[v.x], placed[v.y] - placed[v.x], placed[v.z] - placed[v.x],
+                                  i, t, uint32_t(nodes_.size())});
+            halve(maps, mesh, uint32_t(triangles_.size() - 1), even ? 1 : most);
         }
     }
+    const double total = cumulative_.empty() ? 0.0 : cumulative_.back();
     if (!(total > 0.0)) {
-        triangles_.clear();
+        pieces_.clear();
         return;
     }
     for (double& power : cumulative_)
         power /= total;
-    for (Triangle& triangle : triangles_)
-        triangle.luminance /= total;
+    for (Node& node : nodes_)
+        node.density /= total;
+}
+
+void Emitters::halve(const scene::EmissionMaps& maps, const Mesh& mesh, uint32_t triangle,
+                     size_t most) {
+    struct Open {
+        Piece piece;
+        uint32_t node;
+    };
+    const Triangle& placed = triangles_[triangle];
+    const auto area_of = [](glm::vec3 u, glm::vec3 v) {
+        return 0.5 * glm::length(glm::cross(glm::dvec3(u), glm::dvec3(v)));
+    };
+    nodes_.emplace_back();
+    // The large ones first.
+    std::vector<Open> open{
+        {{triangle, {glm::vec2(0, 0), glm::vec2(1, 0), glm::vec2(0, 1)}}, placed.root}};
+    for (size_t next = 0; next < open.size(); ++next) {
+        const auto [piece, node] = open[next];
+        const auto edge = [&](size_t from, size_t to) {
+            const glm::vec2 w = piece.corners[to % 3] - piece.corners[from];
+            return w.x * placed.ab + w.y * placed.ac;
+        };
+        const glm::vec3 u = edge(0, 1), v = edge(0, 2);
+        const double area = area_of(u, v);
+        if (!(area > 0.0))
+            continue;
+        const scene::PieceEmission emission = maps.over(mesh, placed.triangle, piece.corners);
+        const double luminance = greatest(emission.mean);
+        if (!(luminance > 0.0))
+            continue;
+        if (open.size() < 2 * most - 1 && emission.lit < 0.8f) {
+            size_t at = 0;
+            for (size_t i = 1; i < 3; ++i)
+                if (glm::length(edge(i, i + 1)) > glm::length(edge(at, at + 1)))
+                    at = i;
+            const glm::vec2 a = piece.corners[at], b = piece.corners[(at + 1) % 3],
+                            c = piece.corners[(at + 2) % 3], middle = 0.5f * (a + b);
+            nodes_[node].first_half = uint32_t(nodes_.size());
+            nodes_[node].edge = uint8_t(at);
+            open.push_back({{triangle, {middle, b, c}}, uint32_t(nodes_.size())});
+            open.push_back({{triangle, {a, middle, c}}, uint32_t(nodes_.size() + 1)});
+            nodes_.resize(nodes_.size() + 2);
+            continue;
+        }
+        // The root of the mean square: the variance is least where a piece glows in part.
+        const double density = luminance / std::sqrt(double(emission.lit));
+        nodes_[node].density = density;
+        pieces_.push_back(piece);
+        cumulative_.push_back((cumulative_.empty() ? 0.0 : cumulative_.back()) + area * density);
+    }
 }
 
 Emitters::Target Emitters::target(glm::dvec2 sample) const {
     const auto chosen = std::upper_bound(cumulative_.begin(), cumulative_.end() - 1, sample.x);
     const size_t i = size_t(chosen - cumulative_.begin());
-    // What is left of the first number is uniform within the triangle's share.
+    // What is left of the first number is uniform within the piece's share.
     const double below = i ? cumulative_[i - 1] : 0.0;
     const double rest =
         std::clamp((sample.x - below) / std::max(*chosen - below, 1e-300), 0.0, 1.0);
     const double root = std::sqrt(rest);
-    const Triangle& t = triangles_[i];
-    const glm::dvec3 point = glm::dvec3(t.a) + root * (1.0 - sample.y) * glm::dvec3(t.ab)
-                             + root * sample.y * glm::dvec3(t.ac);
-    return {t.instance, t.triangle, point};
+    const auto& [a, b, c] = pieces_[i].corners;
+    const glm::dvec2 weights = glm::dvec2(a) + root * (1.0 - sample.y) * glm::dvec2(b - a)
+                               + root * sample.y * glm::dvec2(c - a);
+    const Triangle& t = triangles_[pieces_[i].triangle];
+    return {t.instance, t.triangle,
+            glm::dvec3(t.a) + weights.x * glm::dvec3(t.ab) + weights.y * glm::dvec3(t.ac)};
 }
 
 double Emitters::density(const visibility::Hit& hit, glm::dvec3 towards) const {
-    if (triangles_.empty() || first_[hit.instance] == ~0u)
+    if (pieces_.empty() || first_[hit.instance] == ~0u)
         return 0.0;
+    const Node* node = &nodes_[triangles_[first_[hit.instance] + hit.triangle].root];
+    std::array<float, 3> w{1.0f - hit.barycentric.x - hit.barycentric.y, hit.barycentric.x,
+                           hit.barycentric.y};
+    while (node->first_half != 0) {
+        const float a = w[node->edge], b = w[(node->edge + 1u) % 3], c = w[(node->edge + 2u) % 3];
+        // The halves' corners are (middle, b, c) and (a, middle, c).
+        const bool second = b < a;
+        w = second ? std::array{a - b, 2.0f * b, c} : std::array{2.0f * a, b - a, c};
+        node = &nodes_[node->first_half + uint32_t(second)];
+    }
     const double cosine = std::abs(glm::dot(glm::dvec3(hit.normal), towards));
     const double distance = double(hit.t);
-    return cosine > 0.0 ? triangles_[first_[hit.instance] + hit.triangle].luminance * distance
-                              * distance / cosine
-                        : 0.0;
+    return cosine > 0.0 ? node->density * distance * distance / cosine : 0.0;
 }
 
 } // namespace lpvbake::reference

@@ -1,17 +1,20 @@
 // Emissive triangles as targets of rays.
 #pragma once
 
+#include "scene/emission.h"
 #include "visibility/visibility.h"
 
+#include <array>
 #include <vector>
 
 namespace lpvbake::reference {
 
 /// Chooses points on all emissive surfaces with a density that follows the emitted luminance.
+/// Triangles whose textures light a part of them are halved until their pieces glow evenly.
 class Emitters {
 public:
     Emitters(const Scene& scene, const scene::Frame& frame);
-    bool empty() const { return triangles_.empty(); }
+    bool empty() const { return pieces_.empty(); }
 
     /// A place on an emissive triangle.
     struct Target {
@@ -19,8 +22,8 @@ public:
         uint32_t triangle = 0; ///< of the instance's mesh
         glm::dvec3 point{0.0}; ///< frame units
     };
-    /// A triangle with probability proportional to its area times luminance, as sampled at a few
-    /// of its points, and a point uniform over it.
+    /// A piece of a triangle with probability proportional to its area times luminance, and a point
+    /// uniform over it.
     Target target(glm::dvec2 sample) const;
 
     /// How likely, per steradian, `target` chooses the direction in which `hit` was met, and the
@@ -29,13 +32,31 @@ public:
     double density(const visibility::Hit& hit, glm::dvec3 towards) const;
 
 private:
+    /// A triangle as it is placed.
     struct Triangle {
         glm::vec3 a, ab, ac;
         uint32_t instance, triangle;
-        double luminance = 0.0; ///< density per unit of area, once divided by the total power
+        uint32_t root = 0; ///< in nodes_
     };
+    /// A piece of a triangle: two halves at `first_half` and the node after it, or one of one
+    /// density.
+    struct Node {
+        uint32_t first_half = 0; ///< 0: not halved
+        uint8_t edge = 0;        ///< the one that was halved, between this corner and the next
+        double density = 0.0;    ///< per unit of area
+    };
+    /// A piece that glows.
+    struct Piece {
+        uint32_t triangle;                ///< in triangles_
+        std::array<glm::vec2, 3> corners; ///< weights of the triangle's second and third vertex
+    };
+
+    void halve(const scene::EmissionMaps& maps, const Mesh& mesh, uint32_t triangle, size_t most);
+
     std::vector<Triangle> triangles_;
-    std::vector<double> cumulative_; ///< power up to and with each triangle, over the total
+    std::vector<Node> nodes_;
+    std::vector<Piece> pieces_;
+    std::vector<double> cumulative_; ///< power up to and with each piece, over the total
     std::vector<uint32_t> first_;    ///< an instance: its first in triangles_; ~0u: none
 };
 

@@ -1,6 +1,7 @@
 #include "surface/patches.h"
 
 #include "lpvbake/error.h"
+#include "scene/emission.h"
 #include "scene/material.h"
 #include "surface/cutting.h"
 
@@ -9,6 +10,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <optional>
 
 namespace lpvbake::surface {
 float ray_offset(glm::vec3 point) {
@@ -54,6 +56,10 @@ Corners corners_of(const Piece& piece) {
 /// Triangles are cut in runs of this many, so that threads share a large mesh.
 constexpr size_t run_length = 256;
 
+/// How far off its place (cells) a patch may send its light: of the centre, and of the mean square
+/// of the distance from it. What is within an eighth of a cell is always even enough.
+constexpr float most_shift = 0.06f, most_spread = 0.02f;
+
 /// Cuts one run of an instance's triangles.
 class Cutter {
 public:
@@ -63,9 +69,10 @@ public:
     const glm::vec3 extent;
     const float max_edge;
     const visibility::Visibility* walls; ///< none: only what lies in the grid, and no tree
-    const bool textured, emissive;
-    std::atomic<uint64_t>& made; ///< patches so far, of the whole scene
-    Patch source;                ///< what all pieces of a triangle share
+    const bool textured;
+    const scene::EmissionMaps* emission; ///< none: nothing emits
+    std::atomic<uint64_t>& made;         ///< patches so far, of the whole scene
+    Patch source;                        ///< what all pieces of a triangle share
 
     std::vector<Patch> patches;
     std::vector<Node> nodes;
@@ -82,9 +89,10 @@ public:
             const auto [edge, length] = longest_edge(corners_of(piece));
             const Corner a = piece[size_t(edge)], b = piece[size_t(edge + 1) % 3],
                          c = piece[size_t(edge + 2) % 3];
-            const bool large = length > limit(piece);
+            const float most = limit(piece);
+            const bool large = length > most;
             const bool crossed = !large && length > max_edge / 16.0f && is_crossed(piece);
-            if (large || (crossed && length > max_edge / 8.0f)) {
+            if (large || (crossed && length > max_edge / 8.0f) || is_uneven(piece, most)) {
                 const Corner middle{0.5f * (a.position + b.position),
                                     0.5f * (a.barycentric + b.barycentric)};
                 const uint32_t half = grow();
@@ -128,6 +136,21 @@ private:
         return false;
     }
 
+    scene::PieceEmission emission_of(const Piece& piece) const {
+        return emission->over(mesh, source.triangle,
+                              {piece[0].barycentric, piece[1].barycentric, piece[2].barycentric});
+    }
+
+    /// True if the piece's light comes from a part of it, that a patch would spread.
+    bool is_uneven(const Piece& piece, float most) const {
+        if (!walls || !textured || !emission)
+            return false;
+        const scene::Unevenness uneven =
+            scene::unevenness(emission_of(piece), piece[1].position - piece[0].position,
+                              piece[2].position - piece[0].position);
+        return uneven.shift > most_shift * most || uneven.spread > most_spread * most * most;
+    }
+
     void keep(const Piece& piece, uint32_t node, bool crossed) {
         const glm::vec3 a = piece[0].position, b = piece[1].position, c = piece[2].position;
         Patch patch = source;
@@ -169,7 +192,7 @@ private:
 
     void shade(const Piece& piece, Patch& patch) const {
         static const std::array<glm::vec2, 16> points = sample_points();
-        glm::vec3 emission{0.0f}, albedo{0.0f};
+        glm::vec3 albedo{0.0f};
         float alpha = 0.0f;
         for (const glm::vec2& p : points) {
             const glm::vec2 b = (1.0f - p.x - p.y) * piece[0].barycentric
@@ -178,19 +201,18 @@ private:
                 scene::sample_surface(scene, mesh, patch.triangle, b);
             alpha += surface.alpha;
             albedo += surface.alpha * surface.albedo;
-            if (emissive)
-                emission += scene::sample_emission(scene, mesh, patch.triangle, b);
         }
         patch.albedo = alpha > 0.0f ? albedo / alpha : glm::vec3(0.0f);
         patch.alpha = alpha / float(points.size());
-        patch.emission = emission / float(points.size());
+        if (emission)
+            patch.emission = emission_of(piece).mean;
     }
 };
 
 /// The pieces of an instance, by runs.
 std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const scene::Frame& frame,
                                  float max_edge, const visibility::Visibility* walls,
-                                 std::atomic<uint64_t>& made) {
+                                 const scene::EmissionMaps* emission, std::atomic<uint64_t>& made) {
     const Instance& instance = scene.instances[index];
     const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
     const Material& material = scene.materials[size_t(mesh.material)];
@@ -203,7 +225,7 @@ std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const scene
                  walls,
                  material.alpha_mode != AlphaMode::opaque || material.emission_texture >= 0
                      || material.base_color_texture >= 0 || !mesh.colors.empty(),
-                 material.emission != glm::vec3(0.0f),
+                 material.emission != glm::vec3(0.0f) ? emission : nullptr,
                  made,
                  {},
                  {},
@@ -241,8 +263,12 @@ std::vector<std::vector<Cutter>> cut_scene(const Scene& scene, const scene::Fram
                                            float max_edge, const visibility::Visibility* walls) {
     std::vector<std::vector<Cutter>> parts(scene.instances.size());
     std::atomic<uint64_t> made = 0;
+    // What does not light is asked for its cover alone.
+    const std::optional<scene::EmissionMaps> emission =
+        walls ? std::optional<scene::EmissionMaps>(scene) : std::nullopt;
     tbb::parallel_for(size_t(0), parts.size(), [&](size_t i) {
-        parts[i] = cut_instance(scene, uint32_t(i), frame, max_edge, walls, made);
+        parts[i] = cut_instance(scene, uint32_t(i), frame, max_edge, walls,
+                                emission ? &*emission : nullptr, made);
     });
     return parts;
 }

@@ -118,6 +118,47 @@ TEST(Emitters, TheSkyEntersWhereNothingIsInTheWay) {
     EXPECT_NEAR(side / (4.0 * face), 0.5, 1e-5);
 }
 
+TEST(Emitters, ASmallSpotOfATextureKeepsItsPowerAndItsPlace) {
+    // A ceiling of 8 x 8 cells, turned, with a lit spot in its texture; its size in texels of 1024.
+    std::mt19937 random(9);
+    for (const int size : {1, 3, 10, 60, 200})
+        for (int place = 0; place < 4; ++place) {
+            Scene scene;
+            const int lamp = scenes::add_material(scene, glm::vec3(0.5f), glm::vec3(1000.0f));
+            const glm::ivec2 at(random() % uint32_t(1024 - size), random() % uint32_t(1024 - size));
+            Image image{"spot", 1024, 1024, std::vector<uint8_t>(4 << 20, 0)};
+            for (int y = at.y; y < at.y + size; ++y)
+                std::fill_n(image.rgba.begin() + 4 * (1024 * y + at.x), 4 * size, uint8_t(255));
+            scene.images.push_back(image);
+            scene.textures.push_back({0, Wrap::repeat, Wrap::repeat, place % 2 == 0});
+            scene.materials[size_t(lamp)].emission_texture = 0;
+            const glm::mat3 turn(scenes::random_turn(random));
+            const glm::vec3 u = turn * glm::vec3(8, 0, 0), v = turn * glm::vec3(0, 8, 0);
+            const int mesh = scenes::add_quad(scene, lamp, glm::vec3(8) - 0.5f * (u + v), u, v);
+            scene.meshes[size_t(mesh)].uv_emission = scene.meshes[size_t(mesh)].uv;
+            const glm::vec3 spot =
+                glm::vec3(8) - 0.5f * (u + v)
+                + (u * (float(at.x) + 0.5f * float(size)) + v * (float(at.y) + 0.5f * float(size)))
+                      / 1024.0f;
+            const surface::LitSurfaces lit =
+                glowing(scene, {glm::dvec3(0.0), 1.0, glm::dvec3(16.0)});
+            double power = 0.0;
+            glm::dvec3 centre{0.0};
+            for (const surface::Patch& patch : lit.patches) {
+                const double of_patch = double(patch.area) * double(patch.emission.y);
+                power += of_patch;
+                centre += of_patch * glm::dvec3(patch.position);
+                if (patch.emission.y > 0.0f && size < 20) {
+                    EXPECT_LT(glm::distance(patch.position, spot), 0.4f) << size;
+                }
+            }
+            EXPECT_NEAR(power / (1000.0 * 64.0 * size * size / (1024.0 * 1024.0)), 1.0, 1e-3)
+                << size;
+            EXPECT_LT(glm::distance(glm::vec3(centre / power), spot), 0.1f) << size;
+            EXPECT_LT(lit.patches.size(), 1500u); // 512 of an even one
+        }
+}
+
 TEST(Emitters, TextureScalesTheEmission) {
     Scene scene;
     const int lamp = scenes::add_material(scene, glm::vec3(0.5f), glm::vec3(10.0f));

@@ -300,6 +300,39 @@ TEST(Reference, BlendedSurfacesReflectAndTransmitByTheirAlpha) {
     EXPECT_NEAR(mean_luminance(r), (0.25 * 3 + 0.75) / (1 - 0.25 * 0.8), 0.01);
 }
 
+TEST(Reference, FindsWhatATextureLights) {
+    // A wall with four windows in its texture, or with four quads before it.
+    const auto wall = [](bool texture) {
+        Scene scene;
+        const int grey = scenes::add_material(scene, glm::vec3(0.4f));
+        const int lamp = scenes::add_material(scene, glm::vec3(0.4f), glm::vec3(200.0f));
+        scenes::add_quad(scene, texture ? lamp : grey, {-8, 0, 0}, {16, 0, 0}, {0, 8, 0});
+        Image image{"windows", 512, 256, std::vector<uint8_t>(4 * 512 * 256, 0)};
+        for (const glm::ivec2 at : {glm::ivec2(61, 40), {330, 40}, {61, 170}, {331, 170}}) {
+            for (int y = at.y; y < at.y + 21; ++y)
+                for (int x = at.x; x < at.x + 13; ++x)
+                    for (int c = 0; c < 4; ++c)
+                        image.rgba[size_t(4 * (512 * y + x) + c)] = 255;
+            if (!texture)
+                scenes::add_quad(scene, lamp,
+                                 glm::vec3(float(at.x) / 32.0f - 8.0f, float(at.y) / 32.0f, 1e-3f),
+                                 {13 / 32.0f, 0, 0}, {0, 21 / 32.0f, 0});
+        }
+        if (texture) {
+            scene.images.push_back(image);
+            scene.textures.push_back({0, Wrap::repeat, Wrap::repeat, false});
+            scene.materials[size_t(lamp)].emission_texture = 0;
+            scene.meshes[0].uv_emission = scene.meshes[0].uv;
+        }
+        return scene;
+    };
+    const Grid grid = volume::fit_grid({-4, 1, 0.5}, {4, 7, 4}, {6, 0.0, 1});
+    const reference::Reference of_texture = reference(wall(true), grid, settings_of(0, 4096));
+    const reference::Reference of_quads = reference(wall(false), grid, settings_of(0, 4096));
+    EXPECT_NEAR(mean_luminance(of_texture) / mean_luminance(of_quads), 1.0, 0.01);
+    EXPECT_LT(of_texture.noise, 0.02); // that of the quads is 0.005
+}
+
 TEST(Reference, DuplicateEmittersGlowOnce) {
     // Every triangle of the furnace twice, each of the copies with some of zero area.
     Scene scene = turned_furnace(0.5f);
