@@ -143,6 +143,21 @@ void add_light(const Source& source, const LightMap& map, const LitSurfaces& lit
     }
 }
 
+/// Gives patches that another surface lies on, which rays may meet as well, what that has.
+void share_light(const LitSurfaces& lit, std::vector<glm::vec3>& lux) {
+    tbb::parallel_for(size_t(0), lux.size(), [&](size_t i) {
+        const Patch& patch = lit.patches[i / 2];
+        if (patch.area > 0.0f || (i % 2 != 0 && !patch.double_sided))
+            return;
+        const glm::vec3 normal = i % 2 != 0 ? -patch.normal : patch.normal;
+        const glm::vec3 lift = 2.0f * ray_offset(patch.position) * normal;
+        const visibility::Hit hit = lit.visibility->closest({patch.position + lift, -2.0f * lift});
+        const uint32_t above = lit.side(hit, -normal);
+        if (above != LitSurfaces::no_side && lit.patches[above / 2].area > 0.0f)
+            lux[i] = lux[above];
+    });
+}
+
 } // namespace
 
 PunctualLight illuminate(const Scene& scene, std::span<const Light> lights, const LitSurfaces& lit,
@@ -158,6 +173,7 @@ PunctualLight illuminate(const Scene& scene, std::span<const Light> lights, cons
         result.power.push_back(map.power);
         add_light(Source(lights[i], frame), map, lit, mapper.veiled(), result.lux);
     }
+    share_light(lit, result.lux);
     return result;
 }
 

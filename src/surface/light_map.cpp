@@ -20,11 +20,11 @@ constexpr int deepest = 24;    ///< level of the smallest texels
 constexpr int tile_levels = 5; ///< a tile has 32 x 32 texels to begin with, or fewer
 constexpr size_t most_texels =
     1 << 16; ///< of a tile before edges; more, and its quarters are tiles
-constexpr float share_of_patch = 0.12f; ///< of a patch's longest edge squared: a texel at most
+constexpr float share_of_patch = 0.15f; ///< of a patch's longest edge squared: a texel at most
 constexpr float least_cosine = 0.1f;
 /// Of the flux within a patch's longest edge, by edges: where a beam ends that is no wider, and
 /// elsewhere, where such errors of neighbours make up for each other.
-constexpr float beam_error = 0.01f, rim_error = 0.025f;
+constexpr float beam_error = 0.01f, rim_error = 0.04f;
 constexpr int passes = 8; ///< over edges
 constexpr uint32_t none = ~0u;
 
@@ -182,6 +182,7 @@ struct Texel {
     bool gone = false;  ///< split
     uint32_t bin = none;
     std::array<uint32_t, 2> beyond{none, none}; ///< bins of neighbours that see other surfaces
+    float edge = 0;                             ///< longest of patches there
     float on_surface = 0;                       ///< more, where the surface is oblique
     visibility::Hit hit;
     glm::vec3 position{0};
@@ -195,6 +196,7 @@ struct Texel {
 struct Plane {
     glm::dvec3 corner{0.0}, u{0.0}, v{0.0}, normal{0.0};
     double square = 0, area = 0;
+    glm::dvec3 heights{0.0}; ///< over the edges opposite the corners
 
     Plane() = default;
     explicit Plane(const glm::dmat3& corners)
@@ -203,7 +205,8 @@ struct Plane {
           v(corners[2] - corners[0]),
           normal(glm::cross(u, v)),
           square(glm::dot(normal, normal)),
-          area(0.5 * std::sqrt(square)) {}
+          area(0.5 * std::sqrt(square)),
+          heights(2.0 * area / glm::dvec3(glm::length(u - v), glm::length(v), glm::length(u))) {}
     /// Weights of the second and third corner where a ray meets the plane.
     glm::dvec2 weights(const scene::RsmView& view, glm::dvec2 at) const {
         const glm::dvec3 start = view.start(at), along = view.along(at);
@@ -212,6 +215,11 @@ struct Plane {
         return glm::dvec2(glm::dot(glm::cross(from, v), normal),
                           glm::dot(glm::cross(u, from), normal))
                / square;
+    }
+    /// From a point to the nearest edge.
+    double reach(glm::dvec2 weights) const {
+        return std::min({(1.0 - weights.x - weights.y) * heights.x, weights.x * heights.y,
+                         weights.y * heights.z});
     }
     static bool inside(glm::dvec2 weights) {
         return std::min({weights.x, weights.y, 1.0 - weights.x - weights.y}) >= 0.0;
@@ -324,7 +332,7 @@ private:
             texel.across = float(map_->across(texel.square, places_[i], double(hits_[i].t)));
             texel.on_surface =
                 texel.across / std::max(least_cosine, -glm::dot(texel.normal, direction));
-            texel.bin = bin_of(texel);
+            texel.edge = mapper_.patch_edge(texel.position);
         }
     }
 
@@ -333,8 +341,7 @@ private:
         if (texel.missed() || texel.hit.facing == visibility::Facing::back
             || texel.square.level >= deepest)
             return 0.0f;
-        const float edge = mapper_.patch_edge(texel.position);
-        return texel.on_surface / (share_of_patch * edge * edge);
+        return texel.on_surface / (share_of_patch * texel.edge * texel.edge);
     }
 
     /// Reaches out of a triangle that is larger than itself: there may be a gap.
@@ -342,7 +349,9 @@ private:
         if (texel.seam || texel.missed() || texel.square.level >= deepest)
             return false;
         const Plane& plane = plane_of(texel.hit);
-        if (plane.area < 4.0 * double(texel.on_surface))
+        if (plane.area < 4.0 * double(texel.on_surface)
+            || plane.reach(texel.hit.barycentric)
+                   > 1.5 * double(texel.on_surface / std::sqrt(texel.across)))
             return false;
         for (uint32_t i = 0; i < 4; ++i)
             if (!Plane::inside(plane.weights(map_->view, texel.square.at({i & 1, i >> 1}))))
@@ -404,7 +413,7 @@ private:
     uint32_t bin_of(const Texel& texel) const {
         if (texel.missed())
             return none;
-        const int octave = std::max(0, std::ilogb(mapper_.patch_edge(texel.position)));
+        const int octave = std::max(0, std::ilogb(texel.edge));
         const float scale = std::ldexp(1.0f, -octave);
         const glm::vec3 size = glm::abs(texel.normal);
         const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
@@ -419,10 +428,12 @@ private:
     /// One plane, or surfaces that meet where the light sees both: then each lies before the plane
     /// of the other, or each behind it. What is partly transparent hides no edge and is none.
     Relation relation(const Texel& a, const Texel& b) const {
+        if (a.hit.instance == b.hit.instance && a.hit.triangle == b.hit.triangle)
+            return Relation::plane;
         if ((!a.missed() && mapper_.blended(a.hit)) || (!b.missed() && mapper_.blended(b.hit)))
             return Relation::joined;
         if (a.missed() || b.missed())
-            return a.missed() == b.missed() ? Relation::plane : Relation::apart;
+            return Relation::apart;
         const glm::vec3 way = b.position - a.position;
         const float before_a = glm::dot(a.normal, way), before_b = -glm::dot(b.normal, way);
         const float slack =
@@ -448,16 +459,23 @@ private:
         return place - found.begin < texel.places() ? &texel : nullptr;
     }
 
-    /// Notes at a texel what a neighbour of it sees.
-    void compare(Texel& texel, const Texel& other) const {
-        const Relation found = relation(texel, other);
-        texel.bent |= found != Relation::plane;
+    /// Notes at two neighbours what the other sees.
+    void compare(Texel& a, Texel& b) const {
+        const Relation found = relation(a, b);
+        if (found == Relation::plane)
+            return;
+        a.bent = b.bent = true;
         if (found != Relation::apart)
             return;
-        texel.edged = true;
-        if (other.bin == none || other.bin == texel.bin || other.bin == texel.beyond[0])
-            return;
-        texel.beyond[texel.beyond[0] == none ? 0 : 1] = other.bin;
+        a.edged = b.edged = true;
+        a.bin = bin_of(a);
+        b.bin = bin_of(b);
+        const auto note = [](Texel& texel, uint32_t bin) {
+            if (bin != none && bin != texel.bin && bin != texel.beyond[0])
+                texel.beyond[texel.beyond[0] == none ? 0 : 1] = bin;
+        };
+        note(a, b.bin);
+        note(b, a.bin);
     }
 
     /// Marks texels from `first` on, and all their neighbours, where they see different surfaces;
@@ -486,10 +504,11 @@ private:
                     continue;
                 }
                 Texel* other = find(along_x[i % 3] | along_y[i / 3]);
-                if (!other)
-                    continue;
-                compare(texel, *other);
-                compare(*other, texel);
+                // One that is no larger and came before has met this one.
+                const size_t there = other ? size_t(other - texels_.data()) : n;
+                if (there < first || there > n
+                    || (there < n && other->square.level < texel.square.level))
+                    compare(texel, *other);
             }
         }
         trace(open_);
@@ -535,15 +554,16 @@ private:
         }
         if (edged.empty())
             return {};
-        for (const Texel& texel : texels_) {
-            if (texel.gone || texel.bin == none)
+        for (Texel& texel : texels_) {
+            if (texel.gone || texel.missed())
                 continue;
+            if (texel.bin == none)
+                texel.bin = bin_of(texel);
             Bin& to = bin(texel.bin);
             if (!(to.variance > 0.0f))
                 continue;
-            const float edge = mapper_.patch_edge(texel.position);
             to.flux += texel.flux;
-            to.lit += texel.on_surface / (edge * edge);
+            to.lit += texel.on_surface / (texel.edge * texel.edge);
         }
         std::vector<std::pair<float, uint32_t>> found;
         for (const uint32_t i : edged) {
