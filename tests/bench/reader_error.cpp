@@ -17,9 +17,9 @@
 #include "volume/dering.h"
 #include "volume/dilate.h"
 
-#include <ctime>
 #include <cstdio>
 #include <cstdlib>
+#include <ctime>
 #include <string>
 
 namespace lpvbake {
@@ -27,7 +27,9 @@ namespace {
 
 using readers::Reader;
 
-double now() { return double(std::clock()) / CLOCKS_PER_SEC; }
+double now() {
+    return double(std::clock()) / CLOCKS_PER_SEC;
+}
 
 /// Share of the valid cells with negative irradiance towards any normal, of bands 0 to `order`.
 double negative_share(const Volume& volume, int order) {
@@ -47,6 +49,20 @@ double negative_share(const Volume& volume, int order) {
         negative += any;
     }
     return valid ? double(negative) / double(valid) : 0;
+}
+
+/// Light below 0 that a reader shows at the points, of what arrives there; NaN if any of it is.
+double negative_light(const Reader& reader, const Volume& volume,
+                      const std::vector<readers::FitPoint>& points) {
+    double negative = 0, whole = 0;
+    for (const readers::FitPoint& point : points) {
+        const glm::dvec3 e = readers::irradiance(reader, volume, point.position, point.normal);
+        for (int c = 0; c < 3; ++c) {
+            negative += point.weight * (e[c] < 0 ? -e[c] : 0 * e[c]);
+            whole += point.weight * point.irradiance[c];
+        }
+    }
+    return negative / whole;
 }
 
 /// Walls without thickness, seen from both sides. `open`: without the one at +z.
@@ -207,11 +223,13 @@ void measure(const Scene& scene, const Options& options) {
             bake::fit_to_points(*reader, surfaces.points, surfaces.checks, options.fit, alone);
             print("by surfaces", readers::error_of(*reader, alone, points));
         }
-        std::printf("  told %4.1f %%; air %4.1f %% (dark %4.1f %%); %zu cells, %zu points, %d steps"
+        std::printf("  below 0 %.2f %%", 100 * negative_light(*reader, fitted, points));
+        std::printf("  told %4.1f %%, contested %.1f %%; air %4.1f %% (dark %4.1f %%); %zu cells, "
+                    "%zu points, %d steps"
                     " to %.1e, %.2f s of %.2f s; negative cells %.1f %% to %.1f %%\n",
-                    100 * fit.after.relative, 100 * fit.fit.moved, 100 * fit.fit.moved_dark,
-                    fit.fit.cells, fit.fit.points, fit.fit.steps, fit.fit.residual, seconds,
-                    bake_seconds, 100 * negative_share(field, order),
+                    100 * fit.after.relative, 100 * fit.contested.share, 100 * fit.fit.moved,
+                    100 * fit.fit.moved_dark, fit.fit.cells, fit.fit.points, fit.fit.steps,
+                    fit.fit.residual, seconds, bake_seconds, 100 * negative_share(field, order),
                     100 * negative_share(fitted, order));
     }
 }
