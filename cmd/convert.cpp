@@ -71,10 +71,9 @@ void fit(const ConvertOptions& o, const bake::SurfacePoints& to, TerminalProgres
     const bake::SurfaceFit fit =
         bake::fit_to_points(reader, to.points, to.checks, settings, volume);
     volume.metadata["fit_to"] = o.scene.empty() ? "walls" : "surfaces";
-    if (fit.after.relative > fit.before.relative)
-        progress.warn(o.file + ": what " + reader.name
-                      + " shows is no nearer to what the volume holds than before the fit: --fit "
-                        "none");
+    if (!fit.fit.taken)
+        progress.warn(o.file + ": no fit brings what " + reader.name
+                      + " shows nearer to what the volume holds: it is as with --fit none");
 }
 
 void run(const ConvertOptions& o) {

@@ -75,9 +75,9 @@ void fit_volume(const Scene& scene, const BakePlan& plan, const visibility::Visi
                       100 * fit.before.relative, fit.before.energy, 100 * fit.before.leak,
                       counted(fit.fit.points, "point").c_str()));
     warn_of_contested(fit.contested, plan, stages);
-    if (fit.after.relative > fit.before.relative)
-        stages.warn(format("what %s shows on surfaces is no nearer to their light than before the "
-                           "fit: `fit` none",
+    if (!fit.fit.taken)
+        stages.warn(format("no fit brings what %s shows on surfaces nearer to their light: the "
+                           "volume is as with `fit` none",
                            reader.name));
 }
 

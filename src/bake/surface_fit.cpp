@@ -82,7 +82,8 @@ SurfaceFit fit_to_points(const readers::Reader& reader, std::span<const readers:
     if (settings.dering && readers::shows_ringing(reader))
         volume::dering(volume, readers::order_of(reader, volume));
     result.before = readers::error_of(reader, volume, checks);
-    result.fit = readers::fit(reader, points, settings.solve, volume);
+    result.fit =
+        readers::fit(reader, points, settings.solve, volume, checks.empty() ? points : checks);
     result.after = readers::error_of(reader, volume, checks);
     volume.metadata["fit"] = reader.name;
     if (!readers::is_linear(reader))

@@ -2,6 +2,8 @@
 
 #include <cassert>
 #include <cmath>
+#include <functional>
+#include <limits>
 #include <type_traits>
 
 namespace lpvbake::readers {
@@ -208,6 +210,30 @@ std::vector<double> holds_of(const FitSettings& settings, const Volume& volume,
                             : settings.hold_valid * std::max(settings.hold_dark, light / bright));
     }
     return holds;
+}
+
+std::vector<double> weights_of(const FitSettings& settings, std::span<const FitPoint> points) {
+    const auto brightness = [](const FitPoint& point) {
+        return point.irradiance.x + point.irradiance.y + point.irradiance.z;
+    };
+    std::vector<std::pair<double, double>> by_light; // brightness, light
+    double whole = 0;
+    for (const FitPoint& point : points) {
+        by_light.emplace_back(brightness(point), point.weight * brightness(point));
+        whole += by_light.back().second;
+    }
+    std::ranges::sort(by_light, std::greater());
+    double limit = std::numeric_limits<double>::infinity(), above = 0;
+    for (std::size_t i = 0; i < by_light.size() && above <= settings.bright * whole; ++i) {
+        limit = by_light[i].first;
+        above += by_light[i].second;
+    }
+    std::vector<double> weights;
+    for (const FitPoint& point : points) {
+        const double share = brightness(point) > limit ? limit / brightness(point) : 1.0;
+        weights.push_back(point.weight * share * share);
+    }
+    return weights;
 }
 
 glm::dvec3 Equations::transpose(const Colours& of_points, const Colours& x, Colours& out) const {

@@ -44,6 +44,9 @@ glm::dvec3 ratio(glm::dvec3 a, glm::dvec3 b);
 std::vector<double> holds_of(const FitSettings& settings, const Volume& volume,
                              std::span<const std::size_t> cells);
 
+/// What the error of each point counts: see FitSettings::bright.
+std::vector<double> weights_of(const FitSettings& settings, std::span<const FitPoint> points);
+
 /// Sparse rows and columns: points by the cells that they are read from, and back. Unknowns are
 /// the cells that any point is read from, by rising index.
 class Lookups {

@@ -145,14 +145,74 @@ private:
     bool sides_;
 };
 
-} // namespace
+FitReport fit_linear(const Reader& reader, std::span<const FitPoint> points,
+                     const FitSettings& settings, Volume& volume) {
+    FitReport report;
+    const Unknowns unknowns(reader, volume);
+    const std::size_t count = unknowns.count();
+    const Lookups lookups(reader, volume, points, count,
+                          [&](glm::dvec3 n) { return unknowns.row(n); });
+    report.cells = lookups.cells.size();
+    report.points = lookups.used.size();
+    if (report.points == 0)
+        return report;
 
-SurfaceError error_of(const Reader& reader, const Volume& volume,
-                      std::span<const FitPoint> points) {
+    Equations equations{lookups, {}, std::vector<float>(lookups.unknowns())};
+    Values before(lookups.unknowns());
+    const std::vector<double> holds = holds_of(settings, volume, lookups.cells);
+    for (std::size_t u = 0; u < lookups.cells.size(); ++u) {
+        const std::size_t cell = lookups.cells[u];
+        for (std::size_t k = 0; k < count; ++k)
+            equations.hold[u * count + k] = float(holds[u] * unknowns.share(k));
+        unknowns.get(volume, cell, std::span(before).subspan(u * count, count));
+    }
+    Values lacking(lookups.used.size());
+    const std::vector<double> weights = weights_of(settings, points);
+    for (std::size_t i = 0; i < lacking.size(); ++i) {
+        const FitPoint& point = points[lookups.used[i]];
+        equations.weights.push_back(float(weights[lookups.used[i]]));
+        lacking[i] = point.irradiance - lookups.shown(before, i, count);
+    }
+    Values least; // of the change
+    if (unknowns.not_negative())
+        for (const glm::dvec3& value : before)
+            least.push_back(-value);
+    const Values change = solve(equations, lacking, least, settings, report);
+    for (std::size_t i = 0; i < before.size(); ++i)
+        before[i] =
+            unknowns.not_negative() ? glm::max(before[i] + change[i], 0.0) : before[i] + change[i];
+    for (std::size_t u = 0; u < lookups.cells.size(); ++u)
+        unknowns.set(std::span(before).subspan(u * count, count), volume, lookups.cells[u]);
+    return report;
+}
+
+/// What the reader shows at points.
+Values shown_at(const Reader& reader, const Volume& volume, std::span<const FitPoint> points) {
     Values shown(points.size());
     tbb::parallel_for(std::size_t(0), points.size(), [&](std::size_t i) {
         shown[i] = irradiance(reader, volume, points[i].position, points[i].normal);
     });
+    return shown;
+}
+
+/// Whether the points say so, by more than the standard error of what they say together.
+bool is_nearer(std::span<const FitPoint> points, const Values& was, const Values& is) {
+    double sum = 0, squares = 0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+        const glm::dvec3 more =
+            glm::abs(is[i] - points[i].irradiance) - glm::abs(was[i] - points[i].irradiance);
+        const double counts = points[i].weight * (more.x + more.y + more.z);
+        sum += counts;
+        squares += counts * counts;
+    }
+    return sum + std::sqrt(squares) <= 0;
+}
+
+} // namespace
+
+SurfaceError error_of(const Reader& reader, const Volume& volume,
+                      std::span<const FitPoint> points) {
+    const Values shown = shown_at(reader, volume, points);
     const auto luminance = [](glm::dvec3 e) { return glm::dot(e, colour::rec709_luminance); };
     struct Sums {
         double distance = 0, whole = 0, shown = 0, truth = 0, weight = 0;
@@ -229,46 +289,19 @@ WorstPlace worst_place(const Reader& reader, const Volume& volume,
 }
 
 FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitSettings& settings,
-              Volume& volume) {
-    if (!is_linear(reader))
-        return fit_nonlinear(reader, points, settings, volume);
-    FitReport report;
-    const Unknowns unknowns(reader, volume);
-    const std::size_t count = unknowns.count();
-    const Lookups lookups(reader, volume, points, count,
-                          [&](glm::dvec3 n) { return unknowns.row(n); });
-    report.cells = lookups.cells.size();
-    report.points = lookups.used.size();
-    if (report.points == 0)
-        return report;
-
-    Equations equations{lookups, {}, std::vector<float>(lookups.unknowns())};
-    Values before(lookups.unknowns());
-    const std::vector<double> holds = holds_of(settings, volume, lookups.cells);
-    for (std::size_t u = 0; u < lookups.cells.size(); ++u) {
-        const std::size_t cell = lookups.cells[u];
-        for (std::size_t k = 0; k < count; ++k)
-            equations.hold[u * count + k] = float(holds[u] * unknowns.share(k));
-        unknowns.get(volume, cell, std::span(before).subspan(u * count, count));
-    }
-    Values lacking(lookups.used.size());
-    for (std::size_t i = 0; i < lacking.size(); ++i) {
-        const FitPoint& point = points[lookups.used[i]];
-        equations.weights.push_back(float(point.weight));
-        lacking[i] = point.irradiance - lookups.shown(before, i, count);
-    }
-    Values least; // of the change
-    if (unknowns.not_negative())
-        for (const glm::dvec3& value : before)
-            least.push_back(-value);
-    const Values change = solve(equations, lacking, least, settings, report);
+              Volume& volume, std::span<const FitPoint> judges) {
     const Coefficients given = volume.sh;
-    for (std::size_t i = 0; i < before.size(); ++i)
-        before[i] =
-            unknowns.not_negative() ? glm::max(before[i] + change[i], 0.0) : before[i] + change[i];
-    for (std::size_t u = 0; u < lookups.cells.size(); ++u)
-        unknowns.set(std::span(before).subspan(u * count, count), volume, lookups.cells[u]);
-    tell_moved(reader, given, volume, report);
+    const Values before = shown_at(reader, volume, judges);
+    const bool linear = is_linear(reader);
+    FitReport report = linear ? fit_linear(reader, points, settings, volume)
+                              : fit_nonlinear(reader, points, settings, volume);
+    report.taken = is_nearer(judges, before, shown_at(reader, volume, judges));
+    if (!report.taken) {
+        volume.sh = given;
+        report.moved = report.moved_dark = 0;
+    } else if (linear) {
+        tell_moved(reader, given, volume, report);
+    }
     return report;
 }
 

@@ -26,6 +26,10 @@ struct FitSettings {
     /// mean on. Where both sides of a wall ask for a change, the dark one gives way, not the air of
     /// the lit one.
     double hold_dark = 0.01;
+    /// The brightest points, on which this share of the light falls, count by their error relative
+    /// to what the least bright of them has: beside a lamp there is a hundred times the mean in
+    /// less than a cell, that no cells can show, and squares would bend all around to it.
+    double bright = 0.1;
     double tolerance = 1e-5; ///< the steps end where the gradient has shrunk to this share
 };
 
@@ -45,6 +49,7 @@ struct FitReport {
     /// The same sum of the darker ones, over the same sum of E: what lies behind walls takes part
     /// in showing their fronts, and is no longer dark by itself.
     double moved_dark = 0;
+    bool taken = true; ///< false: judges saw no gain, and the volume is what it was
     int steps = 0;
     double residual = 0;    ///< share that is left of the gradient
     std::size_t cells = 0;  ///< that the points are read from; all others keep their values
@@ -74,9 +79,11 @@ SurfaceError error_of(const Reader& reader, const Volume& volume, std::span<cons
 /// reader clamps is not clamped while it is fitted, but for the sides of a cube, which come out not
 /// negative (order 2; CG in rounds between which the bounds are looked at). For a reader that is
 /// not linear see readers/fit_nonlinear.h. Costs time and memory in proportion to points and cells;
-/// sums have a fixed order, so that the bits do not depend on the number of threads.
+/// sums have a fixed order, so that the bits do not depend on the number of threads. Other points,
+/// `judges`, have to be shown nearer to what arrives there, by more than chance would do, or the
+/// fit is not taken.
 FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitSettings& settings,
-              Volume& volume);
+              Volume& volume, std::span<const FitPoint> judges = {});
 
 /// How much a point matters by the share of directions (weighted by their cosines) that are free
 /// for a cell from it: crevices, which nobody sees and no cell can tell from what is around them,

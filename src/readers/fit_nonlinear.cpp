@@ -94,7 +94,10 @@ public:
             const Volume& volume)
         : evaluation_(reader.evaluation) {
         std::vector<uint32_t> unknown(volume.grid.size(), none);
-        for (const FitPoint& point : points) {
+        const std::vector<double> weights = weights_of(settings, points);
+        for (std::size_t p = 0; p < points.size(); ++p) {
+            FitPoint point = points[p];
+            point.weight = weights[p];
             if (!(point.weight > 0))
                 continue;
             const volume::CellWeights taps = taps_of(reader, volume, point.position, point.normal);

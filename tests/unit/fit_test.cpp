@@ -301,6 +301,61 @@ TEST(Fit, TheDarkSideGivesWayToTheAirOfTheLitOne) {
               readers::error_of(reader("unity"), alike, points).relative);
 }
 
+TEST(Fit, IsNotTakenWhereOtherPointsSeeNoGain) {
+    // Points of a wall in the middle of an even field ask for twice its light; others know better.
+    const Volume field = Room().field(2);
+    const glm::dvec3 middle = field.grid.center(field.grid.dims / 2), up(0, 0, 1);
+    const auto asking = [&](double factor, double apart) {
+        std::vector<readers::FitPoint> points;
+        for (int i = 0; i < 25; ++i)
+            points.push_back({middle + apart * glm::dvec3(i % 5 - 2, i / 5 - 2, 0), up, 1,
+                              factor * pi * Room::colour});
+        return points;
+    };
+    const auto fitted = [&](const std::vector<readers::FitPoint>& judges, bool& taken) {
+        Volume volume = field;
+        const auto report =
+            readers::fit(reader("unity"), asking(2, 0.2), {.bright = 0}, volume, judges);
+        taken = report.taken;
+        EXPECT_EQ(report.moved > 0, taken);
+        return volume;
+    };
+    bool taken = true;
+    expect_same_bits(fitted(asking(1, 0.17), taken), field);
+    EXPECT_FALSE(taken);
+    const Volume moved = fitted(asking(2, 0.17), taken);
+    EXPECT_TRUE(taken);
+    EXPECT_GT(readers::error_of(reader("unity"), moved, asking(1, 0.1)).energy, 1.9);
+    // One judge of many for it, more than all others are against it: that is chance.
+    auto judges = asking(1, 0.17);
+    judges[12].irradiance *= 100;
+    judges[12].weight = 100;
+    fitted(judges, taken);
+    EXPECT_FALSE(taken);
+}
+
+TEST(Fit, BesideALampIsNotBentToIt) {
+    // A wall of even light, but for a spot of a few hundredths of a cell, of 80 times that.
+    const Volume field = Room().field(2);
+    const glm::dvec3 middle = field.grid.center(field.grid.dims / 2), up(0, 0, 1);
+    std::vector<readers::FitPoint> points, around;
+    for (int i = 0; i < 3600; ++i) {
+        const glm::dvec3 way = 0.05 * glm::dvec3(i % 60 - 29.5, i / 60 - 29.5, 0);
+        const double far = glm::length(way);
+        points.push_back({middle + way, up, 0.01, (far < 0.04 ? 80 : 1) * pi * Room::colour});
+        if (far > 0.25 && far < 1)
+            around.push_back({middle + way, up, 0.01, pi * Room::colour});
+    }
+    const auto error = [&](double bright) {
+        Volume volume = field;
+        readers::fit(reader("unity"), points, {.bright = bright}, volume);
+        return readers::error_of(reader("unity"), volume, around).relative;
+    };
+    const double bent = error(0), even = error(readers::FitSettings().bright);
+    EXPECT_GT(bent, 0.1);
+    EXPECT_LT(even, 0.01);
+}
+
 TEST(Fit, SaysWhereItIsWorst) {
     Volume volume = Room{1}.field(0);
     for (glm::vec3& c : volume.sh[0])
