@@ -29,7 +29,7 @@ constexpr int longest_sum = 20'000; ///< reflections, where their number is not 
 
 /// Van der Corput's sequences of Halton's first four bases.
 struct HaltonTable {
-    static constexpr uint32_t length = 512;
+    static constexpr uint32_t length = 2048; ///< groups of points that share rays take as many
     std::array<std::array<double, length>, 4> of_base;
 
     HaltonTable() {
