@@ -115,6 +115,17 @@ Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
         lit = surface::light_surfaces(scene, visibility, plan.frame, lighting_of(plan), progress);
         stages.end(counted(lit.patches.size(), "patch", "patches") + ", "
                    + counted(uint64_t(lit.bounces), "reflection"));
+        if (lit.narrow > 0.05)
+            stages.warn(
+                format("%.3g %% of the light of lamps and suns falls on less than a quarter "
+                       "of the patches it falls on, and counts as spread over them; a "
+                       "higher `resolution` cuts smaller ones",
+                       100.0 * lit.narrow));
+        if (lit.lost > 0.001)
+            stages.warn(
+                format("%.2g %% of the light of lamps and suns is lost where surfaces lie on "
+                       "each other",
+                       100.0 * lit.lost));
         if (lit.residual > 0.01)
             stages.warn(format("%s: %.2g %% of the light is missing after %d reflections; set "
                                "`max_albedo` lower",

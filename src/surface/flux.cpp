@@ -1,5 +1,7 @@
 #include "surface/flux.h"
 
+#include "colour/colour.h"
+
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -122,7 +124,7 @@ double closed_form(const Source& source, const LitSurfaces& lit, const SideFlux&
 }
 
 void add_light(const Source& source, const LightMap& map, const LitSurfaces& lit, bool veils,
-               std::vector<glm::vec3>& lux) {
+               PunctualLight& result) {
     std::vector<double> exact(map.sides.size());
     tbb::parallel_for(size_t(0), exact.size(),
                       [&](size_t i) { exact[i] = closed_form(source, lit, map.sides[i], veils); });
@@ -134,12 +136,17 @@ void add_light(const Source& source, const LightMap& map, const LitSurfaces& lit
         }
     const double factor = known > 0.0 ? seen / known : 1.0;
     const double square = source.frame.unit * source.frame.unit;
+    const double brightness = glm::dot(glm::dvec3(source.light.color), colour::rec709_luminance);
+    result.landed += brightness * map.power.landed;
+    result.lost += brightness * map.power.lost;
     for (size_t i = 0; i < exact.size(); ++i) {
         const SideFlux& side = map.sides[i];
         const Patch& patch = lit.patches[side.side / 2];
         const double flux = exact[i] > 0.0 ? factor * exact[i] : side.flux;
         const double share = flux / (double(patch.area) * double(patch.alpha) * square);
-        lux[side.side] += source.light.color * float(share);
+        if (side.flux * side.flux < 0.25 * double(patch.area) * side.peak)
+            result.narrow += brightness * side.flux;
+        result.lux[side.side] += source.light.color * float(share);
     }
 }
 
@@ -171,7 +178,7 @@ PunctualLight illuminate(const Scene& scene, std::span<const Light> lights, cons
         progress.advance(0);
         const LightMap map = mapper.draw(lights[i], key + uint32_t(i));
         result.power.push_back(map.power);
-        add_light(Source(lights[i], frame), map, lit, mapper.veiled(), result.lux);
+        add_light(Source(lights[i], frame), map, lit, mapper.veiled(), result);
     }
     share_light(lit, result.lux);
     return result;

@@ -10,6 +10,9 @@ namespace lpvbake::surface {
 /// Mean illuminance (lux) of the covered part of every side, [2 * patch + side], by lights.
 struct PunctualLight {
     std::vector<glm::vec3> lux;    ///< empty without lights
+    double landed = 0;             ///< power on sides, by its luminance
+    double narrow = 0;             ///< what of it falls on less than a quarter of its patches
+    double lost = 0;               ///< and what has no patch
     std::vector<LightPower> power; ///< a light
 
     glm::vec3 of(uint32_t side) const { return lux.empty() ? glm::vec3(0.0f) : lux[side]; }

@@ -626,7 +626,7 @@ private:
         to.edged |= edged;
         to.flux += flux;
         to.squares += flux * flux;
-        to.area += area;
+        to.peak += flux * flux / area;
     }
 
     /// Gives the quarters of a texel to the patches that they lie on: by arithmetic where it and
@@ -874,7 +874,7 @@ LightMap LightMapper::draw(const Light& light, uint32_t key) {
                 to.edged |= from.edged;
                 to.flux += from.flux;
                 to.squares += from.squares;
-                to.area += from.area;
+                to.peak += from.peak;
             }
         }
     }

@@ -17,7 +17,7 @@ struct SideFlux {
     bool edged = false; ///< some of them lie where the light sees something end
     double flux = 0;
     double squares = 0; ///< sum of the squares of the texels' flux
-    double area = 0;    ///< of the texels on the surface, frame units squared
+    double peak = 0;    ///< sum of those squares over the texels' areas on the surface, frame units
 };
 
 /// Where the power of a light goes.

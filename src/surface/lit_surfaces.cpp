@@ -463,6 +463,10 @@ void reflect(const Scene& scene, const scene::Frame& frame, const LightingSettin
     const PunctualLight lamps = illuminate(scene, scene.lights, lit, frame, 0, progress);
     const PunctualLight suns = illuminate(scene, scene::sky_suns(scene.sky), lit, frame,
                                           uint32_t(scene.lights.size()), progress);
+    if (const double landed = lamps.landed + suns.landed; landed > 0.0) {
+        lit.narrow = (lamps.narrow + suns.narrow) / landed;
+        lit.lost = (lamps.lost + suns.lost) / landed;
+    }
     const auto each_side = [&](const auto& set) {
         tbb::parallel_for(size_t(0), lit.luminance.size(), [&](size_t side) {
             const Patch& patch = lit.patches[side / 2];

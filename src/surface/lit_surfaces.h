@@ -32,6 +32,8 @@ struct LitSurfaces {
     std::vector<glm::vec3> luminance;
     int bounces = 0;     ///< reflections that were summed
     double residual = 0; ///< estimated share of the light that is missing
+    double narrow = 0; ///< share of the light of lamps that falls on less than a quarter of a patch
+    double lost = 0;   ///< and share that no patch shows
 
     static constexpr uint32_t no_side = ~0u;
     /// Which side a ray of this direction sees at its hit; no_side for no_hit and for backs, and

@@ -572,6 +572,19 @@ TEST_F(Bake, WarnsOfEmptyBoundsAndOfBacks) {
     EXPECT_NE(baked.warnings[0].find("`cull_backfaces`"), std::string::npos);
 }
 
+TEST_F(Bake, WarnsOfLightThatFallsOnLessThanACell) {
+    for (const double outer : {0.004, 0.7}) {
+        Scene scene = scenes::cornell_box();
+        scene.lights.push_back(scenes::spot_light({0, 1.9, 0}, {0.3, -1, 0.2}, 100.0, 0.0, outer));
+        const Baked baked = run(scene, coarse(12, "gather"));
+        ASSERT_EQ(baked.warnings.size(), outer < 0.1 ? 1u : 0u);
+        if (outer < 0.1) {
+            EXPECT_EQ(baked.warnings[0].find("100 % of the light of lamps"), 0u)
+                << baked.warnings[0];
+        }
+    }
+}
+
 TEST_F(Bake, AFitShowsSurfacesToItsReaderAndSaysHowWell) {
     const Scene scene = scenes::cornell_box_with_point();
     for (const char* solver : {"sn", "lpv"}) { // all surfaces lit, or maps alone

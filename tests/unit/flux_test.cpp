@@ -137,6 +137,24 @@ TEST(Flux, ALampJustAboveAFloorLightsItByHalf) {
         }
 }
 
+TEST(Flux, LightOnLessThanAPatchIsTold) {
+    const auto narrow = [](double height, double degrees) {
+        Scene scene = hall();
+        if (degrees > 0.0)
+            scene.lights.push_back(scenes::spot_light({0.3, height, 0.2}, {0, -1, 0}, 1.0, 0.0,
+                                                      glm::radians(degrees)));
+        else
+            scene.lights.push_back(scenes::point_light({0.3, height, 0.2}, 1.0));
+        const Lit lit(scene, cells_of({-10, 0, -10}, {10, 8, 10}, 1.0));
+        EXPECT_NEAR(lit.light.landed / lit.light.power[0].sent, 1.0, 1e-6);
+        return lit.light.narrow / lit.light.landed;
+    };
+    EXPECT_NEAR(narrow(7.9, 0.5), 1.0, 1e-6);
+    EXPECT_LT(narrow(7.9, 30.0), 0.01);
+    EXPECT_LT(narrow(4.0, 0.0), 0.01);
+    EXPECT_GT(narrow(0.01, 0.0), 0.4); // the half that falls on the floor just below
+}
+
 TEST(Flux, ABeamAlongTheBorderOfCells) {
     // Of a width below float's steps beside a cell's, on the edge of both.
     Scene scene = hall();
