@@ -9,7 +9,7 @@ packages=(
     cmake ninja-build g++ ccache glslc
     libvulkan-dev libembree-dev libtbb-dev libglm-dev libcli11-dev libtomlplusplus-dev nlohmann-json3-dev
     libtinygltf-dev libdraco-dev libmeshoptimizer-dev libopenvdb-dev libboost-dev
-    libopenimageio-dev libopenexr-dev libimath-dev
+    libopenimageio-dev libopenexr-dev libimath-dev libpng-dev
     # run: a Vulkan driver for any CPU
     mesa-vulkan-drivers
     # run: what draws the plots of reports

@@ -1,4 +1,4 @@
-// The image module: everything that sees OpenImageIO. Images pass through memory, so that files,
+// The image module: everything that sees OpenImageIO and libpng. Images pass through memory, so that files,
 // their errors and their atomicity are the business of those who own them.
 #include "image/header.h"
 #include "image/oiio/module.h"
@@ -6,6 +6,7 @@
 
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
+#include <png.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -84,15 +85,36 @@ std::unique_ptr<ImageInput> open_input(const char* format, OIIO::Filesystem::IOM
     return input;
 }
 
+/// By libpng itself, in the form that keeps its errors: through OpenImageIO it prints each on
+/// stderr. 16 bits a channel are sRGB-encoded like 8 are.
+Rgba8 decode_png(std::span<const std::byte> data, const std::string& name) {
+    const std::vector<std::byte> chunks = picture_chunks(data, name);
+    png_image png{};
+    png.version = PNG_IMAGE_VERSION;
+    const auto check = [&](int ok) {
+        if (ok)
+            return;
+        const std::string why = one_line(png.message);
+        png_image_free(&png);
+        reject(name, "the image cannot be decoded: " + why);
+    };
+    check(png_image_begin_read_from_memory(&png, chunks.data(), chunks.size()));
+    png.format = PNG_FORMAT_RGBA;
+    png.flags |= PNG_IMAGE_FLAG_16BIT_sRGB;
+    Rgba8 image{int(png.width), int(png.height), {}};
+    image.texels.resize(4 * size_t(png.width) * size_t(png.height));
+    check(png_image_finish_read(&png, nullptr, image.texels.data(), 0, nullptr));
+    return image;
+}
+
 Rgba8 decode(std::span<const std::byte> data, const std::string& name, uint64_t max_texels) {
     const ImageHeader header = read_image_header(data);
     if (!header.format)
         reject(name, "the image is neither PNG nor JPEG nor WebP; convert it to one of them");
     // Codecs may take memory for the whole image as soon as they are opened.
     check_size(header.texels(), max_texels, name);
-    std::vector<std::byte> chunks;
     if (header.format == std::string_view("png"))
-        data = chunks = picture_chunks(data, name);
+        return decode_png(data, name);
     OIIO::Filesystem::IOMemReader reader(const_cast<std::byte*>(data.data()), data.size());
     const auto input = open_input(header.format, reader, name, max_texels);
     const ImageSpec& spec = input->spec();
