@@ -2,6 +2,7 @@
 
 #include "bake/bake.h"
 
+#include "background.h"
 #include "commands.h"
 #include "lpvbake/error.h"
 #include "options/wording.h"
@@ -290,7 +291,7 @@ void run(const BakeOptions& o, const std::string& settings) {
     const bake::BakeSettings base = to_settings(o, reader);
     const bake::Wish wish = wish_of(o);
     Run run(o, o, o.outputs.paths);
-    auto opening = std::async(std::launch::async, [&o] {
+    auto opening = std::async(in_background(), [&o] {
         return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
     });
     const Scene scene = run.load();
@@ -378,7 +379,7 @@ void add_solver_options(options::Options& options, BakeOptions& o) {
 options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<BakeOptions>();
     BakeOptions& o = *fields;
-    options.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb");
+    options.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb; -: from standard input, with all that it refers to in it");
     options.texts("-o,--output", o.outputs.paths, "FILE", outputs_help());
     add_grid_options(options, o);
     add_light_options(options, o);

@@ -2,6 +2,7 @@
 
 #include "render/render.h"
 
+#include "background.h"
 #include "commands.h"
 #include "io/atomic_file.h"
 #include "io/slice.h"
@@ -385,7 +386,7 @@ void run(RenderOptions o) {
     check_options(o);
     Run run(o, o, all_outputs(o));
     const image::ImageModulePreload preload = image::preload_image_module();
-    auto opening = std::async(std::launch::async, [&o] {
+    auto opening = std::async(in_background(), [&o] {
         return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
     });
     const Volume volume = read(o.volume);
@@ -462,7 +463,7 @@ options::Choices<const readers::Reader*> samplers() {
 options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<RenderOptions>();
     RenderOptions& o = *fields;
-    options.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb");
+    options.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb; -: from standard input, with all that it refers to in it");
     options.text("volume", o.volume, "VOLUME", "Volume of bake or reference, " + io::format_list());
     options.texts("-o,--output", o.outputs, "FILE",
                   "Picture to write, .png or .exr; may be repeated");

@@ -2,8 +2,11 @@
 // that this is linked into, once.
 #include "image/image.h"
 
+#include "background.h"
 #include "image/oiio/module.h"
 #include "lpvbake/error.h"
+
+#include <chrono>
 
 #include <dlfcn.h>
 
@@ -45,12 +48,15 @@ std::vector<unsigned char> encode_png(const Pixels& pixels, const std::string& n
 }
 
 ImageModulePreload preload_image_module() {
-    return ImageModulePreload(std::async(std::launch::async, [] {
-                                  try {
-                                      module();
-                                  } catch (const Error&) { // told to whoever needs the module
-                                  }
-                              }).share());
+    std::future<void> loading = std::async(in_background(), [] {
+        try {
+            module();
+        } catch (const Error&) { // told to whoever needs the module
+        }
+    });
+    if (loading.wait_for(std::chrono::seconds(0)) == std::future_status::deferred)
+        return {}; // whoever needs it loads it
+    return ImageModulePreload(loading.share());
 }
 
 } // namespace lpvbake::image

@@ -230,8 +230,12 @@ Visibility::Visibility(const Scene& scene, const scene::Frame& frame)
                     scene.path + ": more than 2^32 placed vertices or triangles");
 
     impl.device = rtcNewDevice(nullptr);
-    if (!impl.device)
-        throw Error(ErrorKind::failure, "Embree cannot be started");
+    if (!impl.device) {
+        const RTCError error = rtcGetDeviceError(nullptr);
+        throw Error(error == RTC_ERROR_OUT_OF_MEMORY ? ErrorKind::memory : ErrorKind::failure,
+                    error == RTC_ERROR_OUT_OF_MEMORY ? "Embree cannot be started: out of memory"
+                                                     : "Embree cannot be started");
+    }
     impl.bvh = rtcNewScene(impl.device);
     // Robust: a ray through an edge shared by two triangles meets at least one of them.
     rtcSetSceneFlags(impl.bvh,

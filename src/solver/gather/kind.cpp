@@ -1,5 +1,6 @@
 #include "solver/gather/kind.h"
 
+#include "background.h"
 #include "scene/scene.h"
 #include "solver/gather/discs.h"
 #include "solver/gather/gather.h"
@@ -104,7 +105,7 @@ class GatherSolver final : public Solver {
 public:
     GatherSolver(const gpu::Device& device, const Own& own)
         : rsm_samples_(own.rsm_samples),
-          program_(std::async(std::launch::async, [&device, settings = own.gather] {
+          program_(std::async(in_background(), [&device, settings = own.gather] {
               return GatherProgram(device, settings);
           })) {}
 

@@ -1,5 +1,6 @@
 #include "solver/lpv/kind.h"
 
+#include "background.h"
 #include "scene/scene.h"
 #include "solver/lpv/lpv.h"
 #include "solver/models.h"
@@ -107,7 +108,7 @@ public:
               int rsm_kernel)
         : settings_(settings),
           rsm_kernel_(rsm_kernel),
-          program_(std::async(std::launch::async, [&device, &grid, settings] {
+          program_(std::async(in_background(), [&device, &grid, settings] {
               return LpvProgram(device, grid, settings.occlusion);
           })) {}
 

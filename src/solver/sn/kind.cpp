@@ -1,5 +1,6 @@
 #include "solver/sn/kind.h"
 
+#include "background.h"
 #include "scene/scene.h"
 #include "solver/models.h"
 #include "solver/outside.h"
@@ -63,7 +64,7 @@ class SnSolver final : public Solver {
 public:
     SnSolver(const gpu::Device& device, const Grid& grid, const SnSettings& settings)
         : settings_(settings),
-          program_(std::async(std::launch::async, [&device, &grid, settings] {
+          program_(std::async(in_background(), [&device, &grid, settings] {
               return SnProgram(device, grid, settings);
           })) {}
 
