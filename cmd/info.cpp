@@ -46,12 +46,14 @@ void run(const InfoOptions& o, const options::Options& options) {
                     "--slice and -o belong together: --slice z=16 -o slice.png");
     if (!o.output.empty() && !options::has_extension(o.output, ".png"))
         throw Error(ErrorKind::argument, o.output + ": the name of a picture ends in .png");
-    if (options::has_extension(o.file, ".gltf") || options::has_extension(o.file, ".glb")) {
+    if (o.file == standard_input || options::has_extension(o.file, ".gltf")
+        || options::has_extension(o.file, ".glb")) {
         if (o.slice)
             throw Error(ErrorKind::argument, "--slice: " + o.file + " is a scene, not a volume");
         image::ImageModulePreload preload;
         SceneOptions scene_options;
         scene_options.scene = o.file;
+        probe_scene(scene_options);
         if (mentions_images(scene_options))
             preload = image::preload_image_module();
         LoadSettings settings = o.load;
@@ -85,7 +87,7 @@ void run(const InfoOptions& o, const options::Options& options) {
 options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<InfoOptions>();
     InfoOptions& o = *fields;
-    options.text("file", o.file, "FILE", "Scene or volume").require();
+    options.text("file", o.file, "FILE", "Scene or volume; -: a scene from standard input").require();
     options.value("--slice", o.slice, "AXIS=INDEX", options::parse_slice,
                   "Layer of cells to draw, such as z=16; needs -o");
     options

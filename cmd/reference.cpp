@@ -4,8 +4,10 @@
 
 #include "commands.h"
 #include "lpvbake/error.h"
+#include "scene/lights.h"
 #include "scene_options.h"
 #include "text.h"
+#include "volume/compare.h"
 
 #include <algorithm>
 #include <cstdio>
@@ -101,6 +103,8 @@ void run(const ReferenceOptions& o, const std::string& settings) {
     reference::Reference reference = reference::make_reference(
         scene, volume::fit_grid(box.lo, box.hi, o.grid), to_settings(o), run.progress);
     run.warn(reference.warnings);
+    if (volume::total_energy(reference.volume) == 0.0)
+        run.warn(std::vector{scene::why_dark(scene)});
     run.end_stage("trace");
 
     fill_metadata(o, scene, settings, reference.volume);
@@ -118,7 +122,7 @@ void run(const ReferenceOptions& o, const std::string& settings) {
 options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<ReferenceOptions>();
     ReferenceOptions& o = *fields;
-    options.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb");
+    options.text("scene", o.scene, "FILE", "glTF 2.0 file, .gltf or .glb; -: from standard input, with all that it refers to in it");
     options.texts("-o,--output", o.outputs.paths, "FILE", outputs_help());
     options.text("-e,--error-output", o.error_output, "FILE",
                  "Volume of the standard errors to write, " + io::format_list());

@@ -255,11 +255,11 @@ void run(const ReportOptions& o, const options::Options& options) {
     check_baseline(o.suite.baseline);
     const auto begin = std::chrono::steady_clock::now();
     const std::vector<report::SweepRow> rows = rows_of(o);
-    const std::vector<Light> lights = command_line_lights(o);
+    const GivenLights lights = command_line_lights(o);
     probe_outputs(o.outputs);
     if (!o.dry_run && (wants(o, ".svg") || wants(o, ".html")))
         report::require_gnuplot();
-    const auto thread_limit = limit_threads(o.threads);
+    limit_threads(o.threads);
     const image::ImageModulePreload preload = image::preload_image_module();
 
     watch_signals();

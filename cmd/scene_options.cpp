@@ -5,12 +5,16 @@
 #include "options/lights.h"
 #include "scene/scene_hash.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
+
+#include <tbb/global_control.h>
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -136,23 +140,24 @@ void add_light_options(options::Options& options, SceneOptions& o) {
         .record();
 }
 
-std::vector<Light> command_line_lights(const SceneOptions& o) {
-    std::vector<Light> lights = o.suns;
-    lights.insert(lights.end(), o.points.begin(), o.points.end());
-    for (const std::string& path : o.light_files) {
-        const std::vector<Light> more = load_lights(path);
-        lights.insert(lights.end(), more.begin(), more.end());
-    }
+GivenLights command_line_lights(const SceneOptions& o) {
+    GivenLights given{o.suns, {}};
+    std::ranges::copy(o.points, std::back_inserter(given.lights));
+    for (const std::string& path : o.light_files)
+        std::ranges::copy(load_lights(path, given.warnings), std::back_inserter(given.lights));
+    if (o.load.strict && !given.warnings.empty())
+        throw Error(ErrorKind::invalid, given.warnings.front() + " (--strict)");
     if (o.sky_rotation != 0 && !o.sky_picture())
         throw Error(ErrorKind::argument, "--sky-rotation turns the picture of --sky FILE");
-    return lights;
+    return given;
 }
 
-Scene load_scene(const SceneOptions& o, const std::vector<Light>& lights) {
+Scene load_scene(const SceneOptions& o, const GivenLights& given) {
     Scene scene = load_gltf(o.scene, o.load);
     if (o.no_scene_lights)
         scene.lights.clear();
-    scene.lights.insert(scene.lights.end(), lights.begin(), lights.end());
+    std::ranges::copy(given.lights, std::back_inserter(scene.lights));
+    std::ranges::copy(given.warnings, std::back_inserter(scene.warnings));
     if (const SkyPicture* picture = o.sky_picture())
         scene.sky = load_sky(picture->path, scene.warnings, picture->scale, o.sky_rotation,
                              o.load.max_memory);
@@ -164,6 +169,8 @@ Scene load_scene(const SceneOptions& o, const std::vector<Light>& lights) {
 bool mentions_images(const SceneOptions& o) {
     if (o.sky_picture())
         return true;
+    if (o.scene == standard_input)
+        return false; // to be read once
     std::ifstream file(o.scene, std::ios::binary);
     std::string head(1 << 20, '\0');
     file.read(head.data(), std::streamsize(head.size()));
@@ -383,8 +390,14 @@ void probe_outputs(const std::vector<std::string>& outputs) {
 }
 
 void probe_scene(const SceneOptions& o) {
+    if (o.scene == standard_input)
+        return;
     if (access(o.scene.c_str(), R_OK) != 0)
         throw Error(ErrorKind::file, o.scene + ": " + std::strerror(errno));
+    std::error_code ignored; // folders are refused by whoever reads them
+    if (const auto kind = fs::status(o.scene, ignored);
+        !fs::is_regular_file(kind) && !fs::is_directory(kind))
+        throw Error(ErrorKind::file, o.scene + ": is not a file");
 }
 
 void fill_metadata(const SceneOptions& o, const Scene& scene, const std::string& settings,
@@ -453,13 +466,15 @@ void print_outputs(const std::vector<Written>& outputs) {
                         bytes_text(file.bytes).c_str());
 }
 
-std::unique_ptr<tbb::global_control> limit_threads(int threads) {
+void limit_threads(int threads) {
     if (threads == 0)
-        return nullptr;
-    setenv("LP_NUM_THREADS", std::to_string(threads).c_str(), 1);
+        return;
+    // Mesa's driver for the CPU draws on the thread that asks where it is given none of its own.
+    setenv("LP_NUM_THREADS", std::to_string(threads == 1 ? 0 : threads).c_str(), 1);
     setenv("OPENIMAGEIO_THREADS", std::to_string(threads).c_str(), 1);
-    return std::make_unique<tbb::global_control>(tbb::global_control::max_allowed_parallelism,
-                                                 std::size_t(threads));
+    // Kept to the end: TBB starts threads once it may.
+    [[maybe_unused]] static const auto* const limit = new tbb::global_control(
+        tbb::global_control::max_allowed_parallelism, std::size_t(threads));
 }
 
 Run::Run(const SceneOptions& scene, const RunOptions& run, const std::vector<std::string>& outputs)
@@ -468,7 +483,7 @@ Run::Run(const SceneOptions& scene, const RunOptions& run, const std::vector<std
       lights_(command_line_lights(scene)) {
     probe_outputs(outputs);
     probe_scene(scene);
-    thread_limit_ = limit_threads(run.threads);
+    limit_threads(run.threads);
     if (mentions_images(scene))
         preload_ = image::preload_image_module();
     watch_signals();

@@ -11,8 +11,6 @@
 #include "terminal.h"
 #include "volume/grid.h"
 
-#include <tbb/global_control.h>
-
 #include <memory>
 #include <optional>
 #include <string>
@@ -51,10 +49,16 @@ void add_grid_options(options::Options& options, SceneOptions& o);
 /// Begins with add_load_options.
 void add_light_options(options::Options& options, SceneOptions& o);
 
-/// Lights of options and files. Throws Error as load_lights does.
-std::vector<Light> command_line_lights(const SceneOptions& o);
-/// Loads the scene by its rules and adds `lights`. Throws Error.
-Scene load_scene(const SceneOptions& o, const std::vector<Light>& lights);
+/// Lights of options and files, and what there is to say of the files.
+struct GivenLights {
+    std::vector<Light> lights;
+    std::vector<std::string> warnings;
+};
+
+/// Throws Error as load_lights does; for a warning, too, where they are errors.
+GivenLights command_line_lights(const SceneOptions& o);
+/// Loads the scene by its rules and adds `given`. Throws Error.
+Scene load_scene(const SceneOptions& o, const GivenLights& given);
 /// True if the file or the options mention images, which then have to be decoded. A guess to gain
 /// time by.
 bool mentions_images(const SceneOptions& o);
@@ -156,9 +160,9 @@ std::string outputs_help();
 std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std::string>& paths,
                                    Volume& volume, TerminalProgress& progress);
 
-/// Bounds the process's threads while the result lives; 0: one a core, null. Before any thread
-/// starts that would read the environment.
-std::unique_ptr<tbb::global_control> limit_threads(int threads);
+/// Bounds the process's threads, from now on; 0: one a core. Before any thread starts that would
+/// read the environment.
+void limit_threads(int threads);
 
 /// What all commands that compute have in common: they look first whether scene and outputs are
 /// within reach, then load, and tell how far they are and how long each stage took.
@@ -182,8 +186,7 @@ public:
 private:
     std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now(), lap_ = begin_;
     const SceneOptions& scene_;
-    std::vector<Light> lights_;
-    std::unique_ptr<tbb::global_control> thread_limit_;
+    GivenLights lights_;
     image::ImageModulePreload preload_;
 };
 

@@ -24,7 +24,7 @@ void run_suite(const SuiteRun& run, const RunOptions& o) {
     check_baseline(run.baseline);
     const auto begin = std::chrono::steady_clock::now();
     const report::Suite suite = report::load_suite(run.suite);
-    const auto thread_limit = limit_threads(o.threads);
+    limit_threads(o.threads);
     const image::ImageModulePreload preload = image::preload_image_module();
     watch_signals();
     TerminalProgress progress(o.progress);

@@ -24,7 +24,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "src"))
 from architecture import folders
 
 API = "lpvbake"  # a folder of headers that everyone may include, and that include each other alone
-EVERYWHERE = ["mix_word.h", "text.h"]  # at the top of src/
+EVERYWHERE = ["background.h", "mix_word.h", "quoted.h", "text.h"]  # at the top of src/
 
 PACKAGES = {  # start of the header's name -> where it may be included
     "openvdb/": "src/io/",
@@ -34,6 +34,7 @@ PACKAGES = {  # start of the header's name -> where it may be included
     "CLI/": "cmd/",
     "embree": "src/visibility/",
     "OpenImageIO/": "src/image/",
+    "png.h": "src/image/",
     "OpenEXR/": "src/image/",
 }
 VULKAN_HEADER = re.compile(r"^vulkan/|^gpu/vulkan\.h$")

@@ -1,12 +1,14 @@
 #include "bake/bake.h"
 
 #include "bake/surface_fit.h"
+#include "scene/lights.h"
 #include "scene/sky.h"
 #include "surface/lit_surfaces.h"
 #include "text.h"
 #include "visibility/backs.h"
 #include "visibility/visibility.h"
 #include "visibility/walls.h"
+#include "volume/compare.h"
 #include "volume/light_content.h"
 
 #include <algorithm>
@@ -135,6 +137,9 @@ Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
     solver->solve(
         {scene, device, plan.grid, plan.frame, visibility, plan.lit ? &lit : nullptr, plan.maps},
         stages, volume);
+
+    if (volume::total_energy(volume) == 0.0)
+        stages.warn(scene::why_dark(scene));
 
     stages.begin("walls");
     volume.walls = visibility::find_walls(visibility, plan.grid.dims, volume.validity, most_walls,

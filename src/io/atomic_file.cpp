@@ -157,13 +157,20 @@ void AtomicFile::publish() {
         fail(target_, "written", errno);
 }
 
+void refuse_pipes(const std::string& path, const std::string& name) {
+    struct stat status {};
+    if (stat(path.c_str(), &status) == 0 && !S_ISREG(status.st_mode) && !S_ISDIR(status.st_mode))
+        throw Error(ErrorKind::file, name + ": is not a file");
+}
+
 std::string read_file(const std::string& path, uint64_t max_bytes) {
+    refuse_pipes(path, path);
     const Descriptor file(open(path.c_str(), O_RDONLY | O_CLOEXEC));
     struct stat status {};
     if (file.fd < 0 || fstat(file.fd, &status) != 0)
         fail(path, "read", errno);
-    if (!S_ISREG(status.st_mode))
-        fail(path, "read", S_ISDIR(status.st_mode) ? EISDIR : EINVAL);
+    if (S_ISDIR(status.st_mode))
+        fail(path, "read", EISDIR);
     if (uint64_t(status.st_size) > max_bytes)
         throw Error(ErrorKind::invalid, path + ": has " + std::to_string(status.st_size)
                                             + " bytes, more than the limit of "

@@ -44,6 +44,9 @@ private:
     bool exists_ = false;
 };
 
+/// Throws Error (file), beginning with `name`, for pipes and devices: to open one may wait forever.
+void refuse_pipes(const std::string& path, const std::string& name);
+
 /// Reads a whole file of at most `max_bytes`. Throws Error (file), or Error (invalid) if it is
 /// larger.
 std::string read_file(const std::string& path, uint64_t max_bytes);

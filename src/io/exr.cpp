@@ -3,6 +3,7 @@
 #include "image/image.h"
 #include "io/atomic_file.h"
 #include "io/layout.h"
+#include "quoted.h"
 #include "volume/sh.h"
 
 #include <nlohmann/json.hpp>
@@ -415,8 +416,8 @@ int integer(const Json& json, int lo, int hi) {
 
 void expect(const Json& json, const char* key, const std::string& value) {
     if (const Json& found = json.at(key); found != value)
-        throw std::out_of_range(std::string(key) + " is " + found.dump() + ", expected \"" + value
-                                + "\"");
+        throw std::out_of_range(std::string(key) + " is " + printable(found.dump())
+                                + ", expected \"" + value + "\"");
 }
 
 /// Where a channel's values go: name -> component, of a volume whose grids have been sized.
@@ -529,6 +530,9 @@ bool holds_any(const Entry& entry, volume::GridKinds kinds) {
 }
 
 Volume read_sidecar(const std::string& path, const Json& json, volume::GridKinds kinds) {
+    if (!json.is_object() || !json.contains("format"))
+        reject(path, std::string("is not a sidecar of lpvbake: it does not say \"format\": \"")
+                         + format_name + '"');
     expect(json, "format", format_name);
     integer(json.at("version"), format_version, format_version);
     if (json.at("packing") == name_of(Packing::cube))
@@ -653,9 +657,9 @@ Volume read_exr(const std::string& path, volume::GridKinds kinds) {
                                     [&](const Json& file) { return file["file"] == name; }))
             reject(path, "is not of the volume that " + sidecar + " describes");
     } catch (const Json::exception& error) {
-        std::string what = error.what();
-        std::replace(what.begin(), what.end(), '\n', ' ');
-        reject(sidecar, "is not a sidecar of lpvbake: " + what);
+        std::string_view what = error.what();
+        what.remove_prefix(std::min(what.size(), what.find("] ") + 2)); // its name in the library
+        reject(sidecar, "is not a sidecar of lpvbake: " + printable(what, 300));
     } catch (const std::out_of_range& error) {
         reject(sidecar, error.what());
     }

@@ -83,6 +83,7 @@ Identity identify(const std::string& path, const std::string& name) {
         throw Error(ErrorKind::file, name + ": cannot be read: "
                                          + (error ? std::strerror(error) : "input/output error"));
     };
+    refuse_pipes(path, name);
     errno = 0;
     std::ifstream in(path, std::ios::binary);
     if (!in)

@@ -132,6 +132,7 @@ struct Scene {
     std::vector<Camera> cameras;
     Sky sky;
     MaterialRules rules;
+    size_t clamped_materials = 0; ///< brighter than `rules.max_albedo`, of textures by their mean
     std::vector<std::string> warnings; ///< one line each: file, place, what, remedy
 };
 
@@ -159,7 +160,10 @@ struct LoadSettings {
     uint64_t max_memory = uint64_t{4} << 30; ///< bytes that loading may take
 };
 
-/// Loads a file. Errors carry the file, the JSON path, what is wrong and the remedy: file
+/// The path of a scene that is read from standard input, with its buffers and images embedded.
+inline constexpr const char* standard_input = "-";
+
+/// Loads a file, or what comes on `standard_input`. Errors carry the file, the JSON path, what is wrong and the remedy: file
 /// (unreadable), invalid (broken, or a warning under `strict`), unsupported (a required extension
 /// that is not understood), argument (there is no such scene, animation or variant), memory (past
 /// `max_memory`). What is left out or understood only in part is named in Scene::warnings.
@@ -168,8 +172,10 @@ LPVBAKE_API Scene load_gltf(const std::string& path, const LoadSettings& setting
 /// Reads {"lights": [{"type": "directional"|"point"|"spot", "color": [r, g, b], "intensity": x,
 /// "range": m, "spot": {"innerConeAngle": rad, "outerConeAngle": rad}, "position": [x, y, z],
 /// "direction": [x, y, z], "name": "..."}]}: the extension's properties, and position and direction
-/// (of travel) in place of a node. Throws Error (file, invalid) with the JSON path.
-LPVBAKE_API std::vector<Light> load_lights(const std::string& path);
+/// (of travel) in place of a node. A spot whose inner angle is the outer one, or past it by
+/// rounding, has a hard edge and gives a warning. Throws Error (file, invalid) with the JSON path.
+LPVBAKE_API std::vector<Light> load_lights(const std::string& path,
+                                           std::vector<std::string>& warnings);
 
 /// Reads an equirectangular picture, of any format that OpenImageIO knows, whose values times
 /// `scale` are nits: the middle of the picture stands at +X, its left end at -X, and -Z halfway

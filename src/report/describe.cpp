@@ -51,6 +51,7 @@ Json materials_json(const Scene& scene) {
             {"mask", count.mask},
             {"blend", count.blend},
             {"double_sided", count.double_sided},
+            {"clamped", scene.clamped_materials},
             {"list", list}};
 }
 
@@ -199,8 +200,12 @@ std::string scene_text(const std::string& path, const Scene& scene) {
                    size.x, size.y, size.z);
     }
     text +=
-        format("materials  %zu: %td emissive, %td mask, %td blend, %td double-sided\n",
+        format("materials  %zu: %td emissive, %td mask, %td blend, %td double-sided",
                scene.materials.size(), count.emissive, count.mask, count.blend, count.double_sided);
+    if (scene.clamped_materials > 0)
+        text += format(", %zu clamped to a reflectance of %g", scene.clamped_materials,
+                       double(scene.rules.max_albedo));
+    text += '\n';
     text += format("emitters   %s\n", scene::has_emitters(scene) ? "yes" : "none");
     text += format("textures   %zu of %s\n", scene.textures.size(),
                    counted(scene.images.size(), "image").c_str());

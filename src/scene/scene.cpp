@@ -86,6 +86,30 @@ bool has_sky(const Scene& scene) {
                          : scene.sky.luminance != glm::vec3(0.0f);
 }
 
+bool has_reflectors(const Scene& scene) {
+    for (const Instance& instance : scene.instances) {
+        const Mesh& mesh = scene.meshes[instance.mesh];
+        const Material& material = scene.materials[mesh.material];
+        glm::vec3 albedo = scene.rules.max_albedo * glm::vec3(material.base_color);
+        glm::vec3 vertex(mesh.colors.empty() ? 1.0f : 0.0f);
+        for (const glm::vec4& color : mesh.colors)
+            vertex = glm::max(vertex, glm::vec3(color));
+        albedo *= vertex;
+        if (material.base_color_texture >= 0) {
+            const Image& image = scene.images[scene.textures[material.base_color_texture].image];
+            for (int channel = 0; channel < 3; ++channel) {
+                uint8_t most = 0;
+                for (size_t i = channel; i < image.rgba.size(); i += 4)
+                    most = std::max(most, image.rgba[i]);
+                albedo[channel] *= most;
+            }
+        }
+        if (!mesh.triangles.empty() && albedo != glm::vec3(0.0f))
+            return true;
+    }
+    return false;
+}
+
 bool has_emitters(const Scene& scene) {
     std::vector<bool> placed(scene.materials.size());
     for (const Instance& instance : scene.instances)

@@ -19,6 +19,9 @@ uint64_t triangle_count(const Scene& scene);
 /// True if any placed surface has an emission above zero.
 bool has_emitters(const Scene& scene);
 
+/// True if any placed surface is not black to light that falls on it.
+bool has_reflectors(const Scene& scene);
+
 /// True if the sky is not black.
 bool has_sky(const Scene& scene);
 

@@ -25,6 +25,7 @@
 #include <vector>
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -96,6 +97,24 @@ protected:
     void need_device() {
         if (run({"devices"}).status == int(cmd::ExitCode::device))
             GTEST_SKIP() << "no Vulkan device";
+    }
+
+    /// The room with a picture that glows on its walls, in so long a file that the picture does not
+    /// fit into 1 MiB beside it.
+    void spill_glowing_room(const char* name) {
+        constexpr std::size_t side = 256;
+        const std::vector<unsigned char> picture = image::encode_png(
+            {int(side), int(side), 3, std::vector<float>(3 * side * side, 0.5f)}, name);
+        json scene = room(true);
+        scene["accessors"].push_back(
+            {{"bufferView", 0}, {"componentType", 5126}, {"count", 8}, {"type", "VEC2"}});
+        scene["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = 2;
+        scene["materials"][0]["emissiveFactor"] = {1, 1, 1};
+        scene["materials"][0]["emissiveTexture"]["index"] = 0;
+        scene["textures"] = {{{"source", 0}}};
+        scene["images"] = {{{"uri", "data:image/png;base64,"
+                                        + base64(std::string(picture.begin(), picture.end()))}}};
+        spill(folder_ / name, scene.dump() + std::string(550000, ' '));
     }
 
     std::vector<std::string> entries() {
@@ -232,26 +251,29 @@ TEST_F(Cli, TextsOfTheLibraryNameOptions) {
     expect_error({"bake", "dark.gltf", "-o", "a.vdb"}, cmd::ExitCode::invalid,
                  "dark.gltf: no light and no emissive surface; add one with --sun "
                  "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD, --sky COLOUR,NITS or --lights FILE\n");
-    std::string bright = slurp(folder_ / "room.gltf");
-    bright.replace(bright.find("0.8"), 3, "1.0");
-    spill(folder_ / "bright.gltf", bright);
-    const std::string warning = "bright.gltf: materials: 1 clamped to a reflectance of 0.95; "
-                                "darken them or raise --max-albedo";
-    expect_error({"info", "bright.gltf", "--strict"}, cmd::ExitCode::invalid,
+    spill_glowing_room("glows.gltf");
+    const std::vector<std::string> small{"glows.gltf", "--max-memory", "1M"};
+    const std::string warning = "glows.gltf: images: halved, once or more, to fit into memory: 1 "
+                                "of 1; allow more with --max-memory or use smaller ones";
+    expect_error({"info", "glows.gltf", "--max-memory", "1M", "--strict"}, cmd::ExitCode::invalid,
                  warning + " (--strict)\n");
-    const Result info = run({"info", "bright.gltf", "--format", "json"});
+    const Result info =
+        run(std::vector<std::string>{"info", "--format", "json"} + small);
     EXPECT_EQ(info.err, "lpvbake: warning: " + warning + "\n");
     EXPECT_EQ(json::parse(info.out)["warnings"], json{warning});
-    const Result bake = run({"bake", "bright.gltf", "--dry-run", "--format", "json", "--solver",
-                             "lpv", "--occlusion", "none"});
+    const Result bake = run(std::vector<std::string>{"bake", "--dry-run", "--format", "json",
+                                                     "--solver", "lpv", "--occlusion", "none"}
+                            + small);
     EXPECT_EQ(bake.err, "lpvbake: warning: " + warning + "\n");
     const json plan = json::parse(bake.out);
     EXPECT_EQ(plan["warnings"], json{warning});
     EXPECT_TRUE(std::ranges::any_of(plan["skipped"], [](const json& stage) {
         return stage["why"] == "--occlusion none";
     })) << plan["skipped"];
-    const Result report = run({"report", "bright.gltf", "--solver", "lpv", "--resolution", "4",
-                               "--rays", "64", "--no-peer", "--format", "json"});
+    const Result report =
+        run(std::vector<std::string>{"report", "--solver", "lpv", "--resolution", "4", "--rays",
+                                     "64", "--no-peer", "--format", "json"}
+            + small);
     EXPECT_EQ(report.err.find('`'), std::string::npos) << report.err;
     const json scene = json::parse(report.out)["scenes"][0];
     EXPECT_EQ(scene["warnings"][0], warning);
@@ -562,6 +584,134 @@ TEST_F(Cli, InvalidInput) {
     expect_error({"info", "broken.json"}, cmd::ExitCode::invalid, "broken.json");
     expect_error(quick + std::vector<std::string>{"-o", "a.vdb", "--lights", "broken.json"},
                  cmd::ExitCode::invalid, "broken.json");
+}
+
+TEST_F(Cli, PipesAreNoFiles) {
+    for (const char* name : {"pipe.gltf", "pipe.glb", "pipe.vdb", "pipe.exr", "pipe.json"})
+        ASSERT_EQ(mkfifo((folder_ / name).c_str(), 0600), 0);
+    // A reader of a pipe would wait for whoever writes: these tests end by their time limit then.
+    for (const char* scene : {"pipe.gltf", "pipe.glb"}) {
+        const std::string text = std::string(scene) + ": is not a file\n";
+        expect_error({"info", scene}, cmd::ExitCode::file, text);
+        expect_error({"bake", scene, "-o", "a.vdb"}, cmd::ExitCode::file, text);
+        expect_error({"reference", scene, "-o", "a.vdb"}, cmd::ExitCode::file, text);
+        expect_error({"render", scene, "pipe.vdb", "-o", "a.png"}, cmd::ExitCode::file, text);
+        expect_error({"report", scene}, cmd::ExitCode::file, text);
+    }
+    expect_error({"info", "pipe.vdb"}, cmd::ExitCode::file, "pipe.vdb: is not a file\n");
+    expect_error({"info", "pipe.json"}, cmd::ExitCode::file, "pipe.json: is not a file\n");
+    expect_error({"info", "pipe.exr"}, cmd::ExitCode::file, "pipe.json: is not a file\n");
+    expect_error({"diff", "pipe.vdb", "pipe.vdb"}, cmd::ExitCode::file, "pipe.vdb: is not a file\n");
+    expect_error({"convert", "pipe.vdb", "a.vdb"}, cmd::ExitCode::file,
+                 "pipe.vdb: is not a file\n");
+    expect_error(quick + std::vector<std::string>{"-o", "a.vdb", "--lights", "pipe.json"},
+                 cmd::ExitCode::file, "pipe.json: is not a file\n");
+    expect_error(quick + std::vector<std::string>{"-o", "a.vdb", "--sky", "./pipe.exr"},
+                 cmd::ExitCode::file, "pipe.exr: is not a file\n");
+}
+
+TEST_F(Cli, WhatIsNoSidecarIsToldPlainly) {
+    const std::string start = "a.json: is not a sidecar of lpvbake: ";
+    for (const auto& [text, part] :
+         {std::pair<std::string, std::string>(slurp(folder_ / "room.gltf"), "it does not say"),
+          {"[1, 2]", "it does not say"},
+          {"3", "it does not say"},
+          {"{\"format\": 3}", "format is 3, expected"},
+          {"{\"format\": \"lpvbake flipbook\"}", "key 'version' not found"},
+          {"{\"format\": ", "parse error"},
+          {"{\"format\": \"" + std::string(1 << 20, 'x') + "\"}", "format is \"xxx"}}) {
+        spill(folder_ / "a.json", text);
+        const Result result = run({"info", "a.json"});
+        expect_one_error(result, part, cmd::ExitCode::invalid, part);
+        EXPECT_EQ(result.err.find("json.exception"), std::string::npos) << result.err;
+        EXPECT_NE(result.err.find("a.json: "), std::string::npos) << result.err;
+        EXPECT_LT(result.err.size(), 500u);
+    }
+}
+
+TEST_F(Cli, ScenesFromStandardInput) {
+    const auto piped = [&](const std::string& arguments) {
+        return run_lpvbake(temporary_, arguments);
+    };
+    const Result file = piped("info room.gltf --format json");
+    const Result input = piped("info - --format json < room.gltf");
+    EXPECT_EQ(input.status, 0) << input.err;
+    json expected = json::parse(file.out), document = json::parse(input.out);
+    EXPECT_EQ(document["file"], "-");
+    document["file"] = expected["file"];
+    EXPECT_EQ(document, expected);
+    const Result nothing = piped("info - < /dev/null");
+    expect_one_error(nothing, "info -", cmd::ExitCode::invalid, "standard input: is not JSON");
+    need_device();
+    ASSERT_EQ(piped("bake room.gltf --resolution 8 -o file.vdb").status, 0);
+    const Result baked = piped("bake --resolution 8 -o input.vdb - < room.gltf");
+    ASSERT_EQ(baked.status, 0) << baked.err;
+    const Volume a = read_volume((folder_ / "file.vdb").string());
+    const Volume b = read_volume((folder_ / "input.vdb").string());
+    EXPECT_EQ(a.sh, b.sh);
+    EXPECT_EQ(a.metadata.at("scene_hash"), b.metadata.at("scene_hash"));
+    const Result rendered =
+        piped("render - file.vdb --size 16x16 --samples 1 -o a.png < room.gltf");
+    EXPECT_EQ(rendered.status, 0) << rendered.err;
+    const Result traced =
+        piped("reference - --resolution 4 --rays 64 -o r.vdb < room.gltf");
+    EXPECT_EQ(traced.status, 0) << traced.err;
+    // A pipe, in which nobody can go back.
+    const std::string command = "cat '" + (folder_ / "room.gltf").string()
+                                + "' | '" LPVBAKE_BINARY "' bake - --dry-run > '"
+                                + (folder_ / "stdout").string() + "'";
+    EXPECT_EQ(std::system(command.c_str()), 0);
+}
+
+TEST_F(Cli, VolumesWithoutLightSayWhy) {
+    need_device();
+    json black = json::parse(slurp(folder_ / "room.gltf"));
+    black["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] = {0, 0, 0, 1};
+    spill(folder_ / "black.gltf", black.dump());
+    json far = json::parse(slurp(folder_ / "room.gltf"));
+    far["extensions"]["KHR_lights_punctual"]["lights"][0]["range"] = 0.01;
+    spill(folder_ / "far.gltf", far.dump());
+    struct Case {
+        const char* scene;
+        std::vector<std::string> options;
+        const char* text;
+    };
+    for (const auto& [scene, options, text] :
+         {Case{"black.gltf", {}, "warning: the volume holds no light: all surfaces are black"},
+          Case{"room.gltf", {"--max-albedo", "0"}, "nothing reflects any with --max-albedo 0"},
+          Case{"far.gltf", {}, "warning: the volume holds no light: none reaches a surface"}}) {
+        for (const char* solver : {"gather", "sn", "lpv"}) {
+            const Result result = run(std::vector<std::string>{"bake", scene, "--resolution", "6",
+                                                               "--solver", solver, "-o", "a.vdb"}
+                                      + options);
+            EXPECT_EQ(result.status, 0) << result.err;
+            EXPECT_NE(result.err.find(text), std::string::npos)
+                << scene << " " << solver << ": " << result.err;
+        }
+        const Result traced = run(std::vector<std::string>{"reference", scene, "--resolution", "4",
+                                                           "--rays", "64", "-o", "r.vdb"}
+                                  + options);
+        EXPECT_NE(traced.err.find(text), std::string::npos) << scene << ": " << traced.err;
+    }
+    const Result lit = run(quick + std::vector<std::string>{"-o", "a.vdb"});
+    EXPECT_EQ(lit.err.find("no light"), std::string::npos) << lit.err;
+}
+
+TEST_F(Cli, WarningsOfLightFilesAreTold) {
+    need_device();
+    spill(folder_ / "spot.json",
+          R"({"lights": [{"type": "spot", "intensity": 100, "position": [0, 1.5, 0],
+                          "direction": [0, -1, 0],
+                          "spot": {"innerConeAngle": 0.5, "outerConeAngle": 0.5}}]})");
+    const std::vector<std::string> bake{"bake",    "dark.gltf", "--resolution", "6", "-o",
+                                        "a.vdb",   "--lights",  "spot.json",    "--format", "json"};
+    const Result result = run(bake);
+    EXPECT_EQ(result.status, 0) << result.err;
+    const json warnings = json::parse(result.out)["warnings"];
+    ASSERT_EQ(warnings.size(), 1u) << warnings;
+    EXPECT_NE(warnings[0].get<std::string>().find("hard edge"), std::string::npos);
+    expect_error(bake + std::vector<std::string>{"--strict"}, cmd::ExitCode::invalid,
+                 "spot.json: lights[0].spot.innerConeAngle");
 }
 
 TEST_F(Cli, UnsupportedFeatureIsNamed) {

@@ -7,6 +7,8 @@
 
 #include <cmath>
 #include <cstdint>
+#include <string>
+#include <vector>
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     using namespace lpvbake;
@@ -24,7 +26,8 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     }
     const std::string path = fuzz::Folder::own().write("lights.json", text);
     fuzz::accepts([&] {
-        for (const Light& light : load_lights(path))
+        std::vector<std::string> warnings;
+        for (const Light& light : load_lights(path, warnings))
             scene::check_light(light, "light");
     });
     return 0;

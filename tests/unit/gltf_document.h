@@ -114,6 +114,22 @@ struct GltfDocument {
     }
 };
 
+/// A triangle with UVs and one material with the PNG above as base colour.
+inline GltfDocument textured(
+    const nlohmann::json& material_extra = nlohmann::json::object()) {
+    GltfDocument document;
+    nlohmann::json& primitive = document.triangle();
+    primitive["attributes"]["TEXCOORD_0"] =
+        document.accessor<float>({0.25f, 0.5f, 0.75f, 0.5f, 1, 1}, real, "VEC2");
+    primitive["material"] = 0;
+    nlohmann::json material = {{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", 0}}}}}};
+    material.merge_patch(material_extra);
+    document.root["materials"] = {material};
+    document.root["images"] = {{{"uri", png}}};
+    document.root["textures"] = {{{"source", 0}}};
+    return document;
+}
+
 class Gltf : public ::testing::Test {
 protected:
     void SetUp() override {

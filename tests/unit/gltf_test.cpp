@@ -232,21 +232,6 @@ TEST_F(Gltf, PlacesLightsAndCameras) {
 
 // ---------------------------------------------------------------- materials
 
-/// A triangle with UVs and one material with the PNG above as base colour.
-Document textured(const json& material_extra = json::object()) {
-    Document document;
-    json& primitive = document.triangle();
-    primitive["attributes"]["TEXCOORD_0"] =
-        document.accessor<float>({0.25f, 0.5f, 0.75f, 0.5f, 1, 1}, real, "VEC2");
-    primitive["material"] = 0;
-    json material = {{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", 0}}}}}};
-    material.merge_patch(material_extra);
-    document.root["materials"] = {material};
-    document.root["images"] = {{{"uri", png}}};
-    document.root["textures"] = {{{"source", 0}}};
-    return document;
-}
-
 TEST_F(Gltf, DecodesTexturesOnceAndOnlyIfUsed) {
     Document document = textured({{"emissiveTexture", {{"index", 1}}},
                                   {"emissiveFactor", {1, 1, 1}},
@@ -329,16 +314,16 @@ TEST_F(Gltf, CountsMaterialsThatReflectTooMuch) {
         document.triangle()["material"] = document.append(
             "materials", {{"pbrMetallicRoughness", {{"baseColorFactor", {0.1, albedo, 0.1, 1}}}}});
     }
-    expect_warning(load(document), "materials: 2 clamped to a reflectance of 0.95");
+    EXPECT_EQ(load(document).clamped_materials, 2u);
     // Dark vertices keep a bright material below the limit.
     Document dark;
     json& primitive = dark.triangle();
     primitive["attributes"]["COLOR_0"] =
         dark.accessor<float>(std::vector<float>(9, 0.5f), real, "VEC3");
-    EXPECT_TRUE(load(dark).warnings.empty());
+    EXPECT_EQ(load(dark).clamped_materials, 0u);
     // So does a texture: the PNG has 51 / 255 of blue, and factors take red and green down.
     Document image = textured({{"pbrMetallicRoughness", {{"baseColorFactor", {0.5, 0.5, 1, 1}}}}});
-    EXPECT_TRUE(load(image).warnings.empty());
+    EXPECT_EQ(load(image).clamped_materials, 0u);
     // A texture counts by its mean: one white texel of four is clamped without a word.
     const auto grey_and_white = [](int whites) {
         image::Pixels pixels{4, 1, 3, {}};
@@ -349,8 +334,8 @@ TEST_F(Gltf, CountsMaterialsThatReflectTooMuch) {
             {"bufferView", picture.view(packed(image::encode_png(pixels, "image")))}};
         return picture;
     };
-    EXPECT_TRUE(load(grey_and_white(1)).warnings.empty());
-    expect_warning(load(grey_and_white(4)), "materials: 1 clamped to a reflectance of 0.95");
+    EXPECT_EQ(load(grey_and_white(1)).clamped_materials, 0u);
+    EXPECT_EQ(load(grey_and_white(4)).clamped_materials, 1u);
 }
 
 TEST_F(Gltf, SkipsTexelsThatOnlyColourSurfaces) {
@@ -379,11 +364,11 @@ TEST_F(Gltf, SkipsTexelsThatOnlyColourSurfaces) {
         textured({{"extensions", {{"KHR_materials_transmission", {{"transmissionFactor", 0.5}}}}}});
     clear.root["images"][0] = image_of(clear);
     EXPECT_EQ(load(clear, skipping).materials[0].base_color, load(clear).materials[0].base_color);
-    // What is no image is refused without a look at texels.
+    // What is no image is left out without a look at texels.
     Document broken = textured();
     write(folder_ / "broken.png", "this is no image");
     broken.root["images"][0] = {{"uri", "broken.png"}};
-    EXPECT_THROW(load(broken, skipping), Error);
+    expect_warning(load(broken, skipping), "images[0] (broken.png)");
 }
 
 TEST_F(Gltf, AppliesTextureTransformsAndSets) {
@@ -469,14 +454,14 @@ TEST_F(Gltf, KeepsUrisInsideTheFolder) {
 TEST_F(Gltf, NamesMissingAndBrokenImages) {
     Document document = textured();
     document.root["images"][0]["uri"] = "missing.png";
-    expect_error(document, "images[0].uri: \"missing.png\"", ErrorKind::file);
+    expect_warning(load(document), "images[0].uri: \"missing.png\"");
     document.root["images"][0]["uri"] = "../missing.png";
     expect_error(document, "images[0].uri: \"../missing.png\" leads out");
     write(folder_ / "broken.png", "this is no image");
     document.root["images"][0]["uri"] = "broken.png";
-    expect_error(document, "images[0] (broken.png)");
+    expect_warning(load(document), "images[0] (broken.png)");
     document.root["images"][0] = {{"bufferView", 0}, {"mimeType", "image/png"}};
-    expect_error(document, "images[0]");
+    expect_warning(load(document), "images[0]: the image is neither");
 }
 
 // ---------------------------------------------------------------- rejection
@@ -518,7 +503,7 @@ TEST_F(Gltf, WarnsOfWhatItLeavesOut) {
     expect_warning(scene, path_ + ": materials: lit all the same: 1 with");
     expect_warning(scene, path_ + ": textures[0].extensions.KHR_texture_basisu: ");
     EXPECT_EQ(scene.materials[0].base_color_texture, -1);
-    expect_error(document, "(and 2 more; `strict`)", ErrorKind::invalid, {.strict = true});
+    expect_error(document, "(and 1 more; `strict`)", ErrorKind::invalid, {.strict = true});
     // With an image to fall back on there is nothing to say.
     document.root["images"].push_back({{"uri", png}});
     document.root["textures"][0]["source"] = 1;
@@ -554,11 +539,9 @@ TEST_F(Gltf, NamesThePlaceOfAFlaw) {
          "nodes[0].children: the node is its own ancestor"},
         {R"({"nodes": [{"children": [1, 1]}, {}]})",
          "nodes[0].children[1]: nodes[1] is a child of nodes[0] already"},
-        {R"({"scenes": [{"nodes": [0]}], "nodes": [{}, {"children": [0]}]})",
-         "scenes[0].nodes[0]: nodes[0] is a child of another node"},
         {R"({"nodes": [{"children": [-1]}]})", "nodes[0].children[0]: must be an index"},
         {R"({"nodes": [{"mesh": 1}]})", "nodes[0].mesh: index 1"},
-        {R"({"nodes": [{"mesh": 0.0}]})", "nodes[0].mesh: must be an index"},
+        {R"({"nodes": [{"mesh": 0.5}]})", "nodes[0].mesh: must be an index"},
         {R"({"nodes": [{"mesh": 0, "skin": 0}]})", "nodes[0].skin: index 0"},
         {R"({"nodes": [{"matrix": [1, 2]}]})", "nodes[0].matrix: must be an array of 16 numbers"},
         {R"({"nodes": [{"matrix": [1,0,0,1, 0,1,0,0, 0,0,1,0, 0,0,0,1]}]})", "is not affine"},
@@ -626,9 +609,8 @@ TEST_F(Gltf, NamesThePlaceOfAFlaw) {
          "materials[0].pbrMetallicRoughness.baseColorTexture.index: index 0 is out of range"},
         {R"({"materials": [{"pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1]}}]})",
          "materials[0].pbrMetallicRoughness.baseColorFactor: must be an array of 4 numbers"},
-        {R"({"textures": [{"source": 0}]})", "textures[0].source: index 0"},
-        {R"({"cameras": [{"type": "perspective", "perspective": {}}]})",
-         "cameras[0].perspective.yfov"},
+        {R"({"textures": [{"source": "0"}]})", "textures[0].source: must be an index"},
+        {R"({"cameras": [3]})", "cameras[0]: must be an object"},
         {R"({"extensions": {"KHR_lights_punctual": {"lights": [{}]}}})",
          "lights[0].type: is missing"},
     };
@@ -718,14 +700,14 @@ TEST_F(Gltf, EndsEveryKindOfFaultByItsTable) {
          patch(R"({"nodes": [{"mesh": 0}, {"children": [2]}, {"children": [1]}]})")},
         {"a scene that is not there", ErrorKind::invalid, "scene: index 3 is out of range",
          patch(R"({"scene": 3})")},
-        {"no scene", ErrorKind::invalid, "scenes: there is no scene", patch(R"({"scenes": null})")},
+        {"no scene", std::nullopt, "scenes: there is no scene", patch(R"({"scenes": null})")},
         {"a scene of nothing", ErrorKind::invalid, "scenes[0]: has no nodes",
          patch(R"({"scenes": [{}]})")},
         {"an object for an array", ErrorKind::invalid, "meshes[0].primitives: must be an array",
          [](Document& d) {
              d.root["meshes"][0]["primitives"] = {{"not an array", json::object()}};
          }},
-        {"a number that is infinite", ErrorKind::invalid, "is not JSON",
+        {"a number that is infinite", ErrorKind::invalid, "nodes[0].name: must be a string",
          [](Document& d) { d.root["nodes"][0]["name"] = "@1e999@"; }},
         {"a transform that is infinite", ErrorKind::invalid,
          "nodes[0]: its transform is not finite",
@@ -830,15 +812,10 @@ TEST_F(Gltf, RefusesMaterialsThatMakeNoSense) {
         document.root["materials"] = {material};
         expect_error(document, part);
     };
-    expect({{"alphaMode", "GLASS"}}, "materials[0].alphaMode: \"GLASS\"");
     expect({{"emissiveFactor", {-1, 0, 0}}}, "materials[0].emissiveFactor");
     expect({{"pbrMetallicRoughness", {{"baseColorFactor", {-1, 0, 0, 1}}}}},
            "materials[0].pbrMetallicRoughness.baseColorFactor");
     Document document = textured();
-    document.root["samplers"] = {{{"wrapS", 3}}};
-    document.root["textures"][0]["sampler"] = 0;
-    expect_error(document, "samplers[0].wrapS: 3 is not a wrap mode");
-    document = textured();
     document.root["textures"] = {{{"extensions", {{"VENDOR_texture", {{"source", 0}}}}}}};
     expect_error(document, "textures[0]: has no source but for VENDOR_texture",
                  ErrorKind::unsupported);

@@ -36,10 +36,11 @@ protected:
 
     std::vector<Light> load(const std::string& text) {
         std::ofstream(path_) << text;
-        return load_lights(path_.string());
+        return load_lights(path_.string(), warnings_);
     }
 
     std::filesystem::path path_;
+    std::vector<std::string> warnings_;
 };
 
 TEST_F(LightFile, ReadsEveryTerm) {
@@ -93,8 +94,28 @@ TEST_F(LightFile, NamesThePlaceOfAMistake) {
     expect(light(R"("type": "spot", "spot": {"outerConeAngle": 2})"), "outerConeAngle");
 }
 
+TEST_F(LightFile, GivesSpotsOfOneAngleAHardEdge) {
+    for (const char* angles : {R"("innerConeAngle": 0.5, "outerConeAngle": 0.5)",
+                               R"("innerConeAngle": 0.5236, "outerConeAngle": 0.52359)",
+                               R"("innerConeAngle": 0.7853981633974484)"}) {
+        warnings_.clear();
+        const std::vector<Light> lights = load(
+            std::string(R"({"lights": [{"type": "point"}, {"type": "spot", "spot": {)") + angles
+            + "}}]}");
+        ASSERT_EQ(lights.size(), 2u);
+        EXPECT_EQ(lights[1].inner_cone, lights[1].outer_cone);
+        ASSERT_EQ(warnings_.size(), 1u) << angles;
+        EXPECT_EQ(warnings_[0].find(path_.string() + ": lights[1].spot.innerConeAngle: "), 0u)
+            << warnings_[0];
+    }
+    warnings_.clear();
+    load(R"({"lights": [{"type": "spot", "spot": {"innerConeAngle": 0.5, "outerConeAngle": 0.51}},
+                        {"type": "point", "spot": {"innerConeAngle": 2}}]})");
+    EXPECT_TRUE(warnings_.empty());
+}
+
 TEST_F(LightFile, SaysIfItIsMissing) {
-    const Error error = error_of([&] { load_lights(path_.string()); });
+    const Error error = error_of([&] { load_lights(path_.string(), warnings_); });
     EXPECT_EQ(error.kind, ErrorKind::file);
 }
 

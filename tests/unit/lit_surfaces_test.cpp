@@ -143,6 +143,22 @@ TEST(LitSurfaces, PointLightFollowsTheInverseSquare) {
     }
 }
 
+TEST(LitSurfaces, SpotsOfOneAngleGiveTheFluxOfTheirCone) {
+    for (const double angle : {0.5, 1.0, 1.5}) {
+        Scene scene = scenes::furnace(8.0f, 0.5f, 0.0f);
+        scene.lights.push_back(
+            scenes::spot_light({4.1, 4.2, 4.3}, {0.3, -1, 0.2}, 70.0, angle, angle));
+        const scene::Frame cells{glm::dvec3(0.0), 0.25, glm::dvec3(32.0)};
+        const surface::LitSurfaces lit = light(scene, 1, cells);
+        double flux = 0.0;
+        for (size_t i = 0; i < lit.patches.size(); ++i)
+            flux += glm::pi<double>() / 0.5 * double(lit.luminance[2 * i].y)
+                    * double(lit.patches[i].area) * 0.25 * 0.25;
+        EXPECT_NEAR(flux / (70.0 * glm::two_pi<double>() * (1.0 - std::cos(angle))), 1.0, 0.01)
+            << angle;
+    }
+}
+
 TEST(LitSurfaces, EmittersLightByTheirFormFactor) {
     // A square lamp of edge 2 at height 2 over the middle of a floor, and the floor's point below.
     Scene scene = scenes::floor_quad(0.2f, glm::vec3(0.5f));

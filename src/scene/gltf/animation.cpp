@@ -1,5 +1,6 @@
 #include "scene/gltf/animation.h"
 
+#include "quoted.h"
 #include "scene/gltf/attributes.h"
 #include "text.h"
 
@@ -39,7 +40,7 @@ Curve read_curve(Document& document, const tinygltf::Animation& animation, int s
     if (!is_cubic && !curve.is_step && sampler.interpolation != "LINEAR"
         && !sampler.interpolation.empty())
         document.fail(place + ".interpolation",
-                      "\"" + sampler.interpolation + "\" is not an interpolation");
+                      in_quotes(sampler.interpolation) + " is not an interpolation");
     for (const int accessor : {sampler.input, sampler.output})
         document.memory.take(document.model.accessors.at(accessor).count, 8 * sizeof(float), place);
     curve.times = read_floats(document, sampler.input, 1, place + ".input");

@@ -8,13 +8,13 @@ namespace {
 /// `count` elements that begin `offset` bytes into a buffer view. `stride` 0: packed.
 Elements view_elements(const Document& document, int view_index, uint64_t offset, uint64_t count,
                        uint64_t stride, int component, int width, const std::string& place) {
-    const View& view = document.views.at(view_index);
+    const View& view = document.view(view_index);
     const std::string view_place = at("bufferViews", view_index);
     const uint64_t size = component_size(component) * width;
     if (size == 0)
         document.fail(place,
                       "componentType " + std::to_string(component) + " is not one of glTF 2.0");
-    if (stride == 0)
+    if (stride == 0 || (stride < size && !view.has_valid_stride))
         stride = size;
     if (stride < size)
         document.fail(view_place, "byteStride " + std::to_string(stride)
@@ -32,7 +32,7 @@ Elements accessor_elements(const Document& document, const tinygltf::Accessor& a
     Elements elements;
     if (accessor.bufferView >= 0) {
         elements = view_elements(document, accessor.bufferView, accessor.byteOffset, accessor.count,
-                                 document.views.at(accessor.bufferView).stride,
+                                 document.view(accessor.bufferView).stride,
                                  accessor.componentType, width, place);
     } else {
         elements.count = accessor.count;

@@ -1,6 +1,7 @@
 #include "scene/gltf/compression.h"
 
 #include "lpvbake/error.h"
+#include "quoted.h"
 #include "scene/gltf/allocation_limit.h"
 
 #include <meshoptimizer.h>
@@ -177,11 +178,11 @@ DracoMesh decode_draco(std::span<const unsigned char> bytes, const DracoLimits& 
 void check_meshopt(const MeshoptView& view, uint64_t length, const std::string& place) {
     const bool attributes = view.mode == "ATTRIBUTES";
     if (!attributes && view.mode != "TRIANGLES" && view.mode != "INDICES")
-        refuse(place + ".mode", "\"" + view.mode + "\" is not a mode");
+        refuse(place + ".mode", in_quotes(view.mode) + " is not a mode");
     const auto filter = [&](const char* name) { return view.filter == name; };
     const bool unit = filter("OCTAHEDRAL") || filter("QUATERNION") || filter("COLOR");
     if (!unit && !filter("NONE") && !filter("EXPONENTIAL"))
-        refuse(place + ".filter", "\"" + view.filter + "\" is not a filter");
+        refuse(place + ".filter", in_quotes(view.filter) + " is not a filter");
     if (!attributes && !filter("NONE"))
         refuse(place + ".filter", "indices have none");
     if (attributes ? view.stride % 4 != 0 || view.stride < 4 || view.stride > 256

@@ -1,8 +1,11 @@
 #include "scene/gltf/document.h"
 
+#include "quoted.h"
 #include "scene/gltf/accessor.h"
 #include "scene/gltf/compression.h"
 #include "scene/gltf/folder.h"
+#include "scene/gltf/json_text.h"
+#include "scene/gltf/repair.h"
 #include "scene/gltf/schema.h"
 
 #include <nlohmann/json.hpp>
@@ -79,9 +82,10 @@ Container open_container(Bytes bytes, const std::string& file) {
     if (bytes.size() < 20)
         refuse("the binary glTF is cut off in its header");
     if (const uint32_t version = little_endian(bytes, 4); version != 2)
-        throw Error(ErrorKind::unsupported, file + ": binary glTF version "
-                                                + std::to_string(version)
-                                                + " is not supported, 2 is; convert the file");
+        throw Error(ErrorKind::unsupported,
+                    file + ": binary glTF version " + std::to_string(version)
+                        + (version == 1 ? ", glTF 1.0," : "")
+                        + " is not supported, 2 is; convert the file");
     const uint64_t length = little_endian(bytes, 8);
     const uint64_t json_length = little_endian(bytes, 12);
     if (length > bytes.size())
@@ -103,15 +107,35 @@ Container open_container(Bytes bytes, const std::string& file) {
 
 // ---------------------------------------------------------------- the JSON
 
+/// True for a document of glTF 1.0 that does not say so: its arrays were objects.
+bool looks_like_version_1(const json& root) {
+    for (const char* key : {"buffers", "bufferViews", "accessors", "meshes", "nodes", "scenes"})
+        if (const auto found = root.find(key); found != root.end() && found->is_object())
+            return true;
+    return false;
+}
+
+/// Comes before all other checks: they are of glTF 2.0.
 void check_version(const json& root, const std::string& file) {
-    const auto version = root["asset"]["version"].get<std::string>();
-    if (!version.starts_with("2."))
-        throw Error(ErrorKind::unsupported, file + ": asset.version: glTF " + version
+    const auto refuse = [&](const std::string& key, const std::string& version) {
+        throw Error(ErrorKind::unsupported, file + ": asset." + key + ": glTF " + printable(version)
                                                 + " is not supported, 2.0 is; convert the file");
-    const auto least = root["asset"].find("minVersion");
-    if (least != root["asset"].end() && *least != "2.0")
-        throw Error(ErrorKind::unsupported, file + ": asset.minVersion: glTF " + least->dump()
-                                                + " is not supported, 2.0 is; convert the file");
+    };
+    if (!root.is_object())
+        return;
+    const json asset = root.value("asset", json(nullptr));
+    const json version = asset.is_object() ? asset.value("version", json(nullptr)) : json(nullptr);
+    if (version.is_string() && !version.get_ref<const std::string&>().starts_with("2."))
+        refuse("version", version.get<std::string>());
+    if (version.is_number() && version.get<double>() < 2.0)
+        refuse("version", version.dump());
+    if (version.is_null() && looks_like_version_1(root))
+        refuse("version", "1.0");
+    if (!asset.is_object())
+        return;
+    const auto least = asset.find("minVersion");
+    if (least != asset.end() && *least != "2.0")
+        refuse("minVersion", least->dump());
 }
 
 template <size_t N>
@@ -128,8 +152,8 @@ std::string not_understood(const std::vector<std::string>& extensions) {
     std::string names;
     for (const std::string& name : extensions)
         if (!is_among(understood_extensions, name) && !is_among(irrelevant_extensions, name))
-            names += (names.empty() ? "" : ", ") + name;
-    return names;
+            names += (names.empty() ? "" : ", ") + printable(name);
+    return printable(names, 400);
 }
 
 void check_extensions(const json& root, Document& document) {
@@ -165,51 +189,71 @@ bool is_marked_as_fallback(const json& buffer) {
     return false;
 }
 
-/// A buffer without bytes stands in for what its views hold compressed (meshopt's fallback).
+/// A buffer without bytes stands in for what its views hold compressed (meshopt's fallback), or has
+/// a fault.
 struct Buffer {
     Bytes bytes;
     bool has_bytes = false;
+    std::optional<Error> fault = {};
 };
+
+/// What is left out as long as nobody wants it. Throws the error again if it is not the file's.
+std::optional<Error> left_out(const char* kind, const Error& error, Document& document) {
+    if (error.kind == ErrorKind::memory)
+        throw error;
+    document.warnings.add(kind, error, "left out");
+    return error;
+}
+
+/// The bytes that a URI stands for, at least `length`.
+Bytes read_uri(const std::string& uri, uint64_t length, const std::string& place,
+               Document& document) {
+    const std::string uri_place = document.file + ": " + place + ".uri";
+    std::vector<unsigned char> bytes;
+    if (is_data_uri(uri)) {
+        document.memory.take(uri.size(), 1, place + ".uri");
+        bytes = decode_data_uri(uri, uri_place);
+        if (bytes.size() < length)
+            document.fail(place + ".uri", "does not hold byteLength bytes");
+    } else {
+        document.memory.take(length, 1, place);
+        bytes = document.file_beside(uri, uri_place, length);
+        if (bytes.size() < length)
+            document.fail(place + ".uri", "the file has " + std::to_string(bytes.size())
+                                              + " bytes, byteLength is " + std::to_string(length));
+    }
+    document.storage.push_back(std::move(bytes));
+    return document.storage.back();
+}
+
+Buffer read_buffer(const json& buffer, size_t index, Bytes chunk, Document& document) {
+    const std::string place = at("buffers", index);
+    const auto length = buffer["byteLength"].get<uint64_t>();
+    if (length == 0)
+        document.fail(place + ".byteLength", "must be at least 1");
+    if (is_marked_as_fallback(buffer))
+        return {};
+    const auto& uri =
+        buffer.contains("uri") ? buffer["uri"].get_ref<const std::string&>() : std::string();
+    if (!uri.empty())
+        return {read_uri(uri, length, place, document).first(length), true};
+    if (index != 0 || chunk.empty())
+        return {};
+    if (chunk.size() < length)
+        document.fail(place, "byteLength is " + std::to_string(length)
+                                 + ", the file's binary chunk has " + std::to_string(chunk.size())
+                                 + " bytes");
+    return {chunk.first(length), true};
+}
 
 std::vector<Buffer> read_buffers(const json& list, Bytes chunk, Document& document) {
     std::vector<Buffer> buffers(list.size());
-    for (size_t i = 0; i < list.size(); ++i) {
-        const std::string place = at("buffers", i);
-        const auto length = list[i]["byteLength"].get<uint64_t>();
-        if (length == 0)
-            document.fail(place + ".byteLength", "must be at least 1");
-        if (is_marked_as_fallback(list[i]))
-            continue;
-        const auto& uri =
-            list[i].contains("uri") ? list[i]["uri"].get_ref<const std::string&>() : std::string();
-        if (uri.empty()) {
-            if (i != 0 || chunk.empty())
-                continue;
-            if (chunk.size() < length)
-                document.fail(place, "byteLength is " + std::to_string(length)
-                                         + ", the file's binary chunk has "
-                                         + std::to_string(chunk.size()) + " bytes");
-            buffers[i] = {chunk.first(length), true};
-            continue;
+    for (size_t i = 0; i < list.size(); ++i)
+        try {
+            buffers[i] = read_buffer(list[i], i, chunk, document);
+        } catch (const Error& error) {
+            buffers[i].fault = left_out("buffers", error, document);
         }
-        const std::string uri_place = document.file + ": " + place + ".uri";
-        if (uri.starts_with("data:")) {
-            document.memory.take(uri.size(), 1, place + ".uri");
-            document.storage.push_back(decode_data_uri(uri, uri_place));
-            if (document.storage.back().size() < length)
-                document.fail(place + ".uri", "does not hold byteLength bytes");
-        } else {
-            document.memory.take(length, 1, place);
-            document.storage.push_back(
-                read_file(resolve_uri(document.folder, uri, uri_place, document.allow_external),
-                          uri_place, length));
-            if (document.storage.back().size() < length)
-                document.fail(place + ".uri",
-                              "the file has " + std::to_string(document.storage.back().size())
-                                  + " bytes, byteLength is " + std::to_string(length));
-        }
-        buffers[i] = {Bytes(document.storage.back()).first(length), true};
-    }
     return buffers;
 }
 
@@ -229,6 +273,27 @@ Bytes slice_of(const Document& document, const std::vector<Buffer>& buffers, con
     return bytes.subspan(offset, length);
 }
 
+View read_view(const json& source, const std::vector<Buffer>& buffers, const std::string& place,
+               Document& document) {
+    View view;
+    view.stride = source.value("byteStride", uint64_t{0});
+    view.has_valid_stride = view.stride % 4 == 0 && view.stride <= 252;
+    if (!view.has_valid_stride)
+        document.warnings.add("strides", place + ".byteStride",
+                              std::to_string(view.stride)
+                                  + " is not a multiple of 4 up to 252: taken as it is, or, where "
+                                    "elements are larger, as if they were packed; export the file "
+                                    "again");
+    try {
+        view.fault = buffers[source["buffer"].get<size_t>()].fault;
+        if (!view.fault)
+            view.bytes = slice_of(document, buffers, source, place);
+    } catch (const Error& error) {
+        view.fault = left_out("buffer views", error, document);
+    }
+    return view;
+}
+
 /// Slices the buffers, and decompresses what is compressed.
 void read_views(const json& list, const std::vector<Buffer>& buffers, Document& document) {
     struct Compressed {
@@ -241,18 +306,20 @@ void read_views(const json& list, const std::vector<Buffer>& buffers, Document& 
     document.views.resize(list.size());
     for (size_t i = 0; i < list.size(); ++i) {
         const std::string place = at("bufferViews", i);
-        View& view = document.views[i];
-        view.stride = list[i].value("byteStride", uint64_t{0});
         const json extensions = list[i].value("extensions", json::object());
         const auto extension =
             std::find_if(std::begin(meshopt_extensions), std::end(meshopt_extensions),
                          [&](const char* name) { return extensions.contains(name); });
         if (extension == std::end(meshopt_extensions)) {
-            view.bytes = slice_of(document, buffers, list[i], place);
+            document.views[i] = read_view(list[i], buffers, place, document);
             continue;
         }
         const json& packed = extensions[*extension];
         const std::string packed_place = place + ".extensions." + *extension;
+        document.views[i].stride = list[i].value("byteStride", uint64_t{0});
+        document.views[i].fault = buffers[packed["buffer"].get<size_t>()].fault;
+        if (document.views[i].fault)
+            continue;
         const MeshoptView data{
             slice_of(document, buffers, packed, packed_place), packed["count"].get<uint64_t>(),
             packed["byteStride"].get<uint64_t>(), packed["mode"].get<std::string>(),
@@ -285,16 +352,55 @@ std::vector<ImageSource> image_sources(json& list) {
     return images;
 }
 
+/// Cameras that make no sense are of no use, and no fault of what is baked.
+std::vector<CameraSource> camera_sources(const json& list, Warnings& warnings) {
+    std::vector<CameraSource> cameras;
+    for (size_t i = 0; i < list.size(); ++i) {
+        CameraSource source;
+        source.name = list[i].value("name", std::string());
+        const std::string place = at("cameras", i);
+        const auto leave_out = [&](const std::string& property, const std::string& why) {
+            warnings.add("cameras", place + property,
+                         why + ": the camera is left out; a bake needs none");
+        };
+        const json type = list[i].value("type", json(nullptr));
+        const json perspective = list[i].value("perspective", json(nullptr));
+        const json none = nullptr;
+        const json& yfov = perspective.contains("yfov") ? perspective["yfov"] : none;
+        if (type == "orthographic")
+            source.is_orthographic = true;
+        else if (type != "perspective")
+            leave_out(".type", (type.is_string() ? in_quotes(type.get_ref<const std::string&>())
+                                                 : std::string("the type"))
+                                   + " is not a type of camera");
+        else if (!yfov.is_number())
+            leave_out(".perspective.yfov", "is no number");
+        else if (!(yfov.get<double>() > 0.0 && yfov.get<double>() < 3.14159))
+            leave_out(".perspective.yfov",
+                      yfov.dump() + " does not lie between 0 and pi radians");
+        else
+            source.yfov = yfov.get<double>();
+        if (perspective.contains("aspectRatio") && perspective["aspectRatio"].is_number())
+            source.aspect = std::max(0.0, perspective["aspectRatio"].get<double>());
+        cameras.push_back(source);
+    }
+    return cameras;
+}
+
 // ---------------------------------------------------------------- tinygltf
 
 std::string first_line(const std::string& text) {
-    return text.substr(0, std::min<size_t>(text.find('\n'), 200));
+    return printable(std::string_view(text).substr(0, text.find('\n')), 200);
 }
 
 /// Gives every accessor a buffer view: tinygltf 2.7.0 refuses indices without one, which Draco's
-/// are. Returns those that had none.
-std::vector<size_t> add_missing_views(json& root) {
+/// are. Returns those that had none. What views are is known already, and nothing in them may be
+/// refused for its sake.
+std::vector<size_t> simplify_views(json& root) {
     std::vector<size_t> without;
+    if (root.contains("bufferViews"))
+        for (json& view : root["bufferViews"])
+            view = {{"buffer", 0}, {"byteLength", 1}};
     if (!root.contains("accessors"))
         return without;
     json& accessors = root["accessors"];
@@ -309,7 +415,7 @@ std::vector<size_t> add_missing_views(json& root) {
 }
 
 tinygltf::Model parse_model(json root, const Document& document) {
-    const std::vector<size_t> without_view = add_missing_views(root);
+    const std::vector<size_t> without_view = simplify_views(root);
     tinygltf::TinyGLTF parser;
     tinygltf::Model model;
     std::string error, warning;
@@ -339,6 +445,23 @@ void Document::fail(const std::string& place, const std::string& why, ErrorKind 
                           + (has_remedy || kind != ErrorKind::invalid
                                  ? ""
                                  : "; repair the file or export it again"));
+}
+
+std::vector<unsigned char> Document::file_beside(const std::string& uri, const std::string& place,
+                                                 uint64_t most) const {
+    if (!folder)
+        throw Error(ErrorKind::invalid,
+                    place + ": " + in_quotes(uri)
+                        + " is a file beside the scene, and standard input has none; embed it, as "
+                          "a .glb does");
+    return read_file(resolve_uri(*folder, uri, place, allow_external), place, most);
+}
+
+const View& Document::view(int index) const {
+    const View& view = views.at(index);
+    if (view.fault)
+        throw Error(*view.fault);
+    return view;
 }
 
 std::string at(const char* array, size_t index) {
@@ -388,29 +511,41 @@ int find_named(const std::vector<std::string>& names, const std::string& text,
     std::string known;
     for (size_t i = 0; i < std::min<size_t>(names.size(), 20); ++i)
         known +=
-            (i ? ", " : "") + std::to_string(i) + (names[i].empty() ? "" : " \"" + names[i] + "\"");
+            (i ? ", " : "") + std::to_string(i) + (names[i].empty() ? "" : " " + in_quotes(names[i]));
     throw Error(ErrorKind::argument,
                 std::string(setting) + " " + text + ": the file has no such; it has "
                     + (names.empty() ? "none" : known) + (names.size() > 20 ? ", ..." : ""));
 }
 
+std::string name_of(const std::string& path) {
+    return path == standard_input ? "standard input" : path;
+}
+
 Document parse_document(const std::string& path, const LoadSettings& settings) {
-    Document document{.file = path,
-                      .folder = std::filesystem::path(path).parent_path(),
+    const std::string name = name_of(path);
+    Document document{.file = name,
+                      .folder = std::nullopt,
                       .allow_external = settings.allow_external,
                       .model = {},
                       .images = {},
+                      .cameras = {},
                       .views = {},
-                      .warnings = Warnings(path),
-                      .memory = MemoryLimit(path, settings.max_memory),
+                      .warnings = Warnings(name),
+                      .memory = MemoryLimit(name, settings.max_memory),
                       .storage = {}};
-    document.memory.take(file_size(path, path), 1, "the file");
-    document.storage.push_back(read_file(path, path));
-    const Container container = open_container(document.storage.front(), path);
-    document.memory.take(json_elements(container.text, path), json_element_bytes, "its JSON");
-    json root = parse_json(container.text, path);
-    check_schema(root, path);
-    check_version(root, path);
+    if (path == standard_input) {
+        document.storage.push_back(read_standard_input(document.memory));
+    } else {
+        document.folder = std::filesystem::path(path).parent_path();
+        document.memory.take(file_size(path, path), 1, "the file");
+        document.storage.push_back(read_file(path, path));
+    }
+    const Container container = open_container(document.storage.front(), name);
+    document.memory.take(json_elements(container.text, name), json_element_bytes, "its JSON");
+    json root = parse_json(container.text, name, document.warnings);
+    check_version(root, name);
+    repair(root, document.warnings);
+    check_schema(root, name);
     check_extensions(root, document);
     const std::vector<std::string> used = strings(root, "extensionsUsed");
     document.quantized = std::find(used.begin(), used.end(), "KHR_mesh_quantization") != used.end();
@@ -418,6 +553,7 @@ Document parse_document(const std::string& path, const LoadSettings& settings) {
                read_buffers(taken(root, "buffers"), container.chunk, document), document);
     json images = taken(root, "images");
     document.images = image_sources(images);
+    document.cameras = camera_sources(taken(root, "cameras"), document.warnings);
     document.model = parse_model(std::move(root), document);
     return document;
 }

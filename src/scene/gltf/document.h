@@ -1,7 +1,7 @@
 // A glTF file, checked and parsed: tinygltf's model of its JSON, and the bytes that it refers to.
 //
-// tinygltf gets the JSON after our own checks and without buffers and images, which are read here:
-// it neither opens files nor decodes anything.
+// tinygltf gets the JSON after our own repairs and checks and without buffers, images and cameras,
+// which are read here: it neither opens files nor decodes anything.
 #pragma once
 
 #include "lpvbake/error.h"
@@ -12,6 +12,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -23,7 +24,9 @@ using Bytes = std::span<const unsigned char>;
 /// A buffer view as its accessors see it: decompressed.
 struct View {
     Bytes bytes;
-    uint64_t stride = 0; ///< bytes; 0: packed
+    uint64_t stride = 0;             ///< bytes; 0: packed
+    bool has_valid_stride = true;    ///< by glTF's rule of multiples of 4 up to 252
+    std::optional<Error> fault = {}; ///< why there are no bytes, for those who want them
 };
 
 /// Where an image's file is; its bytes are fetched when somebody wants them.
@@ -33,15 +36,25 @@ struct ImageSource {
     int view = -1;
 };
 
-/// Every index in the model points into its array; every view lies inside its buffer. What is
+/// A perspective camera, if it is one.
+struct CameraSource {
+    std::string name;
+    double yfov = 0.0;   ///< radians; 0: none that can be used, of which there was a warning
+    double aspect = 0.0; ///< 0: the picture's
+    bool is_orthographic = false;
+};
+
+/// Every index in the model points into its array; every view lies inside its buffer, or has a
+/// fault, of which there is a warning, since nothing may use it. What is
 /// const may be read by many threads; warnings and memory belong to one.
 struct Document {
     std::string file;
-    std::filesystem::path folder;
+    std::optional<std::filesystem::path> folder; ///< none: of standard input
     bool allow_external = false;
     bool quantized = false; ///< attributes may be integers (KHR_mesh_quantization)
     tinygltf::Model model;
     std::vector<ImageSource> images;
+    std::vector<CameraSource> cameras;
     std::vector<View> views;
     Warnings warnings;
     MemoryLimit memory;
@@ -51,11 +64,22 @@ struct Document {
     [[noreturn]] void fail(const std::string& place, const std::string& why,
                            ErrorKind kind = ErrorKind::invalid) const;
 
+    /// The bytes of a file beside the scene, its first `most` if it has more. Throws Error, beginning
+    /// with `place`, as resolve_uri and read_file do.
+    std::vector<unsigned char> file_beside(const std::string& uri, const std::string& place,
+                                           uint64_t most) const;
+
+    /// A view that has its bytes. Throws Error: why it has none.
+    const View& view(int index) const;
+
     std::vector<std::vector<unsigned char>> storage; ///< that views point into
 };
 
 /// "array[index]".
 std::string at(const char* array, size_t index);
+
+/// How messages call the scene of a path.
+std::string name_of(const std::string& path);
 
 /// Reads the file and its buffers, whole. Throws Error, as load_gltf does.
 Document parse_document(const std::string& path, const LoadSettings& settings);

@@ -1,6 +1,7 @@
 #include "lpvbake/scene.h"
 
 #include "lpvbake/error.h"
+#include "quoted.h"
 #include "scene/gltf/folder.h"
 #include "scene/lights.h"
 
@@ -28,7 +29,7 @@ struct Place {
             fail("must be an object");
         for (const auto& [key, unused] : value.items())
             if (std::find(known.begin(), known.end(), key) == known.end())
-                fail("has an unknown property \"" + key + "\"");
+                fail("has an unknown property " + in_quotes(key));
     }
 
     Place child(const char* key) const { return {value.at(key), path + "." + key}; }
@@ -63,10 +64,10 @@ LightType light_type(const Place& place) {
         return LightType::point;
     if (name == "spot")
         return LightType::spot;
-    place.fail("must be \"directional\", \"point\" or \"spot\", is \"" + name + "\"");
+    place.fail("must be \"directional\", \"point\" or \"spot\", is " + in_quotes(name));
 }
 
-Light light_from(const Place& place) {
+Light light_from(const Place& place, std::vector<std::string>& warnings) {
     place.check_object({"type", "name", "color", "intensity", "range", "spot", "position",
                         "direction", "extras", "extensions"});
     const json& value = place.value;
@@ -102,17 +103,22 @@ Light light_from(const Place& place) {
         if (spot.value.contains("outerConeAngle"))
             light.outer_cone = spot.child("outerConeAngle").number();
     }
+    constexpr double rounding = 1e-3; // radians: a twentieth of a degree, or four digits
+    if (make_hard_edge(light, rounding))
+        warnings.push_back(place.path
+                           + ".spot.innerConeAngle: is not below outerConeAngle: the spot has a "
+                             "hard edge there; make it smaller for a soft one");
     check_light(light, place.path);
     return light;
 }
 
-std::vector<Light> lights_of(const std::string& path) {
+std::vector<Light> lights_of(const std::string& path, std::vector<std::string>& warnings) {
     const std::vector<unsigned char> text = read_file(path, path);
     json root;
     try {
         root = json::parse(text.begin(), text.end());
     } catch (const json::exception& error) {
-        throw Error(ErrorKind::invalid, path + ": not JSON: " + error.what());
+        throw Error(ErrorKind::invalid, path + ": not JSON: " + printable(error.what(), 300));
     }
     const Place place{root, path};
     place.check_object({"lights"});
@@ -123,7 +129,8 @@ std::vector<Light> lights_of(const std::string& path) {
         list.fail("must be an array");
     std::vector<Light> lights;
     for (size_t i = 0; i < list.value.size(); ++i)
-        lights.push_back(light_from({list.value[i], list.path + "[" + std::to_string(i) + "]"}));
+        lights.push_back(
+            light_from({list.value[i], list.path + "[" + std::to_string(i) + "]"}, warnings));
     return lights;
 }
 
@@ -133,8 +140,8 @@ std::vector<Light> lights_of(const std::string& path) {
 
 namespace lpvbake {
 
-std::vector<Light> load_lights(const std::string& path) {
-    return scene::gltf::lights_of(path);
+std::vector<Light> load_lights(const std::string& path, std::vector<std::string>& warnings) {
+    return scene::gltf::lights_of(path, warnings);
 }
 
 } // namespace lpvbake

@@ -1,5 +1,7 @@
 #include "lpvbake/scene.h"
 
+#include "background.h"
+#include "quoted.h"
 #include "scene/gltf/animation.h"
 #include "scene/gltf/document.h"
 #include "scene/gltf/materials.h"
@@ -9,9 +11,9 @@
 namespace lpvbake::scene::gltf {
 namespace {
 
-/// Of textures the mean counts: a few white texels are clamped without a word.
-void warn_of_bright_materials(const Scene& scene, const std::vector<glm::dvec3>& mean_texel,
-                              Warnings& warnings) {
+/// Materials that some vertex makes brighter than the rules allow. Of textures the mean counts: a few
+/// white texels are clamped without a word.
+size_t count_clamped(const Scene& scene, const std::vector<glm::dvec3>& mean_texel) {
     std::vector<glm::vec3> brightest_vertex(scene.materials.size(), glm::vec3(0.0f));
     for (const Mesh& mesh : scene.meshes) {
         glm::vec3& brightest = brightest_vertex[mesh.material];
@@ -26,13 +28,7 @@ void warn_of_bright_materials(const Scene& scene, const std::vector<glm::dvec3>&
                                  * brightest_vertex[i];
         count += glm::any(glm::greaterThan(albedo, glm::vec3(scene.rules.max_albedo + 1e-6f)));
     }
-    if (count > 0) {
-        std::string limit = std::to_string(scene.rules.max_albedo);
-        limit.erase(std::min(limit.size(), limit.find_last_not_of('0') + 1));
-        warnings.add("bright materials", "materials",
-                     std::to_string(count) + " clamped to a reflectance of " + limit
-                         + "; darken them or raise `max_albedo`");
-    }
+    return count;
 }
 
 SceneFile describe(const Document& document) {
@@ -64,7 +60,7 @@ void refuse_warnings(const std::vector<std::string>& warnings) {
 Scene load(const std::string& path, const LoadSettings& settings) {
     Document document = parse_document(path, settings);
     Scene scene;
-    scene.path = path;
+    scene.path = document.file;
     scene.rules = settings.rules;
     scene.file = describe(document);
     Graph graph = walk(document, settings, read_pose(document, settings));
@@ -94,7 +90,7 @@ Scene load(const std::string& path, const LoadSettings& settings) {
     }
     scene.lights = std::move(graph.lights);
     scene.cameras = std::move(graph.cameras);
-    warn_of_bright_materials(scene, mean_texels, document.warnings);
+    scene.clamped_materials = count_clamped(scene, mean_texels);
     scene.warnings = document.warnings.lines();
     if (settings.strict)
         refuse_warnings(scene.warnings);
@@ -113,9 +109,13 @@ Scene load_gltf(const std::string& path, const LoadSettings& settings) {
     } catch (const Error&) {
         throw;
     } catch (const std::bad_alloc&) {
-        throw Error(ErrorKind::memory, path + ": is too large for the memory of this machine");
+        throw Error(ErrorKind::memory,
+                    scene::gltf::name_of(path) + ": is too large for the memory of this machine");
     } catch (const std::exception& error) {
-        throw Error(ErrorKind::invalid, path + ": is not valid glTF: " + error.what()
+        if (is_want_of_threads(error))
+            throw Error(ErrorKind::failure, want_of_threads);
+        throw Error(ErrorKind::invalid, scene::gltf::name_of(path) + ": is not valid glTF: "
+                                            + printable(error.what(), 300)
                                             + "; repair the file or export it again");
     }
 }

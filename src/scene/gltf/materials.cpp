@@ -1,5 +1,7 @@
 #include "scene/gltf/materials.h"
 
+#include "quoted.h"
+
 #include <algorithm>
 #include <cmath>
 
@@ -61,7 +63,7 @@ glm::vec2 UvSource::operator()(glm::vec2 uv) const {
     return offset + glm::dvec2(c * scaled.x + s * scaled.y, c * scaled.y - s * scaled.x);
 }
 
-SourceMaterial read_material(const Document& document, int index, const MaterialRules& rules) {
+SourceMaterial read_material(Document& document, int index, const MaterialRules& rules) {
     SourceMaterial result;
     if (index < 0) {
         result.material.name = "default";
@@ -102,8 +104,10 @@ SourceMaterial read_material(const Document& document, int index, const Material
     else if (source.alphaMode == "BLEND")
         material.alpha_mode = AlphaMode::blend;
     else if (source.alphaMode != "OPAQUE")
-        document.fail(result.place + ".alphaMode",
-                      "\"" + source.alphaMode + "\" is not an alpha mode");
+        document.warnings.add("alpha modes", result.place + ".alphaMode",
+                              in_quotes(source.alphaMode)
+                                  + " is not an alpha mode: the material is taken for opaque; "
+                                    "write OPAQUE, MASK or BLEND");
     material.alpha_cutoff = factor(source.alphaCutoff, ".alphaCutoff");
 
     double strength = 1.0;

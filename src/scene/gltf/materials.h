@@ -38,12 +38,13 @@ struct SourceMaterial {
 };
 
 /// The material of that index, glTF's default one for -1. Throws Error.
-SourceMaterial read_material(const Document& document, int index, const MaterialRules& rules);
+SourceMaterial read_material(Document& document, int index, const MaterialRules& rules);
 
 /// Decodes what the materials need, each image once, puts images and textures that are sampled into
 /// the scene, points the materials at them, and settles what depends on texels: how much of a
 /// material is metal, and how much light it lets through. Returns each material's mean base colour
-/// texel (linear). Images that would take more than half of the document's memory together are
+/// texel (linear). Where an image cannot be read its texture's next one is, and where there is none
+/// the texture is left out, with a warning. Images that would take more than half of the document's memory together are
 /// halved, the largest first, with a warning. With `skip_colors` an image that is a base colour
 /// alone is not decoded: it has a size but no texels, and counts as black.
 std::vector<glm::dvec3> load_textures(Document& document, std::vector<SourceMaterial>& materials,

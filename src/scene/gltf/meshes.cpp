@@ -90,7 +90,7 @@ private:
             document_.model.accessors.at(source_.attributes.at("POSITION")).count,
             document_.model.accessors.at(source_.indices).count};
         draco_ =
-            decode_draco(document_.views.at(extension.Get("bufferView").GetNumberAsInt()).bytes,
+            decode_draco(document_.view(extension.Get("bufferView").GetNumberAsInt()).bytes,
                          limits, document_.file + ": " + place);
         for (const auto& [name, unused] : source_.attributes)
             if (const tinygltf::Value& ids = extension.Get("attributes"); ids.Has(name))

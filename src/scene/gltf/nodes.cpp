@@ -1,5 +1,6 @@
 #include "scene/gltf/nodes.h"
 
+#include "quoted.h"
 #include "scene/gltf/attributes.h"
 #include "scene/lights.h"
 
@@ -9,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <numbers>
 #include <optional>
 #include <tuple>
 
@@ -35,9 +37,14 @@ glm::dmat4 local_transform(Document& document, int index, const Pose& pose) {
         glm::dmat4 matrix;
         for (int i = 0; i < 16; ++i)
             matrix[i / 4][i % 4] = node.matrix.at(i);
-        if (matrix[0][3] != 0 || matrix[1][3] != 0 || matrix[2][3] != 0 || matrix[3][3] != 1)
-            document.fail(at("nodes", index) + ".matrix",
-                          "is not affine: its last row must be 0 0 0 1");
+        for (int column = 0; column < 4; ++column) {
+            constexpr double rounding = 1e-5; // of programs that multiply in single precision
+            const double exact = column == 3 ? 1.0 : 0.0;
+            if (!(std::abs(matrix[column][3] - exact) <= rounding))
+                document.fail(at("nodes", index) + ".matrix",
+                              "is not affine: its last row must be 0 0 0 1");
+            matrix[column][3] = exact;
+        }
         return matrix;
     }
     glm::dvec3 translation(0.0), scale(1.0);
@@ -70,8 +77,8 @@ bool leaves_area(const glm::dmat4& matrix) {
     return longest > 0.0 && area > 1e-12 * longest * longest;
 }
 
-/// World transforms of all nodes, in whichever scene they stand. Nodes have to form trees.
-std::vector<glm::dmat4> world_transforms(Document& document, const Pose& pose) {
+/// The parent of each node, -1 for none. Throws Error unless nodes form trees.
+std::vector<int> parents_of(const Document& document) {
     const std::vector<tinygltf::Node>& nodes = document.model.nodes;
     std::vector<int> parent(nodes.size(), -1);
     for (size_t i = 0; i < nodes.size(); ++i)
@@ -83,8 +90,28 @@ std::vector<glm::dmat4> world_transforms(Document& document, const Pose& pose) {
                                          + at("nodes", parent[child]) + " already");
             parent[child] = static_cast<int>(i);
         }
-    std::vector<glm::dmat4> worlds(nodes.size());
     std::vector<bool> seen(nodes.size());
+    std::vector<int> open;
+    for (size_t i = 0; i < nodes.size(); ++i)
+        if (parent[i] < 0)
+            open.push_back(static_cast<int>(i));
+    while (!open.empty()) {
+        const int node = open.back();
+        open.pop_back();
+        seen[node] = true;
+        open.insert(open.end(), nodes[node].children.begin(), nodes[node].children.end());
+    }
+    if (const auto lost = std::find(seen.begin(), seen.end(), false); lost != seen.end())
+        document.fail(at("nodes", static_cast<size_t>(lost - seen.begin())) + ".children",
+                      "the node is its own ancestor: nodes must form trees");
+    return parent;
+}
+
+/// World transforms of all nodes, in whichever scene they stand.
+std::vector<glm::dmat4> world_transforms(Document& document, const std::vector<int>& parent,
+                                         const Pose& pose) {
+    const std::vector<tinygltf::Node>& nodes = document.model.nodes;
+    std::vector<glm::dmat4> worlds(nodes.size());
     std::vector<int> open;
     for (size_t i = nodes.size(); i-- > 0;)
         if (parent[i] < 0)
@@ -92,17 +119,15 @@ std::vector<glm::dmat4> world_transforms(Document& document, const Pose& pose) {
     while (!open.empty()) {
         const int node = open.back();
         open.pop_back();
-        seen[node] = true;
         const glm::dmat4 local = local_transform(document, node, pose);
         worlds[node] = parent[node] < 0 ? local : worlds[parent[node]] * local;
         if (!is_finite(worlds[node]))
             document.fail(at("nodes", node), "its transform is not finite");
         const std::vector<int>& children = nodes[node].children;
-        open.insert(open.end(), children.rbegin(), children.rend());
+        for (auto child = children.rbegin(); child != children.rend(); ++child)
+            if (parent[*child] == node)
+                open.push_back(*child);
     }
-    if (const auto lost = std::find(seen.begin(), seen.end(), false); lost != seen.end())
-        document.fail(at("nodes", static_cast<size_t>(lost - seen.begin())) + ".children",
-                      "the node is its own ancestor: nodes must form trees");
     return worlds;
 }
 
@@ -158,7 +183,7 @@ std::optional<Light> placed_light(Document& document, int index, const glm::dmat
     else if (source.type == "spot")
         light.type = LightType::spot;
     else
-        document.fail(place + ".type", "\"" + source.type + "\" is not a type of light");
+        document.fail(place + ".type", in_quotes(source.type) + " is not a type of light");
     if (!source.color.empty())
         light.color = glm::dvec3(source.color.at(0), source.color.at(1), source.color.at(2));
     light.intensity = source.intensity;
@@ -176,23 +201,23 @@ std::optional<Light> placed_light(Document& document, int index, const glm::dmat
         }
         light.direction = -glm::dvec3(to_world[2]) / length;
     }
+    if (make_hard_edge(light, std::numbers::pi))
+        document.warnings.add("hard-edged spots", place + ".spot.innerConeAngle",
+                              "is not below outerConeAngle: the spot has a hard edge there; export "
+                              "it with a smaller one");
     check_light(light, document.file + ": " + place);
     return light;
 }
 
 std::optional<Camera> placed_camera(Document& document, int index, const glm::dmat4& to_world) {
-    const tinygltf::Camera& source = document.model.cameras.at(index);
-    const std::string place = at("cameras", index);
-    if (source.type != "perspective") {
-        document.warnings.add("orthographic cameras", place,
+    const CameraSource& source = document.cameras.at(index);
+    if (source.is_orthographic)
+        document.warnings.add("orthographic cameras", at("cameras", index),
                               "orthographic cameras are not supported: it is ignored; a bake "
                               "needs no camera");
+    if (source.yfov == 0.0)
         return std::nullopt;
-    }
-    if (!(source.perspective.yfov > 0.0 && source.perspective.yfov < 3.14159))
-        document.fail(place + ".perspective.yfov", "must lie between 0 and pi");
-    return Camera{source.name, to_world, source.perspective.yfov,
-                  std::max(0.0, source.perspective.aspectRatio)};
+    return Camera{source.name, to_world, source.yfov, source.aspect};
 }
 
 bool is_hidden(const tinygltf::Node& node) {
@@ -294,10 +319,39 @@ private:
 
 // ---------------------------------------------------------------- the scene
 
-std::vector<int> scene_roots(const Document& document, const LoadSettings& settings) {
-    const tinygltf::Model& model = document.model;
-    if (model.scenes.empty())
+/// Whether each node is a root of the scene, or stands below one.
+std::vector<bool> held_by(const std::vector<int>& roots, const std::vector<tinygltf::Node>& nodes) {
+    std::vector<bool> held(nodes.size());
+    std::vector<int> open = roots;
+    while (!open.empty()) {
+        const int node = open.back();
+        open.pop_back();
+        if (held[node])
+            continue;
+        held[node] = true;
+        open.insert(open.end(), nodes[node].children.begin(), nodes[node].children.end());
+    }
+    return held;
+}
+
+/// All nodes that have no parent, for a file without scenes.
+std::vector<int> all_roots(Document& document, const std::vector<int>& parent) {
+    std::vector<int> roots;
+    for (size_t i = 0; i < parent.size(); ++i)
+        if (parent[i] < 0)
+            roots.push_back(static_cast<int>(i));
+    if (roots.empty())
         document.fail("scenes", "there is no scene; export the file with one");
+    document.warnings.add("no scene", "scenes",
+                          "there is no scene: all nodes are taken; export the file with one");
+    return roots;
+}
+
+/// The roots of the settings' scene. A root that is another node's child as well is placed once:
+/// by its parent if the scene holds that, else on its own, cut off from the parent.
+std::vector<int> scene_roots(Document& document, const LoadSettings& settings,
+                             std::vector<int>& parent) {
+    const tinygltf::Model& model = document.model;
     int index = std::max(0, model.defaultScene);
     if (!settings.scene.empty()) {
         std::vector<std::string> names;
@@ -305,23 +359,36 @@ std::vector<int> scene_roots(const Document& document, const LoadSettings& setti
             names.push_back(scene.name);
         index = find_named(names, settings.scene, "`scene`");
     }
-    const std::vector<int>& roots = model.scenes.at(index).nodes;
+    if (model.scenes.empty())
+        return all_roots(document, parent);
+    const std::vector<int>& listed = model.scenes.at(index).nodes;
     const std::string place = at("scenes", index);
-    if (roots.empty())
+    if (listed.empty())
         document.fail(place, model.scenes.size() > 1
                                  ? "has no nodes: there is nothing to bake; name another `scene`"
                                  : "has no nodes: there is nothing to bake; export it with some");
-    std::vector<bool> is_child(model.nodes.size()), listed(model.nodes.size());
-    for (const tinygltf::Node& node : model.nodes)
-        for (const int child : node.children)
-            is_child[child] = true;
-    for (size_t i = 0; i < roots.size(); ++i) {
+    const std::vector<bool> held = held_by(listed, model.nodes);
+    std::vector<bool> is_listed(model.nodes.size());
+    std::vector<int> roots;
+    for (size_t i = 0; i < listed.size(); ++i) {
+        const int node = listed[i];
         const std::string root_place = place + "." + at("nodes", i);
-        if (is_child[roots[i]])
-            document.fail(root_place, at("nodes", roots[i]) + " is a child of another node");
-        if (listed[roots[i]])
-            document.fail(root_place, at("nodes", roots[i]) + " is listed twice");
-        listed[roots[i]] = true;
+        if (is_listed[node])
+            document.fail(root_place, at("nodes", node) + " is listed twice");
+        is_listed[node] = true;
+        const bool is_child = parent[node] >= 0, is_below = is_child && held[parent[node]];
+        if (is_child)
+            document.warnings.add("roots that are children", root_place,
+                                  at("nodes", node) + " is a child of "
+                                      + at("nodes", parent[node])
+                                      + (is_below ? " as well: it is placed once, there"
+                                                  : ", which is not in the scene: it is placed "
+                                                    "without it")
+                                      + "; list roots alone");
+        if (!is_below)
+            roots.push_back(node);
+        if (is_child && !is_below)
+            parent[node] = -1;
     }
     return roots;
 }
@@ -334,8 +401,9 @@ Graph walk(Document& document, const LoadSettings& settings, const Pose& pose) {
         bool hidden;
     };
     const tinygltf::Model& model = document.model;
-    const std::vector<glm::dmat4> worlds = world_transforms(document, pose);
-    const std::vector<int> roots = scene_roots(document, settings);
+    std::vector<int> parent = parents_of(document);
+    const std::vector<int> roots = scene_roots(document, settings, parent);
+    const std::vector<glm::dmat4> worlds = world_transforms(document, parent, pose);
     Graph graph;
     Shapes shapes(document, pose, worlds);
     const auto place = [&](const PlacedShape& placed, const std::string& node_place) {

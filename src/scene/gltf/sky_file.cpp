@@ -1,6 +1,7 @@
 #include "lpvbake/scene.h"
 
 #include "image/image.h"
+#include "scene/gltf/folder.h"
 #include "scene/sky.h"
 #include "text.h"
 
@@ -13,6 +14,7 @@ Sky load_sky(const std::string& path, std::vector<std::string>& warnings, double
     constexpr double brightest = 1e12; // the sun's disc has 1.6e9
     // Samples, and texels of the same.
     const uint64_t most = std::min(max_bytes / (6 * sizeof(float)), uint64_t(1) << 28);
+    scene::gltf::file_size(path, path); // what is no file is not opened
     const image::Pixels pixels = image::read_picture(path, most);
     std::vector<glm::vec3> texels;
     texels.reserve(pixels.samples.size() / 3);

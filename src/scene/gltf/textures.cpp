@@ -1,6 +1,7 @@
 #include "colour/colour.h"
 #include "image/header.h"
 #include "image/image.h"
+#include "quoted.h"
 #include "scene/gltf/folder.h"
 #include "scene/gltf/materials.h"
 
@@ -8,6 +9,7 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <optional>
 
 namespace lpvbake::scene::gltf {
 namespace {
@@ -21,35 +23,38 @@ int extension_source(const tinygltf::Texture& texture, const char* name) {
     return extension && extension->Has("source") ? extension->Get("source").GetNumberAsInt() : -1;
 }
 
-/// The image of a texture; -1 if it has none that is understood.
-int image_of(Document& document, int texture_index) {
+/// The images of a texture, best first; none, with a warning, if there is none that is understood.
+std::vector<int> images_of(Document& document, int texture_index) {
     const tinygltf::Texture& texture = document.model.textures.at(texture_index);
-    if (const int webp = extension_source(texture, "EXT_texture_webp"); webp >= 0)
-        return webp;
-    if (texture.source >= 0)
-        return texture.source;
+    std::vector<int> images;
+    for (const int image : {extension_source(texture, "EXT_texture_webp"), texture.source})
+        if (image >= 0)
+            images.push_back(image);
+    if (!images.empty())
+        return images;
     const std::string place = at("textures", texture_index);
     if (extension_source(texture, "KHR_texture_basisu") >= 0) {
         document.warnings.add("KHR_texture_basisu", place + ".extensions.KHR_texture_basisu",
                               "Basis Universal images cannot be read and there is none to fall "
                               "back on: materials use their factors alone; add a PNG, JPEG or "
                               "WebP image as source");
-        return -1;
+        return {};
     }
     std::string names;
     for (const auto& [name, unused] : texture.extensions)
-        names += (names.empty() ? "" : ", ") + name;
+        if (name != "EXT_texture_webp" && name != "KHR_texture_basisu")
+            names += (names.empty() ? "" : ", ") + printable(name);
     if (!names.empty())
         document.fail(place,
-                      "has no source but for " + names
+                      "has no source but for " + printable(names, 400)
                           + ", which is not supported; add a PNG, JPEG or WebP image as source",
                       ErrorKind::unsupported);
     document.warnings.add("textures without source", place,
                           "has no source: materials use their factors alone; add an image");
-    return -1;
+    return {};
 }
 
-Texture texture_of(const Document& document, int index) {
+Texture texture_of(Document& document, int index) {
     Texture texture;
     const int sampler_index = document.model.textures.at(index).sampler;
     if (sampler_index < 0)
@@ -64,8 +69,11 @@ Texture texture_of(const Document& document, int index) {
         case TINYGLTF_TEXTURE_WRAP_CLAMP_TO_EDGE:
             return Wrap::clamp_to_edge;
         default:
-            document.fail(at("samplers", sampler_index) + property,
-                          std::to_string(mode) + " is not a wrap mode");
+            document.warnings.add("wrap modes", at("samplers", sampler_index) + property,
+                                  std::to_string(mode)
+                                      + " is not a wrap mode: the texture is repeated; write "
+                                        "10497, 33071 or 33648");
+            return Wrap::repeat;
         }
     };
     texture.wrap_u = wrap(sampler.wrapS, ".wrapS");
@@ -80,7 +88,7 @@ Texture texture_of(const Document& document, int index) {
 std::string place_of(const Document& document, int index) {
     const std::string& uri = document.images.at(index).uri;
     return document.file + ": " + at("images", index)
-           + (uri.empty() || uri.starts_with("data:") ? "" : " (" + percent_decoded(uri) + ")");
+           + (uri.empty() || is_data_uri(uri) ? "" : " (" + printable(percent_decoded(uri)) + ")");
 }
 
 /// The encoded bytes of an image, its first `most` if it has more and lies in a file.
@@ -90,14 +98,12 @@ public:
         const ImageSource& source = document.images.at(index);
         const std::string place = document.file + ": " + at("images", index);
         if (source.view >= 0) {
-            bytes = document.views.at(source.view).bytes;
-        } else if (source.uri.starts_with("data:")) {
+            bytes = document.view(source.view).bytes;
+        } else if (is_data_uri(source.uri)) {
             storage_ = decode_data_uri(source.uri, place + ".uri");
             bytes = storage_;
         } else if (!source.uri.empty()) {
-            storage_ = read_file(
-                resolve_uri(document.folder, source.uri, place + ".uri", document.allow_external),
-                place + ".uri", most);
+            storage_ = document.file_beside(source.uri, place + ".uri", most);
             bytes = storage_;
         } else {
             document.fail(at("images", index), "has neither a uri nor a bufferView");
@@ -126,6 +132,10 @@ image::ImageHeader header_of(const Document& document, int index) {
 struct Need {
     bool sampled = false; ///< by a texture of the scene
     bool decoded = false;
+
+    bool covers(const Need& other) const {
+        return (sampled || !other.sampled) && (decoded || !other.decoded);
+    }
 };
 
 /// An image and what materials want to know of it.
@@ -222,40 +232,53 @@ DecodedImage load_image(const Document& document, int index, int halvings) {
     return result;
 }
 
-/// The image without texels; one that cannot be decoded is refused all the same, if its header
-/// shows it.
-Image size_of(const Document& document, int index) {
-    const image::ImageHeader header = header_of(document, index);
-    if (header.texels() == 0 || header.texels() > max_image_texels)
-        return load_image(document, index, 0).image;
-    return {name_of(document, index), int(header.width), int(header.height), {}};
-}
+/// An image that is wanted, and how far it got.
+struct WantedImage {
+    int index;
+    Need need;
+    image::ImageHeader header = {};
+    int halvings = 0;
+    std::optional<Error> fault = {}; ///< why it cannot be read
+    DecodedImage image = {};
 
-struct ImagePlan {
-    std::vector<int> halvings;         ///< how often each image is to be halved
-    std::vector<uint64_t> full_texels; ///< of each before that
+    /// Runs f, and keeps for a fault what speaks of the file alone: not of memory, of the program,
+    /// or of what a user may allow.
+    void attempt(const auto& f) {
+        try {
+            f();
+        } catch (const LeadsOut&) {
+            throw;
+        } catch (const Error& error) {
+            if (error.kind == ErrorKind::memory || error.kind == ErrorKind::failure)
+                throw;
+            fault = error;
+        }
+    }
+
+    uint64_t texels() const { return std::max<uint64_t>(1, header.texels()); }
+    bool is_to_decode() const { return need.decoded && !fault; }
 };
 
 /// Halves images until all fit into half of what memory is left.
-ImagePlan plan_images(Document& document, const std::vector<int>& images) {
-    std::vector<uint64_t> texels;
+void plan_images(Document& document, std::vector<WantedImage>& images) {
     uint64_t sum = 0, largest = 0;
-    for (const int image : images) {
-        texels.push_back(std::max<uint64_t>(1, header_of(document, image).texels()));
-        sum += texels.back();
-        largest = std::max(largest, texels.back());
-    }
-    const std::vector<uint64_t> full_texels = texels;
-    std::vector<int> halvings(images.size(), 0);
+    std::vector<uint64_t> texels(images.size(), 0);
+    size_t count = 0, reduced = 0;
+    for (size_t i = 0; i < images.size(); ++i)
+        if (images[i].is_to_decode()) {
+            texels[i] = images[i].texels();
+            sum += texels[i];
+            largest = std::max(largest, texels[i]);
+            ++count;
+        }
     const uint64_t limit = document.memory.left() / 2 / 4;
-    size_t reduced = 0;
     while (sum > limit && largest > 4) {
         const uint64_t level = largest / 4;
         largest = 0;
         for (size_t i = 0; i < images.size(); ++i) {
             if (sum > limit && texels[i] > 4 && texels[i] >= level * 2) {
-                reduced += halvings[i] == 0;
-                ++halvings[i];
+                reduced += images[i].halvings == 0;
+                ++images[i].halvings;
                 sum -= texels[i] - texels[i] / 4;
                 texels[i] /= 4;
             }
@@ -266,9 +289,8 @@ ImagePlan plan_images(Document& document, const std::vector<int>& images) {
     if (reduced > 0)
         document.warnings.add("images", "images",
                               "halved, once or more, to fit into memory: " + std::to_string(reduced)
-                                  + " of " + std::to_string(images.size())
+                                  + " of " + std::to_string(count)
                                   + "; allow more with `max_memory` or use smaller ones");
-    return {halvings, full_texels};
 }
 
 /// Bytes a texel that a decoder takes on its way, at most: progressive JPEG keeps three
@@ -277,23 +299,153 @@ constexpr uint64_t decoding_bytes = 14;
 
 /// Decodes images, so many at a time that what passes through memory meanwhile stays below the
 /// limit on what stays. Throws Error (memory) where one alone is past it.
-std::vector<DecodedImage> load_images(const Document& document, const std::vector<int>& images,
-                                      const ImagePlan& plan, const std::map<int, Need>& needs) {
-    std::vector<DecodedImage> decoded(images.size());
-    for (size_t begin = 0, end = 0; begin < images.size(); begin = end) {
+void decode_images(const Document& document, std::vector<WantedImage>& images) {
+    std::vector<WantedImage*> open;
+    for (WantedImage& image : images)
+        if (image.is_to_decode())
+            open.push_back(&image);
+    for (size_t begin = 0, end = 0; begin < open.size(); begin = end) {
         MemoryLimit passing(document.file, document.memory.limit());
         do
-            passing.take(plan.full_texels[end], decoding_bytes, at("images", images[end]));
-        while (++end < images.size() && plan.full_texels[end] <= passing.left() / decoding_bytes);
+            passing.take(open[end]->texels(), decoding_bytes, at("images", open[end]->index));
+        while (++end < open.size() && open[end]->texels() <= passing.left() / decoding_bytes);
         for_all(end - begin, [&](size_t i) {
-            DecodedImage& image = decoded[begin + i];
-            image = load_image(document, images[begin + i], plan.halvings[begin + i]);
-            if (!needs.at(images[begin + i]).sampled)
-                image.image = {};
+            WantedImage& image = *open[begin + i];
+            image.attempt(
+                [&] { image.image = load_image(document, image.index, image.halvings); });
+            if (!image.need.sampled)
+                image.image.image = {};
         });
     }
-    return decoded;
 }
+
+/// Reads images as far as they are needed: decoded, or their sizes, for which one whose header does
+/// not tell is decoded as well.
+void read_images(Document& document, std::vector<WantedImage>& images) {
+    for (WantedImage& image : images)
+        image.attempt([&] {
+            image.header = header_of(document, image.index);
+            const uint64_t texels = image.header.texels();
+            if (!image.need.decoded && texels > 0 && texels <= max_image_texels)
+                image.image.image = {name_of(document, image.index), int(image.header.width),
+                                     int(image.header.height), {}};
+            else if (!image.need.decoded)
+                image.image.image = load_image(document, image.index, 0).image;
+        });
+    plan_images(document, images);
+    decode_images(document, images);
+}
+
+/// The textures that materials use, each with the first of its images that can be read.
+class Textures {
+public:
+    Textures(Document& document, std::vector<SourceMaterial>& materials, bool skip_colors)
+        : document_(document),
+          materials_(materials),
+          skip_colors_(skip_colors) {}
+
+    /// Materials lose the textures that have no image.
+    void read() {
+        std::vector<WantedImage> open;
+        do {
+            std::map<int, Need> needs;
+            for (SourceMaterial& material : materials_) {
+                need(material.base_texture, {true, !skip_colors_ || material.transmission > 0.0},
+                     needs);
+                need(material.emission_texture, {true, true}, needs);
+                need(material.metallic_texture, {false, true}, needs);
+                need(material.transmission_texture, {false, true}, needs);
+            }
+            open.clear();
+            for (const auto& [image, wanted] : needs)
+                if (const auto known = images_.find(image);
+                    known == images_.end() || !known->second.need.covers(wanted))
+                    open.push_back({image, wanted});
+            read_images(document_, open);
+            for (WantedImage& image : open) {
+                if (image.fault)
+                    leave_out(image);
+                images_.insert_or_assign(image.index, std::move(image));
+            }
+        } while (!open.empty());
+    }
+
+    /// The image of a texture that materials have kept; null if it was not decoded.
+    const DecodedImage* decoded(int texture) const {
+        if (texture < 0)
+            return nullptr;
+        const WantedImage& image = images_.at(first_image(texture));
+        return image.need.decoded ? &image.image : nullptr;
+    }
+
+    /// Puts all sampled images into the scene, by glTF's order, and the textures of materials, by
+    /// theirs.
+    void move_to(Scene& scene) {
+        std::map<int, int> scene_image, scene_texture;
+        for (auto& [index, image] : images_)
+            if (image.need.sampled && !image.fault) {
+                scene_image[index] = static_cast<int>(scene.images.size());
+                scene.images.push_back(std::move(image.image.image));
+            }
+        const auto resolve = [&](int texture) {
+            if (texture < 0)
+                return -1;
+            const auto [entry, is_new] =
+                scene_texture.try_emplace(texture, static_cast<int>(scene.textures.size()));
+            if (is_new) {
+                scene.textures.push_back(texture_of(document_, texture));
+                scene.textures.back().image = scene_image.at(first_image(texture));
+            }
+            return entry->second;
+        };
+        for (SourceMaterial& source : materials_) {
+            source.material.base_color_texture = resolve(source.base_texture);
+            source.material.emission_texture = resolve(source.emission_texture);
+        }
+    }
+
+private:
+    bool is_left_out(int image) const {
+        const auto known = images_.find(image);
+        return known != images_.end() && known->second.fault;
+    }
+
+    /// The first image of a texture that may still be read, -1 if there is none left.
+    int first_image(int texture) const {
+        for (const int image : candidates_.at(texture))
+            if (!is_left_out(image))
+                return image;
+        return -1;
+    }
+
+    void need(int& texture, const Need& wanted, std::map<int, Need>& needs) {
+        if (texture < 0)
+            return;
+        if (!candidates_.contains(texture))
+            candidates_[texture] = images_of(document_, texture);
+        const int image = first_image(texture);
+        if (image < 0)
+            texture = -1;
+        else
+            needs[image] = {needs[image].sampled || wanted.sampled,
+                            needs[image].decoded || wanted.decoded};
+    }
+
+    void leave_out(const WantedImage& image) {
+        bool is_last = false;
+        for (const auto& [texture, images] : candidates_)
+            is_last |= !images.empty() && images.back() == image.index;
+        document_.warnings.add("images that cannot be read", *image.fault,
+                               is_last ? "materials use their factors alone"
+                                       : "the image to fall back on is taken");
+    }
+
+    Document& document_;
+    std::vector<SourceMaterial>& materials_;
+    const bool skip_colors_;
+    std::map<int, std::vector<int>> candidates_; ///< by glTF texture
+    std::map<int, WantedImage> images_;          ///< by glTF image, as far as they were tried
+};
 
 /// Light that passes, coloured by the base colour, as light that passes uncovered: what is
 /// reflected and what passes keep their luminance (the colour of what passes is lost).
@@ -322,73 +474,20 @@ void transmit(Document& document, SourceMaterial& source, double share, glm::dve
 
 std::vector<glm::dvec3> load_textures(Document& document, std::vector<SourceMaterial>& materials,
                                       bool skip_colors, Scene& scene) {
-    std::map<int, int> image_of_texture; // by glTF texture
-    std::map<int, Need> needs;           // by glTF image
-    const auto need = [&](int& texture, const Need& wanted) {
-        if (texture < 0)
-            return;
-        if (!image_of_texture.contains(texture))
-            image_of_texture[texture] = image_of(document, texture);
-        const int image = image_of_texture[texture];
-        if (image < 0)
-            texture = -1;
-        else
-            needs[image] = {needs[image].sampled || wanted.sampled,
-                            needs[image].decoded || wanted.decoded};
-    };
-    for (SourceMaterial& material : materials) {
-        need(material.base_texture, {true, !skip_colors || material.transmission > 0.0});
-        need(material.emission_texture, {true, true});
-        need(material.metallic_texture, {false, true});
-        need(material.transmission_texture, {false, true});
-    }
-
-    std::vector<int> images; // that are decoded
-    for (const auto& [image, wanted] : needs)
-        if (wanted.decoded)
-            images.push_back(image);
-    std::vector<DecodedImage> decoded =
-        load_images(document, images, plan_images(document, images), needs);
-
-    std::map<int, DecodedImage*> decoded_image; // null: it is not
-    std::map<int, int> scene_image;
-    auto next = decoded.begin();
-    for (const auto& [image, wanted] : needs) {
-        DecodedImage* const own = wanted.decoded ? &*next++ : nullptr;
-        decoded_image[image] = own;
-        if (wanted.sampled) {
-            scene_image[image] = static_cast<int>(scene.images.size());
-            scene.images.push_back(own ? std::move(own->image) : size_of(document, image));
-        }
-    }
-    std::map<int, int> scene_texture; // by glTF texture
-    const auto resolve = [&](int texture) {
-        if (texture < 0)
-            return -1;
-        const auto [entry, is_new] =
-            scene_texture.try_emplace(texture, static_cast<int>(scene.textures.size()));
-        if (is_new) {
-            scene.textures.push_back(texture_of(document, texture));
-            scene.textures.back().image = scene_image.at(image_of_texture.at(texture));
-        }
-        return entry->second;
-    };
-    const auto statistics = [&](int texture) {
-        return texture < 0 ? nullptr : decoded_image.at(image_of_texture.at(texture));
-    };
+    Textures textures(document, materials, skip_colors);
+    textures.read();
+    textures.move_to(scene);
     std::vector<glm::dvec3> mean_texels;
     for (SourceMaterial& source : materials) {
-        source.material.base_color_texture = resolve(source.base_texture);
-        source.material.emission_texture = resolve(source.emission_texture);
         double metallic = source.metallic, transmission = source.transmission;
-        if (const DecodedImage* image = statistics(source.metallic_texture))
+        if (const DecodedImage* image = textures.decoded(source.metallic_texture))
             metallic *= image->mean_stored.b;
         const auto diffuse = static_cast<float>(1.0 - std::min(metallic, 1.0));
         for (int channel = 0; channel < 3; ++channel)
             source.material.base_color[channel] *= diffuse;
-        if (const DecodedImage* image = statistics(source.transmission_texture))
+        if (const DecodedImage* image = textures.decoded(source.transmission_texture))
             transmission *= image->mean_stored.r;
-        const DecodedImage* base = statistics(source.base_texture);
+        const DecodedImage* base = textures.decoded(source.base_texture);
         mean_texels.push_back(base ? base->mean : glm::dvec3(source.base_texture < 0 ? 1.0 : 0.0));
         transmit(document, source, transmission, mean_texels.back());
     }

@@ -1,6 +1,8 @@
 // What a loader has to say about a file that it reads all the same.
 #pragma once
 
+#include "lpvbake/error.h"
+
 #include <map>
 #include <string>
 #include <vector>
@@ -17,6 +19,16 @@ public:
     void add(const std::string& kind, const std::string& place, const std::string& what) {
         if (++count_of_[kind] <= shown)
             lines_.push_back(file_ + ": " + place + ": " + what);
+    }
+
+    /// The text of an error that is none, with what was done instead put before its remedy.
+    void add(const std::string& kind, const Error& error, const std::string& done) {
+        if (++count_of_[kind] > shown)
+            return;
+        std::string line = error.what();
+        const size_t remedy = line.rfind("; ");
+        line.insert(remedy == std::string::npos ? line.size() : remedy, ": " + done);
+        lines_.push_back(line);
     }
 
     std::vector<std::string> lines() const {
