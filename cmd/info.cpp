@@ -87,7 +87,8 @@ void run(const InfoOptions& o, const options::Options& options) {
 options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<InfoOptions>();
     InfoOptions& o = *fields;
-    options.text("file", o.file, "FILE", "Scene or volume; -: a scene from standard input").require();
+    options.text("file", o.file, "FILE", "Scene or volume; -: a scene from standard input")
+        .require();
     options.value("--slice", o.slice, "AXIS=INDEX", options::parse_slice,
                   "Layer of cells to draw, such as z=16; needs -o");
     options

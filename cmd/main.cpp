@@ -39,8 +39,8 @@ int fail_by(const std::exception_ptr& thrown) {
     }
 }
 
-/// Where what was thrown cannot get to main: out of a library that is being loaded (log4cplus, which
-/// OpenVDB brings, starts threads then), a destructor, a thread.
+/// Where what was thrown cannot get to main: out of a library that is being loaded (log4cplus,
+/// which OpenVDB brings, starts threads then), a destructor, a thread.
 void end_at_once() {
     if (const std::exception_ptr thrown = std::current_exception())
         _exit(fail_by(thrown));
@@ -53,8 +53,8 @@ void watch_terminate(int, char**, char**) {
 
 /// Called before the libraries' own initializers (System V ABI, "Initialization and Termination
 /// Functions").
-[[gnu::section(".preinit_array"), gnu::used]] void (*const first_of_all)(int, char**, char**) =
-    watch_terminate;
+[[gnu::section(".preinit_array"), gnu::used]] void (*const first_of_all)(int, char**,
+                                                                         char**) = watch_terminate;
 
 } // namespace
 } // namespace lpvbake::cmd

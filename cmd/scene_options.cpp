@@ -12,7 +12,10 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <future>
 #include <iterator>
+#include <system_error>
+#include <thread>
 
 #include <tbb/global_control.h>
 
@@ -466,15 +469,43 @@ void print_outputs(const std::vector<Written>& outputs) {
                         bytes_text(file.bytes).c_str());
 }
 
+namespace {
+
+/// Whether so many threads may be there at once.
+bool can_start(int count) {
+    std::promise<void> all;
+    const std::shared_future<void> release = all.get_future().share();
+    std::vector<std::jthread> threads;
+    bool can = true;
+    try {
+        for (int i = 0; i < count; ++i)
+            threads.emplace_back([release] { release.wait(); });
+    } catch (const std::system_error&) {
+        can = false;
+    }
+    all.set_value();
+    return can;
+}
+
+} // namespace
+
 void limit_threads(int threads) {
+    // TBB's, Mesa's on the CPU, and the few that those start beside. Mesa's waits for ever for one
+    // that it could not start.
+    const int wanted = threads > 0 ? threads : int(std::thread::hardware_concurrency());
+    if (wanted > 1 && !can_start(2 * wanted + 6)) {
+        std::fprintf(stderr, "lpvbake: warning: too few threads can be started (ulimit -u, the "
+                             "container's limit of PIDs): computing on one\n");
+        threads = 1;
+    }
     if (threads == 0)
         return;
     // Mesa's driver for the CPU draws on the thread that asks where it is given none of its own.
     setenv("LP_NUM_THREADS", std::to_string(threads == 1 ? 0 : threads).c_str(), 1);
     setenv("OPENIMAGEIO_THREADS", std::to_string(threads).c_str(), 1);
     // Kept to the end: TBB starts threads once it may.
-    [[maybe_unused]] static const auto* const limit = new tbb::global_control(
-        tbb::global_control::max_allowed_parallelism, std::size_t(threads));
+    [[maybe_unused]] static const auto* const limit =
+        new tbb::global_control(tbb::global_control::max_allowed_parallelism, std::size_t(threads));
 }
 
 Run::Run(const SceneOptions& scene, const RunOptions& run, const std::vector<std::string>& outputs)

@@ -37,8 +37,8 @@ inline std::string printable(std::string_view text, size_t most = 120) {
             return result + "...";
         const size_t length = utf8_length(text);
         const auto first = static_cast<unsigned char>(text[0]);
-        const unsigned control = length == 2 && first == 0xc2 ? static_cast<unsigned char>(text[1])
-                                                              : first;
+        const unsigned control =
+            length == 2 && first == 0xc2 ? static_cast<unsigned char>(text[1]) : first;
         if (length == 0) {
             std::snprintf(escaped, sizeof escaped, "\\x%02x", static_cast<unsigned>(first));
             result += escaped;

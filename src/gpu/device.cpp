@@ -187,7 +187,7 @@ void fail(const char* doing, const vk::SystemError& error) {
     else if (kind == ErrorKind::memory)
         what = ": out of memory; a lower `resolution` needs less";
     else if (result == vk::Result::eErrorUnknown) // of Mesa's driver for the CPU
-        what = ": perhaps no thread could be started; allow this user or container more processes "
+        what = ": a thread could not be started, or memory is short; allow more processes "
                "(ulimit -u, its limit of PIDs)";
     throw Error(kind, std::string(doing) + " failed" + what + " (" + vk::to_string(result) + ")");
 }

@@ -163,10 +163,11 @@ struct LoadSettings {
 /// The path of a scene that is read from standard input, with its buffers and images embedded.
 inline constexpr const char* standard_input = "-";
 
-/// Loads a file, or what comes on `standard_input`. Errors carry the file, the JSON path, what is wrong and the remedy: file
-/// (unreadable), invalid (broken, or a warning under `strict`), unsupported (a required extension
-/// that is not understood), argument (there is no such scene, animation or variant), memory (past
-/// `max_memory`). What is left out or understood only in part is named in Scene::warnings.
+/// Loads a file, or what comes on `standard_input`. Errors carry the file, the JSON path, what is
+/// wrong and the remedy: file (unreadable), invalid (broken, or a warning under `strict`),
+/// unsupported (a required extension that is not understood), argument (there is no such scene,
+/// animation or variant), memory (past `max_memory`). What is left out or understood only in part
+/// is named in Scene::warnings.
 LPVBAKE_API Scene load_gltf(const std::string& path, const LoadSettings& settings = {});
 
 /// Reads {"lights": [{"type": "directional"|"point"|"spot", "color": [r, g, b], "intensity": x,

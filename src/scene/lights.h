@@ -14,9 +14,9 @@ namespace lpvbake::scene {
 /// may be as well.
 void check_light(const Light& light, const std::string& place);
 
-/// Brings an inner cone that is not below the outer one, but past it by at most `most` radians, back
-/// to it. True if the spot has a hard edge then, which is against KHR_lights_punctual; programs
-/// write it all the same.
+/// Brings an inner cone that is not below the outer one, but past it by at most `most` radians,
+/// back to it. True if the spot has a hard edge then, which is against KHR_lights_punctual;
+/// programs write it all the same.
 bool make_hard_edge(Light& light, double most);
 
 /// Which light a field is to hold.

@@ -257,8 +257,7 @@ TEST_F(Cli, TextsOfTheLibraryNameOptions) {
                                 "of 1; allow more with --max-memory or use smaller ones";
     expect_error({"info", "glows.gltf", "--max-memory", "1M", "--strict"}, cmd::ExitCode::invalid,
                  warning + " (--strict)\n");
-    const Result info =
-        run(std::vector<std::string>{"info", "--format", "json"} + small);
+    const Result info = run(std::vector<std::string>{"info", "--format", "json"} + small);
     EXPECT_EQ(info.err, "lpvbake: warning: " + warning + "\n");
     EXPECT_EQ(json::parse(info.out)["warnings"], json{warning});
     const Result bake = run(std::vector<std::string>{"bake", "--dry-run", "--format", "json",
@@ -601,7 +600,8 @@ TEST_F(Cli, PipesAreNoFiles) {
     expect_error({"info", "pipe.vdb"}, cmd::ExitCode::file, "pipe.vdb: is not a file\n");
     expect_error({"info", "pipe.json"}, cmd::ExitCode::file, "pipe.json: is not a file\n");
     expect_error({"info", "pipe.exr"}, cmd::ExitCode::file, "pipe.json: is not a file\n");
-    expect_error({"diff", "pipe.vdb", "pipe.vdb"}, cmd::ExitCode::file, "pipe.vdb: is not a file\n");
+    expect_error({"diff", "pipe.vdb", "pipe.vdb"}, cmd::ExitCode::file,
+                 "pipe.vdb: is not a file\n");
     expect_error({"convert", "pipe.vdb", "a.vdb"}, cmd::ExitCode::file,
                  "pipe.vdb: is not a file\n");
     expect_error(quick + std::vector<std::string>{"-o", "a.vdb", "--lights", "pipe.json"},
@@ -653,8 +653,7 @@ TEST_F(Cli, ScenesFromStandardInput) {
     const Result rendered =
         piped("render - file.vdb --size 16x16 --samples 1 -o a.png < room.gltf");
     EXPECT_EQ(rendered.status, 0) << rendered.err;
-    const Result traced =
-        piped("reference - --resolution 4 --rays 64 -o r.vdb < room.gltf");
+    const Result traced = piped("reference - --resolution 4 --rays 64 -o r.vdb < room.gltf");
     EXPECT_EQ(traced.status, 0) << traced.err;
     // A pipe, in which nobody can go back.
     const std::string command = "cat '" + (folder_ / "room.gltf").string()
@@ -703,8 +702,8 @@ TEST_F(Cli, WarningsOfLightFilesAreTold) {
           R"({"lights": [{"type": "spot", "intensity": 100, "position": [0, 1.5, 0],
                           "direction": [0, -1, 0],
                           "spot": {"innerConeAngle": 0.5, "outerConeAngle": 0.5}}]})");
-    const std::vector<std::string> bake{"bake",    "dark.gltf", "--resolution", "6", "-o",
-                                        "a.vdb",   "--lights",  "spot.json",    "--format", "json"};
+    const std::vector<std::string> bake{"bake",  "dark.gltf", "--resolution", "6",        "-o",
+                                        "a.vdb", "--lights",  "spot.json",    "--format", "json"};
     const Result result = run(bake);
     EXPECT_EQ(result.status, 0) << result.err;
     const json warnings = json::parse(result.out)["warnings"];

@@ -115,8 +115,7 @@ struct GltfDocument {
 };
 
 /// A triangle with UVs and one material with the PNG above as base colour.
-inline GltfDocument textured(
-    const nlohmann::json& material_extra = nlohmann::json::object()) {
+inline GltfDocument textured(const nlohmann::json& material_extra = nlohmann::json::object()) {
     GltfDocument document;
     nlohmann::json& primitive = document.triangle();
     primitive["attributes"]["TEXCOORD_0"] =

@@ -99,9 +99,9 @@ TEST_F(LightFile, GivesSpotsOfOneAngleAHardEdge) {
                                R"("innerConeAngle": 0.5236, "outerConeAngle": 0.52359)",
                                R"("innerConeAngle": 0.7853981633974484)"}) {
         warnings_.clear();
-        const std::vector<Light> lights = load(
-            std::string(R"({"lights": [{"type": "point"}, {"type": "spot", "spot": {)") + angles
-            + "}}]}");
+        const std::vector<Light> lights =
+            load(std::string(R"({"lights": [{"type": "point"}, {"type": "spot", "spot": {)")
+                 + angles + "}}]}");
         ASSERT_EQ(lights.size(), 2u);
         EXPECT_EQ(lights[1].inner_cone, lights[1].outer_cone);
         ASSERT_EQ(warnings_.size(), 1u) << angles;

@@ -1,5 +1,5 @@
-// The image module: everything that sees OpenImageIO and libpng. Images pass through memory, so that files,
-// their errors and their atomicity are the business of those who own them.
+// The image module: everything that sees OpenImageIO and libpng. Images pass through memory, so
+// that files, their errors and their atomicity are the business of those who own them.
 #include "image/header.h"
 #include "image/oiio/module.h"
 #include "lpvbake/error.h"

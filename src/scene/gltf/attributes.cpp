@@ -32,8 +32,8 @@ Elements accessor_elements(const Document& document, const tinygltf::Accessor& a
     Elements elements;
     if (accessor.bufferView >= 0) {
         elements = view_elements(document, accessor.bufferView, accessor.byteOffset, accessor.count,
-                                 document.view(accessor.bufferView).stride,
-                                 accessor.componentType, width, place);
+                                 document.view(accessor.bufferView).stride, accessor.componentType,
+                                 width, place);
     } else {
         elements.count = accessor.count;
         elements.width = width;

@@ -82,10 +82,10 @@ Container open_container(Bytes bytes, const std::string& file) {
     if (bytes.size() < 20)
         refuse("the binary glTF is cut off in its header");
     if (const uint32_t version = little_endian(bytes, 4); version != 2)
-        throw Error(ErrorKind::unsupported,
-                    file + ": binary glTF version " + std::to_string(version)
-                        + (version == 1 ? ", glTF 1.0," : "")
-                        + " is not supported, 2 is; convert the file");
+        throw Error(ErrorKind::unsupported, file + ": binary glTF version "
+                                                + std::to_string(version)
+                                                + (version == 1 ? ", glTF 1.0," : "")
+                                                + " is not supported, 2 is; convert the file");
     const uint64_t length = little_endian(bytes, 8);
     const uint64_t json_length = little_endian(bytes, 12);
     if (length > bytes.size())
@@ -198,10 +198,10 @@ struct Buffer {
 };
 
 /// What is left out as long as nobody wants it. Throws the error again if it is not the file's.
-std::optional<Error> left_out(const char* kind, const Error& error, Document& document) {
+std::optional<Error> left_out(const Error& error, Document& document) {
     if (error.kind == ErrorKind::memory)
         throw error;
-    document.warnings.add(kind, error, "left out");
+    document.warnings.add("buffers", error, "left out");
     return error;
 }
 
@@ -252,7 +252,7 @@ std::vector<Buffer> read_buffers(const json& list, Bytes chunk, Document& docume
         try {
             buffers[i] = read_buffer(list[i], i, chunk, document);
         } catch (const Error& error) {
-            buffers[i].fault = left_out("buffers", error, document);
+            buffers[i].fault = left_out(error, document);
         }
     return buffers;
 }
@@ -284,13 +284,9 @@ View read_view(const json& source, const std::vector<Buffer>& buffers, const std
                                   + " is not a multiple of 4 up to 252: taken as it is, or, where "
                                     "elements are larger, as if they were packed; export the file "
                                     "again");
-    try {
-        view.fault = buffers[source["buffer"].get<size_t>()].fault;
-        if (!view.fault)
-            view.bytes = slice_of(document, buffers, source, place);
-    } catch (const Error& error) {
-        view.fault = left_out("buffer views", error, document);
-    }
+    view.fault = buffers[source["buffer"].get<size_t>()].fault;
+    if (!view.fault)
+        view.bytes = slice_of(document, buffers, source, place);
     return view;
 }
 
@@ -376,8 +372,7 @@ std::vector<CameraSource> camera_sources(const json& list, Warnings& warnings) {
         else if (!yfov.is_number())
             leave_out(".perspective.yfov", "is no number");
         else if (!(yfov.get<double>() > 0.0 && yfov.get<double>() < 3.14159))
-            leave_out(".perspective.yfov",
-                      yfov.dump() + " does not lie between 0 and pi radians");
+            leave_out(".perspective.yfov", yfov.dump() + " does not lie between 0 and pi radians");
         else
             source.yfov = yfov.get<double>();
         if (perspective.contains("aspectRatio") && perspective["aspectRatio"].is_number())
@@ -510,8 +505,8 @@ int find_named(const std::vector<std::string>& names, const std::string& text,
         return static_cast<int>(index);
     std::string known;
     for (size_t i = 0; i < std::min<size_t>(names.size(), 20); ++i)
-        known +=
-            (i ? ", " : "") + std::to_string(i) + (names[i].empty() ? "" : " " + in_quotes(names[i]));
+        known += (i ? ", " : "") + std::to_string(i)
+                 + (names[i].empty() ? "" : " " + in_quotes(names[i]));
     throw Error(ErrorKind::argument,
                 std::string(setting) + " " + text + ": the file has no such; it has "
                     + (names.empty() ? "none" : known) + (names.size() > 20 ? ", ..." : ""));

@@ -44,9 +44,9 @@ struct CameraSource {
     bool is_orthographic = false;
 };
 
-/// Every index in the model points into its array; every view lies inside its buffer, or has a
-/// fault, of which there is a warning, since nothing may use it. What is
-/// const may be read by many threads; warnings and memory belong to one.
+/// Every index in the model points into its array; every view lies inside its buffer, or has the
+/// fault of a buffer that cannot be read, of which there is a warning, as nothing may use it. What
+/// is const may be read by many threads; warnings and memory belong to one.
 struct Document {
     std::string file;
     std::optional<std::filesystem::path> folder; ///< none: of standard input
@@ -64,8 +64,8 @@ struct Document {
     [[noreturn]] void fail(const std::string& place, const std::string& why,
                            ErrorKind kind = ErrorKind::invalid) const;
 
-    /// The bytes of a file beside the scene, its first `most` if it has more. Throws Error, beginning
-    /// with `place`, as resolve_uri and read_file do.
+    /// The bytes of a file beside the scene, its first `most` if it has more. Throws Error,
+    /// beginning with `place`, as resolve_uri and read_file do.
     std::vector<unsigned char> file_beside(const std::string& uri, const std::string& place,
                                            uint64_t most) const;
 

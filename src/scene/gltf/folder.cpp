@@ -80,8 +80,7 @@ std::string similar_file(const fs::path& base, const std::string& name) {
         const fs::path found = with_other_case(base, relative);
         std::error_code error;
         const fs::path file = fs::canonical(base / found, error);
-        if (!found.empty() && !error && lies_below(base, file)
-            && fs::is_regular_file(file, error))
+        if (!found.empty() && !error && lies_below(base, file) && fs::is_regular_file(file, error))
             return found.string();
     }
     return {};
@@ -162,8 +161,8 @@ fs::path resolve_uri(const fs::path& folder, std::string_view uri, const std::st
         throw Error(ErrorKind::invalid,
                     text("is not a file name", "repair the file or export it again"));
     if (has_scheme(uri))
-        throw Error(ErrorKind::invalid, text("is not a relative path",
-                                             "files have to lie in the scene's folder"));
+        throw Error(ErrorKind::invalid,
+                    text("is not a relative path", "files have to lie in the scene's folder"));
     refuse_unless_allowed(name.front() == '/' || name.front() == '\\', "is an absolute path");
     std::error_code error;
     const fs::path base = fs::canonical(folder.empty() ? fs::path(".") : folder, error);
@@ -184,7 +183,8 @@ fs::path resolve_uri(const fs::path& folder, std::string_view uri, const std::st
     std::string similar = similar_file(base, with_slashes);
     if (!similar.empty())
         similar = "; there is " + in_quotes(similar) + ": rename it, or correct the URI";
-    throw Error(ErrorKind::file, place + ": " + in_quotes(name) + ": there is no such file" + similar);
+    throw Error(ErrorKind::file,
+                place + ": " + in_quotes(name) + ": there is no such file" + similar);
 }
 
 bool is_data_uri(std::string_view uri) {

@@ -47,7 +47,8 @@ private:
     void copy_token(std::string_view token) {
         const bool is_word = token == "NaN" || token == "Infinity" || token == "-Infinity";
         const bool is_number = token[0] == '-' || (token[0] >= '0' && token[0] <= '9');
-        if (!is_word && !(is_number && std::isinf(std::strtod(std::string(token).c_str(), nullptr))))
+        if (!is_word
+            && !(is_number && std::isinf(std::strtod(std::string(token).c_str(), nullptr))))
             return keep(token.size());
         copy_ += "null";
         rest_.remove_prefix(token.size());
@@ -76,9 +77,9 @@ private:
     void copy_escape() {
         const auto unit = [&](size_t at) {
             const std::string digits(rest_.substr(std::min(at + 2, rest_.size()), 4));
-            const bool is_one = rest_.substr(std::min(at, rest_.size())).starts_with("\\u")
-                                && digits.find_first_not_of("0123456789abcdefABCDEF")
-                                       == std::string::npos;
+            const bool is_one =
+                rest_.substr(std::min(at, rest_.size())).starts_with("\\u")
+                && digits.find_first_not_of("0123456789abcdefABCDEF") == std::string::npos;
             return is_one ? std::strtoul(digits.c_str(), nullptr, 16) : 0;
         };
         const unsigned long first = unit(0);

@@ -11,8 +11,8 @@
 namespace lpvbake::scene::gltf {
 namespace {
 
-/// Materials that some vertex makes brighter than the rules allow. Of textures the mean counts: a few
-/// white texels are clamped without a word.
+/// Materials that some vertex makes brighter than the rules allow. Of textures the mean counts: a
+/// few white texels are clamped without a word.
 size_t count_clamped(const Scene& scene, const std::vector<glm::dvec3>& mean_texel) {
     std::vector<glm::vec3> brightest_vertex(scene.materials.size(), glm::vec3(0.0f));
     for (const Mesh& mesh : scene.meshes) {
@@ -114,8 +114,8 @@ Scene load_gltf(const std::string& path, const LoadSettings& settings) {
     } catch (const std::exception& error) {
         if (is_want_of_threads(error))
             throw Error(ErrorKind::failure, want_of_threads);
-        throw Error(ErrorKind::invalid, scene::gltf::name_of(path) + ": is not valid glTF: "
-                                            + printable(error.what(), 300)
+        throw Error(ErrorKind::invalid, scene::gltf::name_of(path)
+                                            + ": is not valid glTF: " + printable(error.what(), 300)
                                             + "; repair the file or export it again");
     }
 }

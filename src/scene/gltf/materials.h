@@ -44,9 +44,9 @@ SourceMaterial read_material(Document& document, int index, const MaterialRules&
 /// the scene, points the materials at them, and settles what depends on texels: how much of a
 /// material is metal, and how much light it lets through. Returns each material's mean base colour
 /// texel (linear). Where an image cannot be read its texture's next one is, and where there is none
-/// the texture is left out, with a warning. Images that would take more than half of the document's memory together are
-/// halved, the largest first, with a warning. With `skip_colors` an image that is a base colour
-/// alone is not decoded: it has a size but no texels, and counts as black.
+/// the texture is left out, with a warning. Images that would take more than half of the document's
+/// memory together are halved, the largest first, with a warning. With `skip_colors` an image that
+/// is a base colour alone is not decoded: it has a size but no texels, and counts as black.
 std::vector<glm::dvec3> load_textures(Document& document, std::vector<SourceMaterial>& materials,
                                       bool skip_colors, Scene& scene);
 

@@ -89,9 +89,8 @@ private:
         const DracoLimits limits{
             document_.model.accessors.at(source_.attributes.at("POSITION")).count,
             document_.model.accessors.at(source_.indices).count};
-        draco_ =
-            decode_draco(document_.view(extension.Get("bufferView").GetNumberAsInt()).bytes,
-                         limits, document_.file + ": " + place);
+        draco_ = decode_draco(document_.view(extension.Get("bufferView").GetNumberAsInt()).bytes,
+                              limits, document_.file + ": " + place);
         for (const auto& [name, unused] : source_.attributes)
             if (const tinygltf::Value& ids = extension.Get("attributes"); ids.Has(name))
                 draco_id_[name] = ids.Get(name).GetNumberAsInt();

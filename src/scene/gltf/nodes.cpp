@@ -379,8 +379,7 @@ std::vector<int> scene_roots(Document& document, const LoadSettings& settings,
         const bool is_child = parent[node] >= 0, is_below = is_child && held[parent[node]];
         if (is_child)
             document.warnings.add("roots that are children", root_place,
-                                  at("nodes", node) + " is a child of "
-                                      + at("nodes", parent[node])
+                                  at("nodes", node) + " is a child of " + at("nodes", parent[node])
                                       + (is_below ? " as well: it is placed once, there"
                                                   : ", which is not in the scene: it is placed "
                                                     "without it")

@@ -53,8 +53,7 @@ void remove_dangling(json* object, const char* key, const char* array, size_t si
         return;
     warnings.add(std::string(key) + " out of range", place + "." + key,
                  "index " + index->dump() + " is out of range: " + array + " has "
-                     + std::to_string(size) + " elements: " + instead
-                     + "; export the file again");
+                     + std::to_string(size) + " elements: " + instead + "; export the file again");
     object->erase(key);
 }
 

@@ -311,8 +311,7 @@ void decode_images(const Document& document, std::vector<WantedImage>& images) {
         while (++end < open.size() && open[end]->texels() <= passing.left() / decoding_bytes);
         for_all(end - begin, [&](size_t i) {
             WantedImage& image = *open[begin + i];
-            image.attempt(
-                [&] { image.image = load_image(document, image.index, image.halvings); });
+            image.attempt([&] { image.image = load_image(document, image.index, image.halvings); });
             if (!image.need.sampled)
                 image.image.image = {};
         });
@@ -327,8 +326,10 @@ void read_images(Document& document, std::vector<WantedImage>& images) {
             image.header = header_of(document, image.index);
             const uint64_t texels = image.header.texels();
             if (!image.need.decoded && texels > 0 && texels <= max_image_texels)
-                image.image.image = {name_of(document, image.index), int(image.header.width),
-                                     int(image.header.height), {}};
+                image.image.image = {name_of(document, image.index),
+                                     int(image.header.width),
+                                     int(image.header.height),
+                                     {}};
             else if (!image.need.decoded)
                 image.image.image = load_image(document, image.index, 0).image;
         });
