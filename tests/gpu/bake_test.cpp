@@ -17,6 +17,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <optional>
 #include <random>
 
 namespace lpvbake {
@@ -645,8 +646,16 @@ TEST_F(Bake, TheResolutionHoldsFromWhichOnItSaysThatAFitWould) {
     const Baked holds = run(scene, settings);
     EXPECT_EQ(warning(holds), "");
     EXPECT_LE(contested(holds), bake::contested_most);
-    settings.grid.resolution = enough * 4 / 5;
-    const Baked before = run(scene, settings);
+    const Baked before = [&] { // where walls lie in cells counts as well: the worst of some
+        std::optional<Baked> worst;
+        for (int resolution = enough * 4 / 5; resolution < enough; ++resolution) {
+            settings.grid.resolution = resolution;
+            Baked baked = run(scene, settings);
+            if (!worst || contested(baked) > contested(*worst))
+                worst = std::move(baked);
+        }
+        return std::move(*worst);
+    }();
     EXPECT_NE(warning(before), "");
     const auto error = [](const Baked& baked) {
         return std::stod(baked.volume.metadata.at("fit_error"));
