@@ -67,7 +67,8 @@ void Emitters::halve(const scene::EmissionMaps& maps, const Mesh& mesh, uint32_t
     std::vector<Open> open{
         {{triangle, {glm::vec2(0, 0), glm::vec2(1, 0), glm::vec2(0, 1)}}, placed.root}};
     for (size_t next = 0; next < open.size(); ++next) {
-        const auto [piece, node] = open[next];
+        const Piece piece = open[next].piece;
+        const uint32_t node = open[next].node;
         const auto edge = [&](size_t from, size_t to) {
             const glm::vec2 w = piece.corners[to % 3] - piece.corners[from];
             return w.x * placed.ab + w.y * placed.ac;
