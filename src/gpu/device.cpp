@@ -7,6 +7,8 @@
 #include <limits>
 #include <optional>
 
+#include <sys/mman.h>
+
 namespace lpvbake::gpu {
 
 namespace {
@@ -19,6 +21,24 @@ std::string gibibytes(uint64_t bytes) {
     char text[32];
     std::snprintf(text, sizeof text, "%.2f GiB", double(bytes) / double(1ull << 30));
     return text;
+}
+
+/// Whether a driver may have found no room: Mesa's for the CPU maps LLVM, and loaders say nothing.
+bool is_short_of_addresses() {
+    constexpr std::size_t driver = std::size_t(256) << 20;
+    void* const room =
+        mmap(nullptr, driver, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    if (room == MAP_FAILED)
+        return true;
+    munmap(room, driver);
+    return false;
+}
+
+[[noreturn]] void fail_without(const std::string& what) {
+    if (is_short_of_addresses())
+        throw Error(ErrorKind::memory,
+                    what + " in so little address space; allow more (ulimit -v)");
+    throw Error(ErrorKind::device, what + "; " + remedy);
 }
 
 VKAPI_ATTR VkBool32 VKAPI_CALL collect(VkDebugUtilsMessageSeverityFlagBitsEXT,
@@ -36,7 +56,7 @@ vk::raii::Context load_vulkan() {
     try {
         return vk::raii::Context();
     } catch (const std::exception&) {
-        throw Error(ErrorKind::device, std::string("no Vulkan library was found; ") + remedy);
+        fail_without("no Vulkan library was found");
     }
 }
 
@@ -132,11 +152,9 @@ std::vector<Candidate> candidates(const Instance& instance) {
         }
     }
     if (usable.empty())
-        throw Error(ErrorKind::device,
-                    (found.empty() ? "no Vulkan device was found; "
+        fail_without(found.empty() ? "no Vulkan device was found"
                                    : "no Vulkan device here has version 1.2 and a queue for "
-                                     "graphics and compute; ")
-                        + std::string(remedy));
+                                     "graphics and compute");
     return usable;
 }
 
@@ -258,7 +276,7 @@ Instance::Instance(bool validation) : context(load_vulkan()) {
     try {
         handle = vk::raii::Instance(context, chain.get<vk::InstanceCreateInfo>());
     } catch (const vk::IncompatibleDriverError&) {
-        throw Error(ErrorKind::device, std::string("no Vulkan driver was found; ") + remedy);
+        fail_without("no Vulkan driver was found");
     } catch (const vk::SystemError& error) {
         fail("starting Vulkan", error);
     }
