@@ -379,9 +379,7 @@ void add_solver_options(options::Options& options, BakeOptions& o) {
 options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<BakeOptions>();
     BakeOptions& o = *fields;
-    options.text(
-        "scene", o.scene, "FILE",
-        "glTF 2.0 file, .gltf or .glb; -: from standard input, with all that it refers to in it");
+    add_scene_option(options, o);
     options.texts("-o,--output", o.outputs.paths, "FILE", outputs_help());
     add_grid_options(options, o);
     add_light_options(options, o);

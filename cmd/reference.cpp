@@ -122,9 +122,7 @@ void run(const ReferenceOptions& o, const std::string& settings) {
 options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<ReferenceOptions>();
     ReferenceOptions& o = *fields;
-    options.text(
-        "scene", o.scene, "FILE",
-        "glTF 2.0 file, .gltf or .glb; -: from standard input, with all that it refers to in it");
+    add_scene_option(options, o);
     options.texts("-o,--output", o.outputs.paths, "FILE", outputs_help());
     options.text("-e,--error-output", o.error_output, "FILE",
                  "Volume of the standard errors to write, " + io::format_list());

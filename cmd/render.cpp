@@ -463,9 +463,7 @@ options::Choices<const readers::Reader*> samplers() {
 options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<RenderOptions>();
     RenderOptions& o = *fields;
-    options.text(
-        "scene", o.scene, "FILE",
-        "glTF 2.0 file, .gltf or .glb; -: from standard input, with all that it refers to in it");
+    add_scene_option(options, o);
     options.text("volume", o.volume, "VOLUME", "Volume of bake or reference, " + io::format_list());
     options.texts("-o,--output", o.outputs, "FILE",
                   "Picture to write, .png or .exr; may be repeated");

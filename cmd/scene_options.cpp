@@ -2,6 +2,7 @@
 
 #include "lpvbake/error.h"
 #include "lpvbake/scene.h"
+#include "io/atomic_file.h"
 #include "options/lights.h"
 #include "scene/scene_hash.h"
 
@@ -98,6 +99,12 @@ void add_grid_options(options::Options& options, SceneOptions& o) {
     cell.usual.clear();
     cell.exclude({"resolution"}).record(options::Recorded::if_changed);
     add_bounds_options(options, o);
+}
+
+void add_scene_option(options::Options& options, SceneOptions& o) {
+    options.text(
+        "scene", o.scene, "FILE",
+        "glTF 2.0 file, .gltf or .glb; -: from standard input, with all that it refers to in it");
 }
 
 void add_light_options(options::Options& options, SceneOptions& o) {
@@ -397,10 +404,7 @@ void probe_scene(const SceneOptions& o) {
         return;
     if (access(o.scene.c_str(), R_OK) != 0)
         throw Error(ErrorKind::file, o.scene + ": " + std::strerror(errno));
-    std::error_code ignored; // folders are refused by whoever reads them
-    if (const auto kind = fs::status(o.scene, ignored);
-        !fs::is_regular_file(kind) && !fs::is_directory(kind))
-        throw Error(ErrorKind::file, o.scene + ": is not a file");
+    io::refuse_pipes(o.scene, o.scene);
 }
 
 void fill_metadata(const SceneOptions& o, const Scene& scene, const std::string& settings,

@@ -46,6 +46,8 @@ struct SceneOptions {
 void add_load_options(options::Options& options, LoadSettings& load);
 void add_bounds_options(options::Options& options, SceneOptions& o);
 void add_grid_options(options::Options& options, SceneOptions& o);
+/// The positional `scene`.
+void add_scene_option(options::Options& options, SceneOptions& o);
 /// Begins with add_load_options.
 void add_light_options(options::Options& options, SceneOptions& o);
 

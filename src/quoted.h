@@ -1,6 +1,7 @@
 // Texts of others in messages.
 #pragma once
 
+#include <algorithm>
 #include <cstdio>
 #include <string>
 #include <string_view>
@@ -53,7 +54,13 @@ inline std::string printable(std::string_view text, size_t most = 120) {
     return result;
 }
 
-/// The same in quotes.
+/// What a library's exception says, without the name in brackets that it begins with.
+inline std::string without_label(std::string_view what) {
+    what.remove_prefix(std::min(what.size(), what.find("] ") + 2));
+    return printable(what, 300);
+}
+
+/// On one line, and in quotes.
 inline std::string in_quotes(std::string_view text) {
     return '"' + printable(text) + '"';
 }

@@ -26,7 +26,7 @@ class Places {
 public:
     Places(const readers::Reader& reader, const Volume& volume,
            std::span<const readers::FitPoint> points)
-        : dims_(volume.grid.dims),
+        : grid_(volume.grid),
           order_(points.size()) {
         for (const readers::FitPoint& point : points)
             at.push_back(volume.grid.to_grid(point.position) + reader.offset * point.normal);
@@ -35,7 +35,7 @@ public:
         for (const glm::dvec3& p : at)
             key.push_back(cell_of(glm::ivec3(glm::floor(p))));
         std::ranges::stable_sort(order_, {}, [&](std::size_t i) { return key[i]; });
-        first_.assign(std::size_t(dims_.x) * std::size_t(dims_.y) * std::size_t(dims_.z) + 1, 0);
+        first_.assign(grid_.size() + 1, 0);
         for (const std::size_t k : key)
             ++first_[k + 1];
         std::partial_sum(first_.begin(), first_.end(), first_.begin());
@@ -45,8 +45,8 @@ public:
     template <class Each>
     void around(glm::dvec3 p, const Each& each) const {
         const glm::ivec3 c(glm::floor(p));
-        const glm::ivec3 lo = glm::clamp(c - 1, glm::ivec3(0), dims_ - 1);
-        const glm::ivec3 hi = glm::clamp(c + 1, glm::ivec3(0), dims_ - 1);
+        const glm::ivec3 lo = glm::clamp(c - 1, glm::ivec3(0), grid_.dims - 1);
+        const glm::ivec3 hi = glm::clamp(c + 1, glm::ivec3(0), grid_.dims - 1);
         glm::ivec3 i;
         for (i.z = lo.z; i.z <= hi.z; ++i.z)
             for (i.y = lo.y; i.y <= hi.y; ++i.y)
@@ -61,13 +61,10 @@ public:
 
 private:
     std::size_t cell_of(glm::ivec3 c) const {
-        c = glm::clamp(c, glm::ivec3(0), dims_ - 1);
-        return std::size_t(c.x)
-               + std::size_t(dims_.x)
-                     * (std::size_t(c.y) + std::size_t(dims_.y) * std::size_t(c.z));
+        return grid_.index(glm::clamp(c, glm::ivec3(0), grid_.dims - 1));
     }
 
-    glm::ivec3 dims_;
+    const Grid& grid_;
     std::vector<std::size_t> order_, first_;
 };
 

@@ -30,7 +30,7 @@ std::vector<readers::FitPoint> check_points(const Scene& scene, const surface::L
         }
     sides.points.resize(kept);
     return weighed_points(frame, sides,
-                          surface::irradiance_at(scene, lit, frame, sides.points, emitters,
+                          surface::irradiance_at(scene, lit, sides.points, emitters,
                                                  settings.check_rays, drawing.seed, progress));
 }
 
@@ -64,8 +64,8 @@ std::vector<readers::FitPoint> fit_points(const Scene& scene, const surface::Lit
         lit, glm::vec3(frame.extent),
         {.density = settings.density, .most_points = settings.most_points, .looks = 0});
     const std::vector<surface::SideLight> light = surface::shared_irradiance_at(
-        scene, lit, frame, sides.points, emitters,
-        rays_a_point(settings, double(sides.points.size())), 1, progress);
+        scene, lit, sides.points, emitters, rays_a_point(settings, double(sides.points.size())), 1,
+        progress);
     std::vector<glm::vec3> irradiance;
     for (size_t i = 0; i < light.size(); ++i) {
         sides.open[i] = light[i].open;

@@ -657,9 +657,7 @@ Volume read_exr(const std::string& path, volume::GridKinds kinds) {
                                     [&](const Json& file) { return file["file"] == name; }))
             reject(path, "is not of the volume that " + sidecar + " describes");
     } catch (const Json::exception& error) {
-        std::string_view what = error.what();
-        what.remove_prefix(std::min(what.size(), what.find("] ") + 2)); // its name in the library
-        reject(sidecar, "is not a sidecar of lpvbake: " + printable(what, 300));
+        reject(sidecar, "is not a sidecar of lpvbake: " + without_label(error.what()));
     } catch (const std::out_of_range& error) {
         reject(sidecar, error.what());
     }

@@ -206,12 +206,7 @@ glm::dvec3 Paths::trace(glm::vec3 origin, glm::dvec3 towards, double density, Pa
             throughput /= survival;
         }
         if (reflections > longest_path)
-            throw Error(ErrorKind::invalid,
-                        scene_.path
-                            + ": light in a closed part of the scene is reflected without end, "
-                              "its albedo is 1, as that of "
-                            + scene::name_of_surface(scene_, hit.instance)
-                            + "; set `max_albedo` below 1 or a number of `bounces`");
+            throw Error(ErrorKind::invalid, scene::endless_reflection(scene_, hit.instance));
         towards = sample_cosine(n, sampler.pair());
         density = cosine_density(towards);
     }

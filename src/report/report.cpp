@@ -14,7 +14,6 @@
 #include "text.h"
 #include "visibility/validity.h"
 #include "volume/compare.h"
-#include "volume/dilate.h"
 #include "volume/sh.h"
 
 #include <algorithm>
@@ -185,16 +184,8 @@ std::vector<ReaderError> shown_errors(const Volume& volume,
             shown.push_back({reader.name, FieldError(alike->error)});
             continue;
         }
-        std::optional<Volume> written;
-        if (target->dilate > 0 && !volume.metadata.contains("fit")) {
-            written = volume;
-            if (points.empty())
-                volume::dilate(*written, target->dilate);
-            else
-                bake::fit_to_points(reader, points, {}, {}, *written);
-        }
         shown.push_back(
-            {reader.name, surface_error(reader, written ? *written : volume, surfaces)});
+            {reader.name, surface_error(reader, written_for(reader, volume, points), surfaces)});
     }
     return shown;
 }

@@ -20,18 +20,19 @@ constexpr int samples = 4; ///< a pixel, of what a volume lights
 constexpr int paths = 64;  ///< a pixel, of what is traced
 constexpr render::Show show = render::Show::final;
 
-/// The volume as the target of a reader writes it, with its fit or without.
+} // namespace
+
 Volume written_for(const readers::Reader& reader, Volume volume,
                    std::span<const readers::FitPoint> points) {
     const int dilate = io::target_named(reader.name)->dilate;
-    if (!points.empty() && !volume.metadata.contains("fit"))
-        bake::fit_to_points(reader, points, {}, {}, volume);
-    else if (!volume.metadata.contains("fit"))
+    if (dilate == 0 || volume.metadata.contains("fit"))
+        return volume;
+    if (points.empty())
         volume::dilate(volume, dilate);
+    else
+        bake::fit_to_points(reader, points, {}, {}, volume);
     return volume;
 }
-
-} // namespace
 
 Views draw_views(const Scene& scene, const visibility::Visibility& visibility,
                  const scene::Frame& frame, const reference::PathRules& rules,

@@ -8,6 +8,11 @@
 
 namespace lpvbake::report {
 
+/// The volume as the target of a reader writes it, if it is not fitted yet: fitted to the points,
+/// or, without any, filled.
+Volume written_for(const readers::Reader& reader, Volume volume,
+                   std::span<const readers::FitPoint> points);
+
 /// The error on surfaces of what a reader shows of a volume.
 using SurfaceErrorOf = std::function<FieldError(const readers::Reader&, const Volume&)>;
 

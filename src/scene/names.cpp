@@ -11,11 +11,15 @@ std::string called(const char* what, const std::string& name, int index) {
 
 } // namespace
 
-std::string name_of_surface(const Scene& scene, uint32_t instance) {
+std::string endless_reflection(const Scene& scene, uint32_t instance, const std::string& at) {
     const int mesh = scene.instances[instance].mesh;
     const int material = scene.meshes[size_t(mesh)].material;
-    return called("material", scene.materials[size_t(material)].name, material) + " of "
-           + called("mesh", scene.meshes[size_t(mesh)].name, mesh);
+    return scene.path
+           + ": light in a closed part of the scene is reflected without end, its albedo is 1, as "
+             "that of "
+           + called("material", scene.materials[size_t(material)].name, material) + " of "
+           + called("mesh", scene.meshes[size_t(mesh)].name, mesh) + at
+           + "; set `max_albedo` below 1 or a number of `bounces`";
 }
 
 } // namespace lpvbake::scene

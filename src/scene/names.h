@@ -1,11 +1,12 @@
-// What things of a scene are called where a message names them.
+// Messages that name things of a scene.
 #pragma once
 
 #include "lpvbake/scene.h"
 
 namespace lpvbake::scene {
 
-/// The material and the mesh of a placed mesh, by index where they have no name.
-std::string name_of_surface(const Scene& scene, uint32_t instance);
+/// That light is reflected without end, as by this placed mesh: its material and mesh, by index
+/// where they have no name; `at` says where, or nothing.
+std::string endless_reflection(const Scene& scene, uint32_t instance, const std::string& at = "");
 
 } // namespace lpvbake::scene

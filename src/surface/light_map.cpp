@@ -1,6 +1,7 @@
 #include "surface/light_map.h"
 
 #include "mix_word.h"
+#include "surface/cutting.h"
 #include "visibility/tangents.h"
 
 #include <glm/gtc/constants.hpp>
@@ -789,10 +790,7 @@ LightMapper::LightMapper(const Scene& scene, const LitSurfaces& surfaces, const 
 }
 
 float LightMapper::patch_edge(glm::vec3 point) const {
-    return 1.0f
-           + 0.25f
-                 * glm::distance(point,
-                                 glm::clamp(point, glm::vec3(0.0f), glm::vec3(frame.extent)));
+    return graded(1.0f, distance_to_box(point, glm::vec3(frame.extent)));
 }
 
 uint32_t LightMapper::side_at(const visibility::Hit& hit, glm::vec3 direction) const {

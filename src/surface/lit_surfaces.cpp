@@ -22,17 +22,16 @@
 namespace lpvbake::surface {
 namespace {
 
-constexpr uint32_t black = ~0u; ///< what a ray meets that reflects nothing
-constexpr int shadow_samples = 4;
+constexpr uint32_t black = ~0u;     ///< what a ray meets that reflects nothing
 constexpr int longest_sum = 20'000; ///< reflections, where their number is not bounded
 
 /// Van der Corput's sequences of Halton's first four bases.
 struct HaltonTable {
+    static constexpr std::array<uint32_t, 4> base{2, 3, 5, 7};
     static constexpr uint32_t length = 2048; ///< groups of points that share rays take as many
-    std::array<std::array<double, length>, 4> of_base;
+    std::array<std::array<double, length>, base.size()> of_base;
 
     HaltonTable() {
-        static constexpr uint32_t base[] = {2, 3, 5, 7};
         for (size_t n = 0; n < of_base.size(); ++n)
             for (uint32_t i = 0; i < length; ++i)
                 of_base[n][i] = radical_inverse(i, base[n]);
@@ -55,9 +54,8 @@ public:
 
 private:
     float coordinate(uint32_t i, uint32_t n) const {
-        static constexpr uint32_t base[] = {2, 3, 5, 7};
-        const double plain =
-            i < HaltonTable::length ? halton_table.of_base[n][i] : radical_inverse(i, base[n]);
+        const double plain = i < HaltonTable::length ? halton_table.of_base[n][i]
+                                                     : radical_inverse(i, HaltonTable::base[n]);
         const double shifted = plain + shift_[n];
         return float(std::min(shifted - std::floor(shifted), 1.0 - 0x1p-24));
     }
@@ -93,72 +91,29 @@ struct Side {
     }
 };
 
-/// A punctual light in the frame.
-struct PunctualSource {
-    const Light& light;
-    glm::vec3 color; ///< times intensity
-    glm::dvec3 position;
-    scene::Cone cone;
-    double unit;
-    float across; ///< longer than the way out of the scene
-
-    /// Illuminance (lux) without shadows at `point`, and the ray that looks for them.
-    glm::vec3 illuminance(glm::vec3 point, glm::vec3 normal, visibility::Ray& shadow) const {
-        if (light.type == LightType::directional) {
-            const glm::vec3 towards(-light.direction);
-            shadow = {point, towards * across};
-            return color * std::max(0.0f, glm::dot(normal, towards));
-        }
-        const glm::dvec3 to = position - glm::dvec3(point);
-        const double distance = glm::length(to);
-        // A surface that the light lies on does not hide it.
-        const double end = 1.0 - double(ray_offset(glm::vec3(position))) / distance;
-        shadow = {point, glm::vec3(to), 0.0f, float(std::max(0.0, end))};
-        const double cosine = glm::dot(glm::dvec3(normal), to) / distance;
-        if (!(distance > 0.0 && cosine > 0.0))
-            return glm::vec3(0.0f);
-        const double metres = distance * unit;
-        double factor = cosine / (metres * metres);
-        if (light.type == LightType::spot)
-            factor *= cone(-to / distance);
-        return color * float(factor * scene::range_window(light, metres));
-    }
+/// A sun of the sky.
+struct Sun {
+    glm::vec3 lux; ///< across its rays
+    glm::vec3 towards;
 };
 
-std::vector<PunctualSource> sources_of(std::span<const Light> lights,
-                                       const visibility::Visibility& visibility,
-                                       const scene::Frame& frame) {
-    const float across = 2.0f * glm::length(visibility.hi() - visibility.lo()) + 1.0f;
-    std::vector<PunctualSource> sources;
-    for (const Light& light : lights)
-        sources.push_back({light, light.color * float(light.intensity),
-                           frame.from_world(light.position), scene::Cone(light), frame.unit,
-                           across});
-    return sources;
+std::vector<Sun> suns_of(const Sky& sky) {
+    std::vector<Sun> suns;
+    for (const Light& light : scene::sky_suns(sky))
+        suns.push_back({light.color * float(light.intensity), glm::vec3(-light.direction)});
+    return suns;
 }
 
-/// Mean illuminance of a side by the punctual lights.
-glm::vec3 punctual(const Side& side, const std::vector<PunctualSource>& sources,
+/// Illuminance of a side's centroid by the suns.
+glm::vec3 sunlight(const Side& side, const std::vector<Sun>& suns,
                    const visibility::Visibility& visibility) {
-    // One point in each of the four halves of the halves.
-    static constexpr glm::vec2 corner[shadow_samples] = {
-        {0.0f, 0.0f}, {0.5f, 0.0f}, {0.0f, 0.5f}, {0.5f, 0.5f}};
+    const float across = 2.0f * glm::length(visibility.hi() - visibility.lo()) + 1.0f; // and out
+    const glm::vec3 from = side.point(glm::vec2(1.0f / 3.0f));
     glm::vec3 sum{0.0f};
-    const HaltonPoints points(side.index, 0);
-    for (const PunctualSource& source : sources)
-        for (uint32_t i = 0; i < shadow_samples; ++i) {
-            const float half = i < 3 ? 0.5f : -0.5f;
-            visibility::Ray shadow;
-            const glm::vec3 lux =
-                source.illuminance(side.point(corner[i] + half / 3.0f), side.normal, shadow);
-            if (lux == glm::vec3(0.0f))
-                continue;
-            // Where a shadow ends is not where midpoints lie.
-            const glm::vec3 point = side.point(corner[i] + half * on_triangle(points(i, 0)));
-            if (source.illuminance(point, side.normal, shadow) != glm::vec3(0.0f))
-                sum += lux * visibility.transmittance(shadow);
-        }
-    return sum / float(shadow_samples);
+    for (const Sun& sun : suns)
+        if (const float cosine = glm::dot(side.normal, sun.towards); cosine > 0.0f)
+            sum += sun.lux * cosine * visibility.transmittance({from, across * sun.towards});
+    return sum;
 }
 
 /// Illuminance by emitters, by rays aimed at them.
@@ -223,7 +178,7 @@ struct DirectLight {
     const visibility::Visibility& visibility;
     const Sky& sky;
     const std::vector<glm::vec3>& emission; ///< a side, nits; empty without emitters
-    std::vector<PunctualSource> suns;       ///< of the sky
+    std::vector<Sun> suns;                  ///< where they are not lit by maps
     EmitterSampling aim;
     int rays;       ///< into the half-space of a side
     int aimed_rays; ///< towards emitters
@@ -295,16 +250,6 @@ private:
     std::vector<double> last_; ///< the latest first
 };
 
-/// What reflects without end: where it is, and what it is made of.
-std::string endless(const Scene& scene, const scene::Frame& frame, const Patch& patch) {
-    const glm::dvec3 at = frame.to_world(glm::dvec3(patch.position));
-    return format("%s: light in a closed part of the scene is reflected without end, its albedo is "
-                  "1, as that of %s at %.4g,%.4g,%.4g; set `max_albedo` below 1 or a number of "
-                  "`bounces`",
-                  scene.path.c_str(), scene::name_of_surface(scene, patch.instance).c_str(), at.x,
-                  at.y, at.z);
-}
-
 /// R = D + rho K R by its series, D + rho K D + ...: each order is added to the others, not taken
 /// as a difference of sums, so that it falls off to any number of digits. `reflected` comes as D
 /// and becomes R, a reflector; `hits` are their rays' ends. No row of K sums to more than 1: where
@@ -359,7 +304,11 @@ void reflect_between(const Scene& scene, const scene::Frame& frame, const Reflec
                 if (!keeps(worst)
                     || (keeps(i) && power_of(i, order[i]) > power_of(worst, order[worst])))
                     worst = i;
-            throw Error(ErrorKind::invalid, endless(scene, frame, patch_of(worst)));
+            const Patch& patch = patch_of(worst);
+            const glm::dvec3 at = frame.to_world(glm::dvec3(patch.position));
+            throw Error(ErrorKind::invalid,
+                        scene::endless_reflection(scene, patch.instance,
+                                                  format(" at %.4g,%.4g,%.4g", at.x, at.y, at.z)));
         }
         lit.residual = ratio < 1.0 ? last * ratio / (1.0 - ratio) / all : 1.0;
         if (!settings.bounces && lit.residual <= double(settings.tolerance))
@@ -444,8 +393,8 @@ LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& vis
 }
 
 std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
-                                     const scene::Frame& frame, std::span<const SidePoint> points,
-                                     bool emitters, int rays, uint32_t seed, Progress& progress) {
+                                     std::span<const SidePoint> points, bool emitters, int rays,
+                                     uint32_t seed, Progress& progress) {
     const visibility::Visibility& visibility = *lit.visibility;
     const bool aims = emitters && scene::has_emitters(scene);
     const std::vector<glm::vec3> emission =
@@ -454,7 +403,7 @@ std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
                             visibility,
                             scene.sky,
                             emission,
-                            sources_of(scene::sky_suns(scene.sky), visibility, frame),
+                            suns_of(scene.sky),
                             EmitterSampling(aims ? lit.patches : std::vector<Patch>{}),
                             rays,
                             rays / 8};
@@ -468,7 +417,7 @@ std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
             point.edge_u = point.edge_v = glm::vec3(0.0f);
             const Side side{point, mix_word(seed) + uint32_t(i), points[i].normal};
             std::vector<uint32_t> met(size_t(rays), black);
-            glm::vec3 lux = punctual(side, light.suns, visibility) + light.by_rays(side, met);
+            glm::vec3 lux = sunlight(side, light.suns, visibility) + light.by_rays(side, met);
             if (aims)
                 lux += aimed(side, light.aim, light.aimed_rays, rays, visibility);
             glm::vec3 reflected{0.0f};
@@ -483,7 +432,6 @@ std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
 }
 
 std::vector<SideLight> shared_irradiance_at(const Scene& scene, const LitSurfaces& lit,
-                                            const scene::Frame& frame,
                                             std::span<const SidePoint> points, bool emitters,
                                             int rays, uint32_t seed, Progress& progress) {
     constexpr size_t most = 64; // points of a group
@@ -492,8 +440,7 @@ std::vector<SideLight> shared_irradiance_at(const Scene& scene, const LitSurface
     const std::vector<glm::vec3> emission =
         aims ? emission_of(lit.patches) : std::vector<glm::vec3>{};
     const EmitterSampling aim(aims ? lit.patches : std::vector<Patch>{});
-    const std::vector<PunctualSource> suns =
-        sources_of(scene::sky_suns(scene.sky), visibility, frame);
+    const std::vector<Sun> suns = suns_of(scene.sky);
     const PointGroups groups = group_points(visibility, points, most);
     std::vector<SideLight> result(points.size());
     const size_t count = groups.first.size() - 1;
@@ -522,7 +469,7 @@ std::vector<SideLight> shared_irradiance_at(const Scene& scene, const LitSurface
                 const size_t before = shared.size();
                 int backs = 0, open = 0;
                 at.irradiance =
-                    punctual(side, light.suns, visibility)
+                    sunlight(side, light.suns, visibility)
                     + light.emitted(side, [&](uint32_t, const visibility::Ray& ray,
                                               const visibility::Hit& hit, uint32_t there) {
                           const bool none = hit.instance == visibility::no_hit;

@@ -68,11 +68,11 @@ struct SidePoint {
 /// Irradiance (lux, RGB) at points from lit surfaces and the sky, without the direct light of
 /// punctual lights: what a volume holds. By `rays` cosine-distributed rays each, and an eighth as
 /// many towards emitters, weighed as light_surfaces does; a surface counts as light as its patch.
-/// `lit` comes from the same scene and frame, without LightingSettings::maps; `emitters` as there.
+/// `lit` comes from the same scene, without LightingSettings::maps; `emitters` as there.
 /// A point's rays depend on its place in `points` and on `seed` alone.
 std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
-                                     const scene::Frame& frame, std::span<const SidePoint> points,
-                                     bool emitters, int rays, uint32_t seed, Progress& progress);
+                                     std::span<const SidePoint> points, bool emitters, int rays,
+                                     uint32_t seed, Progress& progress);
 
 /// What arrives at a point, and how much it sees.
 struct SideLight {
@@ -85,7 +85,6 @@ struct SideLight {
 /// where 16 and more share theirs, up to 256 of a point alone. For points of a density of a few a
 /// unit.
 std::vector<SideLight> shared_irradiance_at(const Scene& scene, const LitSurfaces& lit,
-                                            const scene::Frame& frame,
                                             std::span<const SidePoint> points, bool emitters,
                                             int rays, uint32_t seed, Progress& progress);
 

@@ -92,7 +92,15 @@ public:
             const float most = limit(piece);
             const bool large = length > most;
             const bool crossed = !large && length > max_edge / 16.0f && is_crossed(piece);
-            if (large || (crossed && length > max_edge / 8.0f) || is_uneven(piece, most)) {
+            bool halve = large || (crossed && length > max_edge / 8.0f);
+            scene::PieceEmission glow;
+            if (!halve && textured && emission) {
+                glow = emission->over(
+                    mesh, source.triangle,
+                    {piece[0].barycentric, piece[1].barycentric, piece[2].barycentric});
+                halve = is_uneven(glow, piece, most);
+            }
+            if (halve) {
                 const Corner middle{0.5f * (a.position + b.position),
                                     0.5f * (a.barycentric + b.barycentric)};
                 const uint32_t half = grow();
@@ -103,7 +111,7 @@ public:
                 stack.push_back({{a, middle, c}, half + 1});
                 continue;
             }
-            keep(piece, node, crossed);
+            keep(piece, node, crossed, glow);
         }
     }
 
@@ -136,22 +144,14 @@ private:
         return false;
     }
 
-    scene::PieceEmission emission_of(const Piece& piece) const {
-        return emission->over(mesh, source.triangle,
-                              {piece[0].barycentric, piece[1].barycentric, piece[2].barycentric});
-    }
-
     /// True if the piece's light comes from a part of it, that a patch would spread.
-    bool is_uneven(const Piece& piece, float most) const {
-        if (!walls || !textured || !emission)
-            return false;
-        const scene::Unevenness uneven =
-            scene::unevenness(emission_of(piece), piece[1].position - piece[0].position,
-                              piece[2].position - piece[0].position);
+    static bool is_uneven(const scene::PieceEmission& glow, const Piece& piece, float most) {
+        const scene::Unevenness uneven = scene::unevenness(
+            glow, piece[1].position - piece[0].position, piece[2].position - piece[0].position);
         return uneven.shift > most_shift * most || uneven.spread > most_spread * most * most;
     }
 
-    void keep(const Piece& piece, uint32_t node, bool crossed) {
+    void keep(const Piece& piece, uint32_t node, bool crossed, const scene::PieceEmission& glow) {
         const glm::vec3 a = piece[0].position, b = piece[1].position, c = piece[2].position;
         Patch patch = source;
         patch.position = (a + b + c) / 3.0f;
@@ -163,8 +163,10 @@ private:
         patch.edge_u = b - a;
         patch.edge_v = c - a;
         patch.area = 0.5f * glm::length(glm::cross(patch.edge_u, patch.edge_v));
-        if (textured)
+        if (textured) {
             shade(piece, patch);
+            patch.emission = glow.mean;
+        }
         if (!(patch.area > 0.0f && patch.alpha > 0.0f))
             return;
         if (++made > most_patches)
@@ -204,8 +206,6 @@ private:
         }
         patch.albedo = alpha > 0.0f ? albedo / alpha : glm::vec3(0.0f);
         patch.alpha = alpha / float(points.size());
-        if (emission)
-            patch.emission = emission_of(piece).mean;
     }
 };
 

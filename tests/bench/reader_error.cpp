@@ -169,7 +169,7 @@ void measure(const Scene& scene, const Options& options) {
                           double(sides.area[i]),
                           {}});
     }
-    const auto near = surface::irradiance_at(scene, lit, plan.frame, places, true, 2048, 7, silent);
+    const auto near = surface::irradiance_at(scene, lit, places, true, 2048, 7, silent);
     double off = 0, noise = 0, whole = 0, energy = 0;
     if (options.traced) {
         reference::ReferenceSettings reference;

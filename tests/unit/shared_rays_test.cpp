@@ -133,13 +133,12 @@ TEST(SharedRays, GiveWhatManyOfEachPointGive) {
     };
     for (const bool emitters : {true, false}) {
         const auto lux_of = [&](int rays, uint32_t seed) {
-            return surface::irradiance_at(parted.scene, lit, parted.frame, points, emitters, rays,
-                                          seed, silent);
+            return surface::irradiance_at(parted.scene, lit, points, emitters, rays, seed, silent);
         };
         const auto truth = lux_of(2048, 3);
         std::vector<glm::vec3> shared;
-        const auto light = surface::shared_irradiance_at(parted.scene, lit, parted.frame, points,
-                                                         emitters, 16, 1, silent);
+        const auto light =
+            surface::shared_irradiance_at(parted.scene, lit, points, emitters, 16, 1, silent);
         for (size_t i = 0; i < light.size(); ++i) {
             shared.push_back(light[i].irradiance);
             EXPECT_NEAR(light[i].open, sides.open[i], 0.2);
@@ -161,9 +160,8 @@ TEST(SharedRays, SeeWhatHidesTheEndsOfNeighbours) {
     const surface::LitSurfaces lit =
         surface::light_surfaces(scene, visibility, frame, {.bounces = std::nullopt}, silent);
     const auto points = surface::draw_side_points(lit, glm::vec3(frame.extent), {}).points;
-    const auto truth = surface::irradiance_at(scene, lit, frame, points, false, 1024, 3, silent);
-    const auto light =
-        surface::shared_irradiance_at(scene, lit, frame, points, false, 32, 1, silent);
+    const auto truth = surface::irradiance_at(scene, lit, points, false, 1024, 3, silent);
+    const auto light = surface::shared_irradiance_at(scene, lit, points, false, 32, 1, silent);
     double off = 0, whole = 0;
     for (size_t i = 0; i < points.size(); ++i) {
         off += double(std::abs(light[i].irradiance.x - truth[i].x));

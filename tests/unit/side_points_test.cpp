@@ -21,8 +21,8 @@ struct Lit {
         lighting.bounces = bounces;
         surfaces = surface::light_surfaces(scene, visibility, frame, lighting, silent);
         sides = surface::draw_side_points(surfaces, glm::vec3(frame.extent), settings);
-        irradiance = surface::irradiance_at(scene, surfaces, frame, sides.points, true, 256,
-                                            settings.seed, silent);
+        irradiance =
+            surface::irradiance_at(scene, surfaces, sides.points, true, 256, settings.seed, silent);
     }
     double area() const {
         double sum = 0;

@@ -138,9 +138,7 @@ json parse_json(std::string_view text, const std::string& file, Warnings& warnin
                          "the text is not UTF-8: it is read as Latin-1; save it as UTF-8");
         return parsed;
     } catch (const json::exception& error) {
-        std::string_view what = error.what();
-        what.remove_prefix(std::min(what.size(), what.find("] ") + 2));
-        throw Error(ErrorKind::invalid, file + ": is not JSON: " + printable(what, 300)
+        throw Error(ErrorKind::invalid, file + ": is not JSON: " + without_label(error.what())
                                             + "; is it a glTF file, and whole?");
     }
 }
