@@ -5,6 +5,8 @@
 namespace lpvbake::scenes {
 namespace {
 
+const glm::vec3 amber{0.8f, 0.4f, 0.2f};
+
 void append_quad(Mesh& mesh, glm::vec3 corner, glm::vec3 u, glm::vec3 v) {
     const auto first = static_cast<uint32_t>(mesh.positions.size());
     const glm::vec3 normal = glm::normalize(glm::cross(u, v));
@@ -110,6 +112,35 @@ Scene furnace(float edge, float albedo, float emission) {
     const int material = scenes::add_material(scene, glm::vec3(albedo), glm::vec3(emission));
     scenes::add_box(scene, material, glm::vec3(0.0f), glm::vec3(edge), scenes::Facing::inward);
     return scene;
+}
+
+Scene glass_room(bool sky) {
+    Scene scene;
+    if (sky)
+        scene.sky.luminance = glm::vec3(1.0f);
+    else
+        scene = furnace(4.0f, 0.0f, 1.0f);
+    const int glass = add_material(scene, amber);
+    scene.materials[size_t(glass)].transmission = 0.75f;
+    add_box(scene, glass, glm::vec3(1.0f), glm::vec3(3.0f), scenes::Facing::inward);
+    return scene;
+}
+
+Scene clear_pane() {
+    Scene scene;
+    scene.sky.luminance = glm::vec3(1.0f);
+    const int glass = add_material(scene, amber, glm::vec3(0.0f), true);
+    scene.materials[size_t(glass)].transmission = 1.0f;
+    add_quad(scene, glass, {2.1f, -999, -999}, {0, 0, 2000}, {0, 2000, 0});
+    return scene;
+}
+
+glm::dvec3 luminance_beside_clear_pane() {
+    return 0.5 + 0.5 * glm::dvec3(amber);
+}
+
+glm::dvec3 luminance_in_glass_room() {
+    return 0.75 * glm::dvec3(amber) / (1.0 - 0.25 * glm::dvec3(amber));
 }
 
 Scene cornell_box() {

@@ -44,6 +44,17 @@ Scene floor_quad(float edge, glm::vec3 albedo);
 /// Inside it the luminance is emission / (1 - albedo) everywhere and in all directions.
 Scene furnace(float edge, float albedo, float emission);
 
+/// A room of amber glass, [1, 3]^3, in light of luminance 1 from a black room around it or from the
+/// sky; its walls are fronts inside. Light passes t = 3/4 by the glass's colour c and the rest is
+/// reflected, so that the luminance in it is t c / (1 - (1 - t) c).
+Scene glass_room(bool sky);
+glm::dvec3 luminance_in_glass_room();
+
+/// A pane of amber glass in the plane x = 2.1 that reflects nothing, before a sky of luminance 1:
+/// on either side the mean luminance is (1 + c) / 2.
+Scene clear_pane();
+glm::dvec3 luminance_beside_clear_pane();
+
 /// A Cornell box [-1, 1] x [0, 2] x [-1, 1], open towards +Z, with a red (-X) and a green (+X) wall
 /// and two boxes, of which one is turned; no light.
 Scene cornell_box();

@@ -44,6 +44,9 @@ struct Material {
     int base_color_texture = -1; ///< index into Scene::textures, -1: none
     AlphaMode alpha_mode = AlphaMode::opaque;
     float alpha_cutoff = 0.5f;
+    float transmission =
+        0.0f; ///< share of what is covered that passes, filtered by the base colour
+    glm::vec3 attenuation{1.0f}; ///< what of that the thickness leaves, of an instance of scale 1
     bool double_sided = false;
     glm::vec3 emission{0.0f};  ///< luminance, nits
     int emission_texture = -1; ///< multiplies `emission`

@@ -1,6 +1,7 @@
 #include "raster/geometry.h"
 
 #include "lpvbake/error.h"
+#include "scene/material.h"
 
 #include <algorithm>
 #include <array>
@@ -34,8 +35,7 @@ RsmGeometry flatten(const Scene& scene, const scene::Frame& frame) {
     const auto key = [&](int i) {
         const int index = scene.meshes[scene.instances[i].mesh].material;
         const Material& material = scene.materials[index];
-        return std::tuple(material.alpha_mode != AlphaMode::opaque, material.base_color_texture,
-                          index);
+        return std::tuple(scene::is_partly_clear(material), material.base_color_texture, index);
     };
     std::ranges::stable_sort(order, {}, key);
 

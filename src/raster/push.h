@@ -25,8 +25,9 @@ struct Push {
     float max_albedo;
     float cutoff;
     uint flags;
-    uint seed;  // differs from tile to tile
-    uint shift; // of the number that decides what is seen of blended surfaces
+    uint seed;   // differs from tile to tile
+    uint shift;  // of the number that decides what is seen of blended surfaces
+    float dense; // share of what is covered that transmits nothing
 };
 
 LPVBAKE_SHARED_CONST uint flag_mask = 1u;
@@ -35,7 +36,7 @@ LPVBAKE_SHARED_CONST uint flag_double_sided = 4u;
 LPVBAKE_SHARED_CONST uint flag_cull = 8u;
 
 #ifdef __cplusplus
-static_assert(sizeof(Push) == 116);
+static_assert(sizeof(Push) == 120);
 static_assert(offsetof(Push, origin) == 64);
 static_assert(offsetof(Push, light) == 80);
 static_assert(offsetof(Push, max_albedo) == 96);

@@ -5,6 +5,7 @@
 #include "raster/push.h"
 #include "raster/rsm.frag.h"
 #include "raster/rsm.vert.h"
+#include "scene/material.h"
 
 #include <algorithm>
 #include <array>
@@ -428,13 +429,14 @@ void Raster::Impl::draw(const scene::RsmView& view, const Tile& tile, bool cull)
                     continue;
                 const Material& material = materials[run.material];
                 push.cutoff = material.alpha_cutoff;
+                push.dense = 1.0f - material.transmission;
                 push.flags = (material.alpha_mode == AlphaMode::mask ? raster::flag_mask : 0u)
                              | (material.alpha_mode == AlphaMode::blend ? raster::flag_blend : 0u)
                              | (material.double_sided ? raster::flag_double_sided : 0u)
                              | (cull ? raster::flag_cull : 0u);
-                commands.bindPipeline(vk::PipelineBindPoint::eGraphics,
-                                      *pipeline(material.base_color_texture >= 0,
-                                                material.alpha_mode != AlphaMode::opaque));
+                commands.bindPipeline(
+                    vk::PipelineBindPoint::eGraphics,
+                    *pipeline(material.base_color_texture >= 0, scene::is_partly_clear(material)));
                 commands.bindDescriptorSets(vk::PipelineBindPoint::eGraphics, *layout, 0,
                                             set_of_material[run.material], {});
                 commands.pushConstants<Push>(

@@ -34,9 +34,10 @@ void main() {
             discard;
         // Transparency by chance: a texel is covered with probability alpha, on its own in every
         // layer, so that alpha of the power is reflected and the rest goes on.
+        float covered = (push.flags & flag_blend) != 0u ? push.dense * alpha : push.dense;
         uint x = uint(gl_FragCoord.x), y = uint(gl_FragCoord.y);
         uint noise = scramble(x + scramble(y + scramble(in_triangle + scramble(push.seed)))) + push.shift;
-        if ((push.flags & flag_blend) != 0u && float(noise >> 8u) >= alpha * 16777216.0)
+        if (float(noise >> 8u) >= covered * 16777216.0)
             discard;
     }
     out_texel = uvec4(floatBitsToUint(clamp(albedo, 0.0, push.max_albedo)), in_triangle + 1u);

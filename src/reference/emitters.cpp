@@ -1,5 +1,7 @@
 #include "reference/emitters.h"
 
+#include "scene/material.h"
+
 #include <algorithm>
 #include <cmath>
 
@@ -30,7 +32,7 @@ Emitters::Emitters(const Scene& scene, const scene::Frame& frame)
         const Material& material = scene.materials[size_t(mesh.material)];
         if (material.emission == glm::vec3(0.0f))
             continue;
-        const bool even = material.emission_texture < 0 && material.alpha_mode == AlphaMode::opaque;
+        const bool even = material.emission_texture < 0 && !scene::is_partly_clear(material);
         first_[i] = uint32_t(triangles_.size());
         const std::vector<glm::vec3> placed =
             scene::positions_in_frame(scene, scene.instances[i], frame);

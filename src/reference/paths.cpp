@@ -69,7 +69,7 @@ glm::dvec3 Paths::illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays) co
             continue;
         ++rays;
         const visibility::Ray shadow{glm::vec3(point), glm::vec3(way), 0.0f, float(end)};
-        sum += share * double(visibility_.transmittance(shadow)) * source.color;
+        sum += share * glm::dvec3(visibility_.filter(shadow)) * source.color;
     }
     return sum;
 }
@@ -104,7 +104,8 @@ Paths::Glimpse Paths::aim(glm::vec3 origin, const Density& density, PathSampler&
     if (hit.instance != target.instance || hit.triangle != target.triangle
         || hit.facing == visibility::Facing::back)
         return seen;
-    seen.luminance = emission(hit) * (own / (own + emitters_.density(hit, seen.direction)));
+    seen.luminance = glm::dvec3(hit.tint) * emission(hit)
+                     * (own / (own + emitters_.density(hit, seen.direction)));
     return seen;
 }
 
@@ -125,8 +126,8 @@ Paths::Glimpse Paths::aim_at_sky(glm::vec3 origin, const Density& density, PathS
         return {};
     ++rays;
     const glm::vec3 towards(seen.direction);
-    const float passes = visibility_.transmittance({origin, towards, 0.0f, HUGE_VALF});
-    seen.luminance = double(passes) * own / (own + scene::sky_density(*sky_, towards))
+    const glm::dvec3 passes(visibility_.filter({origin, towards, 0.0f, HUGE_VALF}));
+    seen.luminance = passes * own / (own + scene::sky_density(*sky_, towards))
                      * glm::dvec3(scene::sky_luminance(scene_.sky, towards));
     return seen;
 }
@@ -165,6 +166,7 @@ glm::dvec3 Paths::trace(glm::vec3 origin, glm::dvec3 towards, double density, Pa
         ++rays;
         const visibility::Hit hit =
             visibility_.closest({origin, glm::vec3(towards), 0.0f, HUGE_VALF});
+        throughput *= glm::dvec3(hit.tint);
         if (hit.instance == visibility::no_hit) {
             const double share =
                 sky_ ? density / (density + scene::sky_density(*sky_, glm::vec3(towards))) : 1.0;

@@ -215,7 +215,7 @@ private:
     // One entry a shadow ray.
     std::vector<visibility::Ray> shadows_;
     std::vector<Arriving> arriving_;
-    std::vector<float> visible_;
+    std::vector<glm::vec3> visible_;
     std::vector<glm::vec3> indirect_;
 };
 
@@ -254,6 +254,7 @@ void Waves::shade(int reflections) {
     size_t kept = 0;
     for (size_t i = 0; i < count_; ++i) {
         const visibility::Hit& hit = hits_[i];
+        paths_[i].throughput *= hit.tint;
         if (hit.instance == visibility::no_hit && work_.sky) {
             const Path& path = paths_[i];
             const glm::vec3 w = rays_[i].direction;
@@ -322,7 +323,7 @@ void Waves::add_punctual_lights() {
             ++kept;
         }
         const std::span<const visibility::Ray> shadows(shadows_.data(), kept);
-        work_.visibility.transmittance_of_eights(shadows, visibility::Bundle::loose, visible_);
+        work_.visibility.filter_of_eights(shadows, visibility::Bundle::loose, visible_);
         if (recorder_)
             recorder_->add(shadows, visibility::Bundle::loose, true);
         traced_ += kept;

@@ -46,6 +46,11 @@ glm::dvec3 colour_of(Show show, const SurfacePoint& p, const reference::Paths& p
     return colour + p.albedo / glm::pi<double>() * irradiance;
 }
 
+/// True if what is shown is light on its way to the eye.
+bool is_seen_through_glass(Show show) {
+    return show == Show::final || show == Show::direct || show == Show::indirect;
+}
+
 glm::dvec3 background(const Scene& scene, Show show, glm::dvec3 direction) {
     return show == Show::final || show == Show::direct
                ? glm::dvec3(scene::sky_luminance(scene.sky, glm::vec3(glm::normalize(direction))))
@@ -104,9 +109,16 @@ Rendering render(const LitScene& lit, const Volume& volume, const raster::Raster
     const std::vector<raster::RsmOrigin>& origins = raster.geometry().origins;
     const auto samples = uint32_t(settings.samples);
 
+    const bool through_glass = is_seen_through_glass(show);
+    const auto tint_of = [&](glm::dvec3 along, double depth) {
+        if (!through_glass)
+            return glm::dvec3(1.0);
+        return glm::dvec3(visibility.tint(
+            {glm::vec3(view.origin), glm::vec3(along), float(view.nearest), float(depth)}, true));
+    };
     const auto colour = [&](const raster::RasterTexel& seen, glm::dvec3 along, uint64_t& rays) {
         if (seen.triangle == 0)
-            return background(scene, show, along);
+            return background(scene, show, along) * tint_of(along, HUGE_VAL);
         const auto [instance, triangle] = origins[seen.triangle - 1];
         SurfacePoint p = surface.point(
             instance, triangle, surface.barycentric(instance, triangle, view.origin, along), along);
@@ -114,9 +126,10 @@ Rendering render(const LitScene& lit, const Volume& volume, const raster::Raster
         const glm::dvec3 world = frame.to_world(p.point);
         if (show == Show::cells || show == Show::validity || show == Show::occlusion)
             return colour_of_volume(show, volume, reader, world, p.smooth);
-        return colour_of(show, p, paths, rays, [&] {
-            return glm::max(readers::irradiance(reader, volume, world, p.smooth), 0.0);
-        });
+        const double depth = glm::dot(p.point - view.origin, view.axis);
+        return tint_of(along, depth) * colour_of(show, p, paths, rays, [&] {
+                   return glm::max(readers::irradiance(reader, volume, world, p.smooth), 0.0);
+               });
     };
 
     Rendering result;
@@ -173,17 +186,18 @@ Rendering trace_picture(const LitScene& lit, const ViewSettings& settings, Progr
         ++rays;
         const visibility::Hit hit = visibility.closest_front(
             {glm::vec3(view.origin), glm::vec3(along), float(view.nearest), HUGE_VALF});
+        const glm::dvec3 tint(is_seen_through_glass(show) ? hit.tint : glm::vec3(1.0f));
         if (hit.instance == visibility::no_hit)
-            return background(scene, show, along);
+            return tint * background(scene, show, along);
         SurfacePoint p = surface.point(
             hit.instance, hit.triangle,
             surface.barycentric(hit.instance, hit.triangle, view.origin, along), along);
         const Mesh& mesh = scene.meshes[std::size_t(scene.instances[hit.instance].mesh)];
         p.albedo = scene::sample_surface(scene, mesh, hit.triangle, p.hit.barycentric).albedo;
-        return colour_of(show, p, paths, rays, [&] {
-            return paths.irradiance(glm::vec3(reference::off_surface(p.point, p.normal)), p.smooth,
-                                    sampler, rays);
-        });
+        return tint * colour_of(show, p, paths, rays, [&] {
+                   return paths.irradiance(glm::vec3(reference::off_surface(p.point, p.normal)),
+                                           p.smooth, sampler, rays);
+               });
     };
 
     Rendering result;

@@ -21,7 +21,7 @@ const char* type_name(LightType type) {
 
 /// How many materials are of a kind.
 struct MaterialCounts {
-    std::ptrdiff_t emissive, mask, blend, double_sided;
+    std::ptrdiff_t emissive, mask, blend, transmitting, double_sided;
 };
 
 MaterialCounts count_materials(const Scene& scene) {
@@ -31,6 +31,7 @@ MaterialCounts count_materials(const Scene& scene) {
     return {materials([](const Material& m) { return m.emission != glm::vec3(0.0f); }),
             materials([](const Material& m) { return m.alpha_mode == AlphaMode::mask; }),
             materials([](const Material& m) { return m.alpha_mode == AlphaMode::blend; }),
+            materials([](const Material& m) { return m.transmission > 0.0f; }),
             materials([](const Material& m) { return m.double_sided; })};
 }
 
@@ -44,12 +45,15 @@ Json materials_json(const Scene& scene) {
               m.base_color_texture < 0 ? Json(nullptr) : Json(m.base_color_texture)},
              {"emission", vector_json(m.emission)},
              {"alpha", alpha_name(m.alpha_mode)},
+             {"transmission", m.transmission},
+             {"attenuation", vector_json(m.attenuation)},
              {"double_sided", m.double_sided}});
     const MaterialCounts count = count_materials(scene);
     return {{"count", scene.materials.size()},
             {"emissive", count.emissive},
             {"mask", count.mask},
             {"blend", count.blend},
+            {"transmitting", count.transmitting},
             {"double_sided", count.double_sided},
             {"clamped", scene.clamped_materials},
             {"list", list}};
@@ -202,6 +206,8 @@ std::string scene_text(const std::string& path, const Scene& scene) {
     text +=
         format("materials  %zu: %td emissive, %td mask, %td blend, %td double-sided",
                scene.materials.size(), count.emissive, count.mask, count.blend, count.double_sided);
+    if (count.transmitting > 0)
+        text += format(", %td transmitting", count.transmitting);
     if (scene.clamped_materials > 0)
         text += format(", %zu clamped to a reflectance of %g", scene.clamped_materials,
                        double(scene.rules.max_albedo));

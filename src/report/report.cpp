@@ -227,7 +227,7 @@ struct SharedBounces {
         irradiance.assign(lit.luminance.size(), glm::vec3(0.0f));
         for (std::size_t side = 0; side < irradiance.size(); ++side) {
             const surface::Patch& patch = lit.patches[side / 2];
-            const glm::vec3 own = rules.emitters ? patch.emission / patch.alpha : glm::vec3(0.0f);
+            const glm::vec3 own = rules.emitters ? patch.sent() : glm::vec3(0.0f);
             for (int c = 0; c < 3; ++c)
                 if (patch.albedo[c] > 0.0f)
                     irradiance[side][c] = std::max(0.0f, lit.luminance[side][c] - own[c])

@@ -461,7 +461,7 @@ PieceEmission EmissionMaps::by_points(const Mesh& mesh, uint32_t triangle,
 PieceEmission EmissionMaps::over(const Mesh& mesh, uint32_t triangle,
                                  const std::array<glm::vec2, 3>& corners) const {
     const Material& material = scene_.materials[size_t(mesh.material)];
-    const bool opaque = material.alpha_mode == AlphaMode::opaque;
+    const bool opaque = !is_partly_clear(material);
     if (material.emission == glm::vec3(0.0f))
         return {};
     if (material.emission_texture < 0)

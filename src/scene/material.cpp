@@ -2,6 +2,7 @@
 
 #include "colour/colour.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -90,10 +91,25 @@ SurfaceSample sample_surface(const Scene& scene, const Mesh& mesh, uint32_t tria
     sample.albedo =
         glm::clamp(glm::vec3(color), glm::vec3(0.0f), glm::vec3(scene.rules.max_albedo));
     if (material.alpha_mode == AlphaMode::mask)
-        sample.alpha = color.a >= material.alpha_cutoff ? 1.0f : 0.0f;
+        sample.coverage = color.a >= material.alpha_cutoff ? 1.0f : 0.0f;
     else if (material.alpha_mode == AlphaMode::blend)
-        sample.alpha = glm::clamp(color.a, 0.0f, 1.0f);
+        sample.coverage = glm::clamp(color.a, 0.0f, 1.0f);
+    sample.alpha = sample.coverage * (1.0f - material.transmission);
+    sample.color = glm::clamp(glm::vec3(color), 0.0f, 1.0f);
     return sample;
+}
+
+glm::vec3 SurfaceSample::tint(glm::vec3 attenuation) const {
+    const float passing = 1.0f - alpha;
+    if (!(passing > 0.0f))
+        return glm::vec3(1.0f);
+    const glm::vec3 ground = 1.0f - coverage * (1.0f - color); // white, under the coverage
+    const float brightest = std::max({ground.x, ground.y, ground.z});
+    const glm::vec3 hue = brightest > 0.0f ? ground / brightest : glm::vec3(1.0f);
+    const float beside = (1.0f - coverage) / passing;
+    const float through = std::max(coverage - alpha, 0.0f) / passing;
+    return glm::clamp(1.0f - beside * (1.0f - hue) - through * (1.0f - color * attenuation), 0.0f,
+                      1.0f);
 }
 
 glm::vec3 sample_emission(const Scene& scene, const Mesh& mesh, uint32_t triangle,
@@ -106,14 +122,30 @@ glm::vec3 sample_emission(const Scene& scene, const Mesh& mesh, uint32_t triangl
         emission *= glm::vec3(
             sample_texture(scene, material.emission_texture,
                            uv_at(mesh.uv_emission, mesh.triangles[triangle], barycentric)));
-    if (material.alpha_mode != AlphaMode::opaque)
+    if (is_partly_clear(material))
         emission *= sample_surface(scene, mesh, triangle, barycentric).alpha;
     return emission;
 }
 
 bool is_see_through(const Scene& scene, const Material& material) {
-    return material.alpha_mode != AlphaMode::opaque
-           || (scene.rules.cull_backfaces && !material.double_sided);
+    return is_partly_clear(material) || (scene.rules.cull_backfaces && !material.double_sided);
+}
+
+bool is_tinting(const Scene& scene, const Mesh& mesh) {
+    const Material& material = scene.materials[mesh.material];
+    const bool white =
+        material.base_color_texture < 0 && mesh.colors.empty()
+        && glm::all(glm::greaterThanEqual(glm::vec3(material.base_color), glm::vec3(1.0f)));
+    return is_veil(material)
+           && (!white || (material.transmission > 0.0f && material.attenuation != glm::vec3(1.0f)));
+}
+
+glm::vec3 attenuation_of(const Scene& scene, const Instance& instance) {
+    const glm::vec3 attenuation = scene.materials[scene.meshes[instance.mesh].material].attenuation;
+    if (attenuation == glm::vec3(1.0f))
+        return attenuation;
+    const double scale = std::cbrt(std::abs(glm::determinant(glm::dmat3(instance.to_world))));
+    return glm::vec3(glm::pow(glm::dvec3(attenuation), glm::dvec3(scale)));
 }
 
 } // namespace lpvbake::scene

@@ -5,12 +5,20 @@
 
 namespace lpvbake::scene {
 
-/// What a surface point does to light. `alpha` is the covered share: 0 or 1 for opaque and mask,
-/// anything between for blend. A front or a double-sided back reflects alpha * albedo as a
-/// Lambert surface and lets 1 - alpha through.
+/// What a surface point does to light. `alpha` is the covered share that light does not pass: 0 or
+/// 1 for opaque and mask, anything between for blend and for what transmits. A front or a
+/// double-sided back reflects alpha * albedo as a Lambert surface and lets (1 - alpha) * tint()
+/// through.
 struct SurfaceSample {
     glm::vec3 albedo{0.0f}; ///< linear, clamped to MaterialRules::max_albedo
     float alpha = 1.0f;
+    float coverage = 1.0f; ///< by the alpha of the material; more than `alpha` where it transmits
+    glm::vec3 color{1.0f}; ///< linear, at most 1
+
+    /// The colour of what passes: of light that a material transmits, its own, and what
+    /// `attenuation` leaves; of light past the coverage, the hue in which a white ground shows
+    /// under it. Exactly 1 where all that is white.
+    glm::vec3 tint(glm::vec3 attenuation = glm::vec3(1.0f)) const;
 };
 
 /// Bilinear (or nearest) texture lookup at mip level 0, linear RGB and alpha in [0, 1]. Texels are
@@ -27,7 +35,24 @@ SurfaceSample sample_surface(const Scene& scene, const Mesh& mesh, uint32_t tria
 glm::vec3 sample_emission(const Scene& scene, const Mesh& mesh, uint32_t triangle,
                           glm::vec2 barycentric);
 
-/// True if a ray may pass the material somewhere: mask or blend, or a culled back.
+/// True if light may pass the material's front somewhere: mask, blend, or transmission.
+inline bool is_partly_clear(const Material& material) {
+    return material.alpha_mode != AlphaMode::opaque || material.transmission > 0.0f;
+}
+
+/// True if how much light passes is not 0 or 1 alone: rays pass by chance.
+inline bool is_veil(const Material& material) {
+    return material.alpha_mode == AlphaMode::blend || material.transmission > 0.0f;
+}
+
+/// True if a ray may pass the material somewhere: what is partly clear, or a culled back.
 bool is_see_through(const Scene& scene, const Material& material);
+
+/// True if what passes the mesh may be coloured by it.
+bool is_tinting(const Scene& scene, const Mesh& mesh);
+
+/// Material::attenuation for an instance, whose scale makes it as thick: the cube root of its
+/// volume.
+glm::vec3 attenuation_of(const Scene& scene, const Instance& instance);
 
 } // namespace lpvbake::scene

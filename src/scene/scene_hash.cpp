@@ -56,8 +56,8 @@ std::string scene_hash(const Scene& scene) {
         hash.add(texture.image, texture.wrap_u, texture.wrap_v, texture.nearest);
     for (const Material& material : scene.materials)
         hash.add(material.base_color, material.base_color_texture, material.alpha_mode,
-                 material.alpha_cutoff, material.double_sided, material.emission,
-                 material.emission_texture);
+                 material.alpha_cutoff, material.transmission, material.attenuation,
+                 material.double_sided, material.emission, material.emission_texture);
     for (const Mesh& mesh : scene.meshes) {
         hash.add(mesh.material);
         hash.add(mesh.positions);

@@ -1,5 +1,6 @@
 #include "solver/occlusion.h"
 
+#include "colour/colour.h"
 #include "visibility/validity.h"
 #include "volume/sh.h"
 
@@ -16,6 +17,11 @@ constexpr float reach = 1e-3f;
 /// Lines beside the centre, a quarter of a cell off it: where a link's coverage is sampled.
 constexpr glm::vec2 sides[4] = {{-0.25f, -0.25f}, {0.25f, -0.25f}, {-0.25f, 0.25f}, {0.25f, 0.25f}};
 
+/// Luminance of a tint, exactly 1 of white: links know no colours.
+float brightness(glm::vec3 tint) {
+    return tint.x + glm::dot(glm::vec3(colour::rec709_luminance), tint - tint.x);
+}
+
 /// What passes from centre i to centre i + 1, for all i; `widen` reaches beyond both ends.
 void link_transmittance(const std::vector<visibility::Crossing>& crossings, float widen,
                         std::vector<float>& open) {
@@ -25,7 +31,7 @@ void link_transmittance(const std::vector<visibility::Crossing>& crossings, floa
         const int first = int(std::floor(crossing.t - 1.5f - widen)) + 1;
         const int last = int(std::floor(crossing.t - 0.5f + widen));
         for (int i = std::max(first, 0); i <= std::min(last, int(open.size()) - 1); ++i)
-            open[size_t(i)] *= crossing.transmittance;
+            open[size_t(i)] *= crossing.transmittance * brightness(crossing.tint);
     }
 }
 

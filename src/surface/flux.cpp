@@ -146,7 +146,9 @@ void add_light(const Source& source, const LightMap& map, const LitSurfaces& lit
         const double share = flux / (double(patch.area) * double(patch.alpha) * square);
         if (side.flux * side.flux < 0.25 * double(patch.area) * side.peak)
             result.narrow += brightness * side.flux;
-        result.lux[side.side] += source.light.color * float(share);
+        // Exactly 1 where nothing was coloured.
+        const glm::dvec3 tint = side.flux > 0.0 ? side.tinted / side.flux : glm::dvec3(1.0);
+        result.lux[side.side] += source.light.color * float(share) * glm::vec3(tint);
     }
 }
 

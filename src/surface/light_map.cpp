@@ -1,6 +1,7 @@
 #include "surface/light_map.h"
 
 #include "mix_word.h"
+#include "scene/material.h"
 #include "surface/cutting.h"
 #include "visibility/tangents.h"
 
@@ -626,6 +627,7 @@ private:
         SideFlux& to = result.sides[recent];
         to.edged |= edged;
         to.flux += flux;
+        to.tinted += flux * glm::dvec3(hit.tint);
         to.squares += flux * flux;
         to.peak += flux * flux / area;
     }
@@ -784,7 +786,7 @@ LightMapper::LightMapper(const Scene& scene, const LitSurfaces& surfaces, const 
     base_ = int(std::bit_floor(unsigned(texels)));
     for (const Instance& instance : scene.instances) {
         const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
-        blended_.push_back(scene.materials[size_t(mesh.material)].alpha_mode == AlphaMode::blend);
+        blended_.push_back(scene::is_veil(scene.materials[size_t(mesh.material)]));
         veiled_ |= blended_.back() != 0;
     }
 }
@@ -871,6 +873,7 @@ LightMap LightMapper::draw(const Light& light, uint32_t key) {
                 SideFlux& to = result.sides[place];
                 to.edged |= from.edged;
                 to.flux += from.flux;
+                to.tinted += from.tinted;
                 to.squares += from.squares;
                 to.peak += from.peak;
             }

@@ -13,14 +13,15 @@ namespace lpvbake::surface {
 
 /// What a light gives one side. All power is that of a light of colour 1, lumen.
 struct SideFlux {
-    uint32_t side = 0;  ///< 2 * patch + side
-    bool edged = false; ///< some of them lie where the light sees something end
-    double flux = 0;
-    double squares = 0; ///< sum of the squares of the texels' flux
-    double peak = 0;    ///< sum of those squares over the texels' areas on the surface, frame units
+    uint32_t side = 0;      ///< 2 * patch + side
+    bool edged = false;     ///< some of them lie where the light sees something end
+    double flux = 0;        ///< of which what it passed may have coloured some
+    glm::dvec3 tinted{0.0}; ///< what that left of it, a channel
+    double squares = 0;     ///< sum of the squares of the texels' flux
+    double peak = 0; ///< sum of those squares over the texels' areas on the surface, frame units
 };
 
-/// Where the power of a light goes.
+/// Where the power of a light goes, before what it passes colours it.
 struct LightPower {
     double sent = 0; ///< all that leaves through its maps: the sum of the others
     double landed = 0;

@@ -112,7 +112,7 @@ glm::vec3 sunlight(const Side& side, const std::vector<Sun>& suns,
     glm::vec3 sum{0.0f};
     for (const Sun& sun : suns)
         if (const float cosine = glm::dot(side.normal, sun.towards); cosine > 0.0f)
-            sum += sun.lux * cosine * visibility.transmittance({from, across * sun.towards});
+            sum += sun.lux * cosine * visibility.filter({from, across * sun.towards});
     return sum;
 }
 
@@ -136,7 +136,7 @@ glm::vec3 aimed(const Side& side, const EmitterSampling& emitters, int aimed_ray
         const float aim = to.density * square / there; // per solid angle
         const float density = float(aimed_rays) * aim + float(rays) * cosine / glm::pi<float>();
         const float end = std::max(0.0f, 1.0f - 2.0f * ray_offset(to.point) / distance);
-        sum += to.luminance * (cosine / density) * visibility.transmittance({from, way, 0.0f, end});
+        sum += to.luminance * (cosine / density) * visibility.filter({from, way, 0.0f, end});
     }
     return sum;
 }
@@ -149,7 +149,7 @@ float greatest(glm::vec3 v) {
 std::vector<glm::vec3> emission_of(const std::vector<Patch>& patches) {
     std::vector<glm::vec3> emission(2 * patches.size(), glm::vec3(0.0f));
     for (size_t i = 0; i < patches.size(); ++i) {
-        emission[2 * i] = patches[i].emission / patches[i].alpha;
+        emission[2 * i] = patches[i].sent();
         if (patches[i].double_sided)
             emission[2 * i + 1] = emission[2 * i];
     }
@@ -183,14 +183,16 @@ struct DirectLight {
     int rays;       ///< into the half-space of a side
     int aimed_rays; ///< towards emitters
 
-    /// Illuminance by the rays of a side, lux; `met` takes the sides that they hit, if it is not
-    /// empty.
-    glm::vec3 by_rays(const Side& side, std::span<uint32_t> met) const {
+    /// Illuminance by the rays of a side, lux; `met` takes the sides that they hit, and `tints`
+    /// what they passed on the way, unless these are empty.
+    glm::vec3 by_rays(const Side& side, std::span<uint32_t> met, std::span<glm::vec3> tints) const {
         glm::vec3 around{0.0f};
         const glm::vec3 direct = emitted(side, [&](uint32_t i, const visibility::Ray& ray,
                                                    const visibility::Hit& hit, uint32_t there) {
             if (hit.instance == visibility::no_hit)
-                around += scene::sky_rest(sky, ray.direction);
+                around += hit.tint * scene::sky_rest(sky, ray.direction);
+            if (!tints.empty())
+                tints[i] = hit.tint;
             if (!met.empty() && there != LitSurfaces::no_side)
                 met[i] = there;
         });
@@ -218,7 +220,7 @@ struct DirectLight {
                 const float slant = std::abs(glm::dot(direction, hit.normal));
                 const float aimed_density =
                     aim.density(lit.patches[there / 2]) * hit.t * hit.t / slant;
-                seen += emission[there]
+                seen += hit.tint * emission[there]
                         * (float(rays) * cosine
                            / (float(aimed_rays) * aimed_density + float(rays) * cosine));
             }
@@ -252,11 +254,13 @@ private:
 
 /// R = D + rho K R by its series, D + rho K D + ...: each order is added to the others, not taken
 /// as a difference of sums, so that it falls off to any number of digits. `reflected` comes as D
-/// and becomes R, a reflector; `hits` are their rays' ends. No row of K sums to more than 1: where
-/// the largest albedo is below 1 the series ends.
+/// and becomes R, a reflector; `hits` are their rays' ends, and `tints`, if there are any, what
+/// they passed. No row of K sums to more than 1: where the largest albedo is below 1 the series
+/// ends.
 void reflect_between(const Scene& scene, const scene::Frame& frame, const Reflectors& reflectors,
-                     const std::vector<uint32_t>& hits, const LightingSettings& settings,
-                     std::vector<glm::vec3>& reflected, LitSurfaces& lit, Progress& progress) {
+                     const std::vector<uint32_t>& hits, const std::vector<glm::vec3>& tints,
+                     const LightingSettings& settings, std::vector<glm::vec3>& reflected,
+                     LitSurfaces& lit, Progress& progress) {
     std::vector<glm::dvec3> sums(reflected.begin(), reflected.end());
     std::vector<glm::vec3> order = std::move(reflected), next(order.size());
     const size_t rays = hits.size() / std::max<size_t>(order.size(), 1);
@@ -279,9 +283,10 @@ void reflect_between(const Scene& scene, const scene::Frame& frame, const Reflec
         progress.advance(0);
         tbb::parallel_for(size_t(0), order.size(), [&](size_t i) {
             glm::dvec3 sum{0.0};
-            for (const uint32_t hit : std::span(hits).subspan(i * rays, rays))
-                if (hit != black)
-                    sum += glm::dvec3(order[hit]);
+            for (size_t ray = i * rays; ray < (i + 1) * rays; ++ray)
+                if (hits[ray] != black)
+                    sum += tints.empty() ? glm::dvec3(order[hits[ray]])
+                                         : glm::dvec3(tints[ray] * order[hits[ray]]);
             next[i] = glm::vec3(glm::dvec3(patch_of(i).albedo) * sum / double(rays));
             sums[i] += glm::dvec3(next[i]);
         });
@@ -350,6 +355,7 @@ LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& vis
         std::vector<glm::vec3> reflected(count); // luminance
         std::vector<glm::vec3> mapped(settings.maps ? count : 0);
         std::vector<uint32_t> hits(between ? count * size_t(rays) : 0, black);
+        std::vector<glm::vec3> tints(visibility.is_tinted() ? hits.size() : 0);
         progress.begin("lighting", count);
         const PunctualLight lamps = illuminate(scene, scene.lights, lit, frame, 0, progress);
         const PunctualLight suns = illuminate(scene, scene::sky_suns(scene.sky), lit, frame,
@@ -372,9 +378,13 @@ LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& vis
                 lux += suns.of(index);
                 if (!light.aim.empty())
                     lux += aimed(side, light.aim, light.aimed_rays, rays, visibility);
-                const std::span<uint32_t> met = std::span(hits).subspan(
-                    between ? i * size_t(rays) : 0, between ? size_t(rays) : 0);
-                reflected[i] = share * (lux + light.by_rays(side, met));
+                const size_t first_ray = between ? i * size_t(rays) : 0;
+                const std::span<uint32_t> met =
+                    std::span(hits).subspan(first_ray, between ? size_t(rays) : 0);
+                const std::span<glm::vec3> through =
+                    tints.empty() ? std::span<glm::vec3>{}
+                                  : std::span(tints).subspan(first_ray, size_t(rays));
+                reflected[i] = share * (lux + light.by_rays(side, met, through));
                 for (uint32_t& there : met)
                     if (there != black)
                         there = reflectors.ordinals[there];
@@ -382,7 +392,8 @@ LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& vis
         }
         lit.bounces = 1;
         if (between)
-            reflect_between(scene, frame, reflectors, hits, settings, reflected, lit, progress);
+            reflect_between(scene, frame, reflectors, hits, tints, settings, reflected, lit,
+                            progress);
         for (size_t i = 0; i < count; ++i)
             lit.luminance[reflectors.sides[i]] =
                 settings.maps ? glm::max(reflected[i] - mapped[i], 0.0f) : reflected[i];
@@ -417,14 +428,17 @@ std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
             point.edge_u = point.edge_v = glm::vec3(0.0f);
             const Side side{point, mix_word(seed) + uint32_t(i), points[i].normal};
             std::vector<uint32_t> met(size_t(rays), black);
-            glm::vec3 lux = sunlight(side, light.suns, visibility) + light.by_rays(side, met);
+            std::vector<glm::vec3> through(met.size());
+            glm::vec3 lux =
+                sunlight(side, light.suns, visibility) + light.by_rays(side, met, through);
             if (aims)
                 lux += aimed(side, light.aim, light.aimed_rays, rays, visibility);
             glm::vec3 reflected{0.0f};
-            for (const uint32_t there : met)
-                if (there != black)
+            for (size_t k = 0; k < met.size(); ++k)
+                if (const uint32_t there = met[k]; there != black)
                     reflected +=
-                        aims ? lit.luminance[there] - emission[there] : lit.luminance[there];
+                        through[k]
+                        * (aims ? lit.luminance[there] - emission[there] : lit.luminance[there]);
             result[i] = lux + reflected * (glm::pi<float>() / float(rays));
         });
     }
@@ -481,6 +495,7 @@ std::vector<SideLight> shared_irradiance_at(const Scene& scene, const LitSurface
                           else if (there != LitSurfaces::no_side)
                               luminance = aims ? lit.luminance[there] - emission[there]
                                                : lit.luminance[there];
+                          luminance *= hit.tint;
                           if (luminance != glm::vec3(0.0f))
                               shared.push_back(
                                   {none ? ray.direction : ray.origin + hit.t * ray.direction,

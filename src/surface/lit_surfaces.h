@@ -40,7 +40,8 @@ struct LitSurfaces {
     /// for the part of a patch that something on it hides from its centroid, so that a patch does
     /// not carry light through a wall.
     uint32_t side(const visibility::Hit& hit, glm::vec3 direction) const;
-    /// Luminance (nits) that a ray of this direction sees at its hit; 0 for no_hit.
+    /// Luminance (nits) that a ray of this direction meets at its hit, Hit::tint not in it; 0 for
+    /// no_hit.
     glm::vec3 leaving(const visibility::Hit& hit, glm::vec3 direction) const;
 };
 

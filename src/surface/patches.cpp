@@ -70,6 +70,7 @@ public:
     const float max_edge;
     const visibility::Visibility* walls; ///< none: only what lies in the grid, and no tree
     const bool textured;
+    const bool tinting;                  ///< what covers nothing is there all the same
     const scene::EmissionMaps* emission; ///< none: nothing emits
     std::atomic<uint64_t>& made;         ///< patches so far, of the whole scene
     Patch source;                        ///< what all pieces of a triangle share
@@ -167,7 +168,7 @@ private:
             shade(piece, patch);
             patch.emission = glow.mean;
         }
-        if (!(patch.area > 0.0f && patch.alpha > 0.0f))
+        if (!(patch.area > 0.0f && (patch.alpha > 0.0f || tinting)))
             return;
         if (++made > most_patches)
             throw Error(ErrorKind::memory,
@@ -223,8 +224,9 @@ std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const scene
                  glm::vec3(frame.extent),
                  max_edge,
                  walls,
-                 material.alpha_mode != AlphaMode::opaque || material.emission_texture >= 0
+                 scene::is_partly_clear(material) || material.emission_texture >= 0
                      || material.base_color_texture >= 0 || !mesh.colors.empty(),
+                 scene::is_tinting(scene, mesh),
                  material.emission != glm::vec3(0.0f) ? emission : nullptr,
                  made,
                  {},

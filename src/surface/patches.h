@@ -15,7 +15,7 @@ struct Patch {
     glm::vec3 edge_u;   ///< from the first corner to the second and the third, frame units;
     glm::vec3 edge_v;   ///< the first lies at position - (edge_u + edge_v) / 3
     float area = 0;     ///< frame units squared
-    float alpha = 1;    ///< mean covered share
+    float alpha = 1;    ///< mean covered share; 0 of glass that but tints
     uint32_t instance = 0;
     uint32_t triangle = 0;
     glm::vec3 albedo{0};   ///< mean of the covered part
@@ -23,6 +23,8 @@ struct Patch {
     bool double_sided = false;
     bool crossed = false; ///< something stands on it: its centroid does not see all its corners
 
+    /// Luminance that its covered part sends by itself, nits.
+    glm::vec3 sent() const { return alpha > 0.0f ? emission / alpha : glm::vec3(0.0f); }
     /// The point with these weights of the second and the third corner.
     glm::vec3 at(glm::vec2 weights) const {
         return position + (weights.x - 1.0f / 3.0f) * edge_u + (weights.y - 1.0f / 3.0f) * edge_v;

@@ -32,7 +32,10 @@ struct Visibility::Impl {
     std::vector<uint8_t> mirrored;    ///< an instance
     std::vector<uint8_t> two_fronts;  ///< an instance
     std::vector<uint8_t> see_through; ///< a material
-    bool any_see_through = false;
+    bool any_see_through = false, any_veil = false;
+    std::vector<uint8_t> tinting;       ///< an instance
+    std::vector<glm::vec3> attenuation; ///< an instance
+    bool any_tinting = false;
     glm::vec3 lo{0.0f}, hi{0.0f};
     RTCDevice device = nullptr;
     RTCScene bvh = nullptr;
@@ -63,36 +66,53 @@ struct Visibility::Impl {
         const Material& material = scene.materials[size_t(mesh.material)];
         if (!see_through[size_t(mesh.material)])
             return 1.0f;
-        if (scene.rules.cull_backfaces && meets_back && !material.double_sided)
+        if (is_culled(primitive, meets_back))
             return 0.0f;
-        if (material.alpha_mode == AlphaMode::opaque)
-            return 1.0f;
-        return scene::sample_surface(scene, mesh, origins[primitive].triangle,
-                                     barycentric(primitive, uv))
-            .alpha;
+        return scene::is_partly_clear(material) ? sample(primitive, uv).alpha : 1.0f;
+    }
+    /// What is not there where a ray meets its back.
+    bool is_culled(uint32_t primitive, bool meets_back) const {
+        return scene.rules.cull_backfaces && facing(primitive, meets_back) == Facing::back;
+    }
+    scene::SurfaceSample sample(uint32_t primitive, glm::vec2 uv) const {
+        return scene::sample_surface(scene, mesh_of(primitive), origins[primitive].triangle,
+                                     barycentric(primitive, uv));
+    }
+    /// Colour of what passes a primitive that tints.
+    glm::vec3 tint(uint32_t primitive, glm::vec2 uv, bool meets_back) const {
+        // A volume is entered once, whichever way light goes.
+        return sample(primitive, uv)
+            .tint(meets_back ? glm::vec3(1.0f) : attenuation[origins[primitive].instance]);
     }
 };
 
 namespace {
 
 /// What a traversal that asks about every hit is after.
-enum class Wanted { nearest, nearest_front, all, any_opaque };
+enum class Wanted { nearest, all, any_opaque };
+
+/// To whom the back of a single-sided surface may be there.
+enum class Seen { by_light, by_eye };
 
 /// The context comes first so that it can be cast back.
 struct Query {
     RTCIntersectContext context;
     const Visibility::Impl* impl;
     Wanted wanted;
+    Seen seen;
     std::vector<Crossing>* crossings = nullptr; ///< all
-    unsigned met_others = 0; ///< any_opaque: bits, by the rays' ids: met what is not opaque
+    /// Bits, by the rays' ids: met what is not opaque (any_opaque), passed what tints (nearest).
+    unsigned met_others = 0;
 
-    Query(const Visibility::Impl& of, Wanted what, Bundle bundle = Bundle::loose)
+    Query(const Visibility::Impl& of, Wanted what, Bundle bundle = Bundle::loose,
+          Seen by = Seen::by_light)
         : impl(&of),
-          wanted(what) {
+          wanted(what),
+          seen(by) {
         rtcInitIntersectContext(&context);
         if (bundle == Bundle::tight)
             context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-        if (what == Wanted::all || what == Wanted::nearest_front || of.any_see_through)
+        if (what == Wanted::all || by == Seen::by_eye || of.any_see_through)
             context.filter = filter_hit;
     }
     static void filter_hit(const RTCFilterFunctionNArguments* args);
@@ -123,21 +143,30 @@ void Query::filter_hit(const RTCFilterFunctionNArguments* args) {
         const uint32_t primitive = RTCHitN_primID(args->hit, args->N, i);
         const glm::vec2 uv{RTCHitN_u(args->hit, args->N, i), RTCHitN_v(args->hit, args->N, i)};
         const bool back = meets_back(args->ray, args->hit, args->N, i);
-        const bool culled = query.wanted == Wanted::nearest_front
-                            && query.impl->facing(primitive, back) == Facing::back;
-        const float alpha = culled ? 0.0f : query.impl->alpha(primitive, uv, back);
+        const Visibility::Impl& impl = *query.impl;
+        const bool culled =
+            query.seen == Seen::by_eye && impl.facing(primitive, back) == Facing::back;
+        const float alpha = culled ? 0.0f : impl.alpha(primitive, uv, back);
+        const uint32_t instance = impl.origins[primitive].instance;
+        // What covers nothing may tint all the same.
+        const bool tints =
+            impl.tinting[instance] && alpha < 1.0f && !culled && !impl.is_culled(primitive, back);
+        const unsigned ray = 1u << RTCRayN_id(args->ray, args->N, i);
         bool stays = alpha >= 1.0f;
         if (query.wanted == Wanted::all) {
-            if (alpha > 0.0f)
-                query.crossings->push_back({RTCRayN_tfar(args->ray, args->N, i),
-                                            query.impl->facing(primitive, back), 1.0f - alpha,
-                                            query.impl->origins[primitive].instance});
+            if (alpha > 0.0f || tints)
+                query.crossings->push_back(
+                    {RTCRayN_tfar(args->ray, args->N, i), impl.facing(primitive, back),
+                     1.0f - alpha, instance,
+                     tints ? impl.tint(primitive, uv, back) : glm::vec3(1.0f)});
             stays = false;
         } else if (query.wanted == Wanted::any_opaque) {
-            if (alpha > 0.0f && !stays)
-                query.met_others |= 1u << RTCRayN_id(args->ray, args->N, i);
+            if ((alpha > 0.0f || tints) && !stays)
+                query.met_others |= ray;
         } else if (!stays) {
             stays = draw(args->ray, args->N, i, primitive) < alpha;
+            if (!stays && tints)
+                query.met_others |= ray;
         }
         if (!stays)
             args->valid[i] = 0;
@@ -197,17 +226,63 @@ Hit to_hit(const Visibility::Impl& impl, glm::vec3 direction, float t, uint32_t 
             origin.triangle,
             impl.barycentric(primitive, uv),
             glm::normalize(normal),
-            impl.facing(primitive, glm::dot(direction, normal) > 0.0f)};
+            impl.facing(primitive, glm::dot(direction, normal) > 0.0f),
+            glm::vec3(1.0f)};
 }
 
-Hit nearest(const Visibility::Impl& impl, const Ray& ray, Wanted wanted) {
-    Query query(impl, wanted);
+/// How far two places on a ray may lie apart by rounding.
+float rounding_at(float t) {
+    return 1e-5f * std::max(1.0f, std::abs(t));
+}
+
+/// All surfaces on a segment by rising t.
+void trace_all(const Visibility::Impl& impl, const Ray& ray, Seen seen,
+               std::vector<Crossing>& out) {
+    out.clear();
+    Query query(impl, Wanted::all, Bundle::loose, seen);
+    query.crossings = &out;
     RTCRayHit r = to_embree(ray);
     rtcIntersect1(impl.bvh, &query.context, &r);
-    if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID)
-        return {};
-    return to_hit(impl, ray.direction, r.ray.tfar, r.hit.primID, {r.hit.u, r.hit.v},
-                  {r.hit.Ng_x, r.hit.Ng_y, r.hit.Ng_z});
+    const auto key = [](const Crossing& c) {
+        return std::tuple(c.t, c.instance, c.facing, c.transmittance, c.tint.x, c.tint.y, c.tint.z);
+    };
+    std::sort(out.begin(), out.end(),
+              [&](const Crossing& a, const Crossing& b) { return key(a) < key(b); });
+    const auto same = [](const Crossing& a, const Crossing& b) {
+        return a.instance == b.instance && a.facing == b.facing && b.t - a.t <= rounding_at(b.t);
+    };
+    out.erase(std::unique(out.begin(), out.end(), same), out.end());
+}
+
+/// Product of the tints of what a ray passes before `end`.
+glm::vec3 tint_before(const Visibility::Impl& impl, const Ray& ray, float end, Seen seen) {
+    thread_local std::vector<Crossing> met;
+    trace_all(impl, {ray.origin, ray.direction, ray.t_min, end}, seen, met);
+    const float last = std::isfinite(end) ? end - rounding_at(end) : end;
+    glm::vec3 product(1.0f);
+    for (const Crossing& crossing : met)
+        if (crossing.t < last)
+            product *= crossing.tint;
+    return product;
+}
+
+/// Tells a hit, or that there is none, what its ray has passed.
+void look_back(const Query& query, const Ray& ray, unsigned id, Hit& hit) {
+    if (query.met_others & 1u << id)
+        hit.tint =
+            tint_before(*query.impl, ray, hit.instance == no_hit ? ray.t_max : hit.t, query.seen);
+}
+
+Hit nearest(const Visibility::Impl& impl, const Ray& ray, Seen seen) {
+    Query query(impl, Wanted::nearest, Bundle::loose, seen);
+    RTCRayHit r = to_embree(ray);
+    rtcIntersect1(impl.bvh, &query.context, &r);
+    Hit hit;
+    if (r.hit.geomID != RTC_INVALID_GEOMETRY_ID)
+        hit = to_hit(impl, ray.direction, r.ray.tfar, r.hit.primID, {r.hit.u, r.hit.v},
+                     {r.hit.Ng_x, r.hit.Ng_y, r.hit.Ng_z});
+    look_back(query, ray, 0, hit);
+    return hit;
 }
 
 } // namespace
@@ -218,6 +293,7 @@ Visibility::Visibility(const Scene& scene, const scene::Frame& frame)
     for (const Material& material : scene.materials) {
         impl.see_through.push_back(scene::is_see_through(scene, material));
         impl.any_see_through |= impl.see_through.back() != 0;
+        impl.any_veil |= scene::is_veil(material);
     }
 
     uint64_t vertices = 0, triangles = 0;
@@ -261,6 +337,9 @@ Visibility::Visibility(const Scene& scene, const scene::Frame& frame)
         }
         impl.mirrored.push_back(scene::is_mirrored(instance));
         impl.two_fronts.push_back(scene.materials[size_t(mesh.material)].double_sided);
+        impl.tinting.push_back(scene::is_tinting(scene, mesh));
+        impl.any_tinting |= impl.tinting.back() != 0;
+        impl.attenuation.push_back(scene::attenuation_of(scene, instance));
         for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
             glm::uvec3 v = mesh.triangles[t];
             const glm::vec3 a = placed[v.x], b = placed[v.y], c = placed[v.z];
@@ -406,45 +485,66 @@ glm::vec3 Visibility::hi() const {
 }
 
 Hit Visibility::closest(const Ray& ray) const {
-    return nearest(*impl_, ray, Wanted::nearest);
+    return nearest(*impl_, ray, Seen::by_light);
 }
 
 Hit Visibility::closest_front(const Ray& ray) const {
-    return nearest(*impl_, ray, Wanted::nearest_front);
+    return nearest(*impl_, ray, Seen::by_eye);
 }
 
 void Visibility::crossings(const Ray& ray, std::vector<Crossing>& out) const {
-    out.clear();
-    Query query(*impl_, Wanted::all);
-    query.crossings = &out;
-    RTCRayHit r = to_embree(ray);
-    rtcIntersect1(impl_->bvh, &query.context, &r);
-    const auto key = [](const Crossing& c) {
-        return std::tuple(c.t, c.instance, c.facing, c.transmittance);
-    };
-    std::sort(out.begin(), out.end(),
-              [&](const Crossing& a, const Crossing& b) { return key(a) < key(b); });
-    const auto same = [](const Crossing& a, const Crossing& b) {
-        return a.instance == b.instance && a.facing == b.facing
-               && b.t - a.t <= 1e-5f * std::max(1.0f, std::abs(b.t));
-    };
-    out.erase(std::unique(out.begin(), out.end(), same), out.end());
+    trace_all(*impl_, ray, Seen::by_light, out);
 }
+
+namespace {
+
+/// What is left of light on a segment: 0, or by others(ray) where it meets what is not opaque.
+template <typename Left, typename Others>
+Left left_of(const Visibility::Impl& impl, const Ray& ray, const Others& others) {
+    Query query(impl, Wanted::any_opaque);
+    RTCRay r = to_embree(ray).ray;
+    rtcOccluded1(impl.bvh, &query.context, &r);
+    return r.tfar < 0.0f ? Left(0.0f) : query.met_others ? others(ray) : Left(1.0f);
+}
+
+} // namespace
 
 float Visibility::transmittance(const Ray& ray) const {
-    Query query(*impl_, Wanted::any_opaque);
-    RTCRay r = to_embree(ray).ray;
-    rtcOccluded1(impl_->bvh, &query.context, &r);
-    return r.tfar < 0.0f ? 0.0f : query.met_others ? transmittance_of_others(ray) : 1.0f;
+    return left_of<float>(*impl_, ray, [&](const Ray& of) {
+        thread_local std::vector<Crossing> met;
+        crossings(of, met);
+        float product = 1.0f;
+        for (const Crossing& crossing : met)
+            product *= crossing.transmittance;
+        return product;
+    });
 }
 
-float Visibility::transmittance_of_others(const Ray& ray) const {
+glm::vec3 Visibility::filter(const Ray& ray) const {
+    return left_of<glm::vec3>(*impl_, ray, [&](const Ray& of) { return filter_of_others(of); });
+}
+
+glm::vec3 Visibility::filter_of_others(const Ray& ray) const {
     thread_local std::vector<Crossing> met;
     crossings(ray, met);
-    float product = 1.0f;
+    glm::vec3 product(1.0f);
     for (const Crossing& crossing : met)
-        product *= crossing.transmittance;
+        product *= crossing.transmittance * crossing.tint;
     return product;
+}
+
+glm::vec3 Visibility::tint(const Ray& ray, bool fronts) const {
+    return impl_->any_tinting
+               ? tint_before(*impl_, ray, ray.t_max, fronts ? Seen::by_eye : Seen::by_light)
+               : glm::vec3(1.0f);
+}
+
+bool Visibility::is_veiled() const {
+    return impl_->any_veil;
+}
+
+bool Visibility::is_tinted() const {
+    return impl_->any_tinting;
 }
 
 void Visibility::closest_of_eights(std::span<const Ray> rays, Bundle bundle,
@@ -453,19 +553,22 @@ void Visibility::closest_of_eights(std::span<const Ray> rays, Bundle bundle,
     for (size_t first = 0; first < rays.size(); first += eight) {
         const std::span<const Ray> some = rays.subspan(first, std::min(eight, rays.size() - first));
         Packet packet(some);
+        query.met_others = 0;
         rtcIntersect8(packet.valid, impl_->bvh, &query.context, &packet.r);
         const RTCHit8& hit = packet.r.hit;
-        for (size_t i = 0; i < some.size(); ++i)
+        for (size_t i = 0; i < some.size(); ++i) {
             hits[first + i] =
                 hit.geomID[i] == RTC_INVALID_GEOMETRY_ID
                     ? Hit{}
                     : to_hit(*impl_, some[i].direction, packet.r.ray.tfar[i], hit.primID[i],
                              {hit.u[i], hit.v[i]}, {hit.Ng_x[i], hit.Ng_y[i], hit.Ng_z[i]});
+            look_back(query, some[i], unsigned(i), hits[first + i]);
+        }
     }
 }
 
-void Visibility::transmittance_of_eights(std::span<const Ray> rays, Bundle bundle,
-                                         std::span<float> result) const {
+void Visibility::filter_of_eights(std::span<const Ray> rays, Bundle bundle,
+                                  std::span<glm::vec3> result) const {
     Query query(*impl_, Wanted::any_opaque, bundle);
     for (size_t first = 0; first < rays.size(); first += eight) {
         const std::span<const Ray> some = rays.subspan(first, std::min(eight, rays.size() - first));
@@ -473,9 +576,9 @@ void Visibility::transmittance_of_eights(std::span<const Ray> rays, Bundle bundl
         query.met_others = 0;
         rtcOccluded8(packet.valid, impl_->bvh, &query.context, &packet.r.ray);
         for (size_t i = 0; i < some.size(); ++i)
-            result[first + i] = packet.r.ray.tfar[i] < 0.0f    ? 0.0f
-                                : query.met_others & (1u << i) ? transmittance_of_others(some[i])
-                                                               : 1.0f;
+            result[first + i] = packet.r.ray.tfar[i] < 0.0f    ? glm::vec3(0.0f)
+                                : query.met_others & (1u << i) ? filter_of_others(some[i])
+                                                               : glm::vec3(1.0f);
     }
 }
 
@@ -499,9 +602,9 @@ void Visibility::closest(std::span<const Ray> rays, std::span<Hit> hits) const {
     });
 }
 
-void Visibility::transmittance(std::span<const Ray> rays, std::span<float> result) const {
-    in_blocks(rays, result, [&](std::span<const Ray> some, std::span<float> of) {
-        transmittance_of_eights(some, Bundle::loose, of);
+void Visibility::filter(std::span<const Ray> rays, std::span<glm::vec3> result) const {
+    in_blocks(rays, result, [&](std::span<const Ray> some, std::span<glm::vec3> of) {
+        filter_of_eights(some, Bundle::loose, of);
     });
 }
 

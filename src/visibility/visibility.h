@@ -1,8 +1,8 @@
 // The one service that answers rays: against all placed triangles, in frame units.
 //
-// Opaque surfaces block with both faces, masked ones where they are covered, blended ones
-// by their alpha; with MaterialRules::cull_backfaces the back of a single-sided surface is not
-// there.
+// Opaque surfaces block with both faces, masked ones where they are covered, blended and
+// transmitting ones by their alpha, and colour what they let through; with
+// MaterialRules::cull_backfaces the back of a single-sided surface is not there.
 #pragma once
 
 #include "scene/frame.h"
@@ -36,14 +36,16 @@ struct Hit {
     glm::vec2 barycentric{0};   ///< weights of the triangle's second and third vertex
     glm::vec3 normal{0};        ///< unit, out of the triangle's front
     Facing facing = Facing::front;
+    glm::vec3 tint{1.0f}; ///< what the surfaces that the ray has passed make of light, hit or not
 };
 
 /// One surface on the way of a ray.
 struct Crossing {
     float t = 0.0f;
     Facing facing = Facing::front;
-    float transmittance = 0.0f; ///< 0: opaque
+    float transmittance = 0.0f; ///< share of light that passes, 0: opaque
     uint32_t instance = 0;
+    glm::vec3 tint{1.0f}; ///< and what becomes of it
 };
 
 /// How rays lie to each other, eight by eight in their order. Embree walks its tree with all eight
@@ -65,8 +67,17 @@ public:
     Hit closest(const Ray& ray) const;
     /// The same for an eye, to which the back of a single-sided surface is never there.
     Hit closest_front(const Ray& ray) const;
-    /// Product of what all surfaces on the segment let through, 0 to 1.
+    /// Product of the shares that all surfaces on the segment let through, 0 to 1.
     float transmittance(const Ray& ray) const;
+    /// What is left of light on the segment, a channel: those shares and the tints.
+    glm::vec3 filter(const Ray& ray) const;
+    /// The tints alone, of what light or, with `fronts`, an eye has passed; those of surfaces at
+    /// the segment's end are not among them.
+    glm::vec3 tint(const Ray& ray, bool fronts = false) const;
+    /// Some surface lets a part of the light pass.
+    bool is_veiled() const;
+    /// Some surface colours what it lets through.
+    bool is_tinted() const;
     /// All surfaces on the segment by rising t. A ray through an edge that two triangles of an
     /// instance share meets them as one.
     void crossings(const Ray& ray, std::vector<Crossing>& out) const;
@@ -84,20 +95,20 @@ public:
 
     /// The same for many rays on all threads; results at the rays' places.
     void closest(std::span<const Ray> rays, std::span<Hit> hits) const;
-    void transmittance(std::span<const Ray> rays, std::span<float> result) const;
+    void filter(std::span<const Ray> rays, std::span<glm::vec3> result) const;
 
     /// The same on the calling thread, eight rays at a time. A hit's place may differ from that of
     /// a single ray by rounding; it depends on the rays of its eight, and on nothing else.
     void closest_of_eights(std::span<const Ray> rays, Bundle bundle, std::span<Hit> hits) const;
-    void transmittance_of_eights(std::span<const Ray> rays, Bundle bundle,
-                                 std::span<float> result) const;
+    void filter_of_eights(std::span<const Ray> rays, Bundle bundle,
+                          std::span<glm::vec3> result) const;
 
     struct Impl;
 
 private:
     friend class PackedRays;
     /// Where no surface on the segment is opaque.
-    float transmittance_of_others(const Ray& ray) const;
+    glm::vec3 filter_of_others(const Ray& ray) const;
     std::unique_ptr<Impl> impl_;
 };
 

@@ -104,6 +104,32 @@ protected:
     }
 };
 
+TEST_F(Gather, LightThroughGlassHasItsColour) {
+    for (const bool sky : {false, true}) {
+        const Setting setting(scenes::glass_room(sky), {glm::dvec3(1.2), 0.16, glm::ivec3(10)});
+        Volume volume = setting.volume();
+        run(setting, light(setting, {}), volume, everywhere(2));
+        glm::dvec3 mean(0.0);
+        for (const glm::vec3& c : volume.sh[0])
+            mean += glm::dvec3(c) / constant / double(volume.grid.size());
+        for (int channel = 0; channel < 3; ++channel)
+            EXPECT_NEAR(mean[channel] / scenes::luminance_in_glass_room()[channel], 1.0, 0.02)
+                << sky << ' ' << channel;
+    }
+    const Setting pane(scenes::clear_pane(), {glm::dvec3(0.0), 0.5, glm::ivec3(8)});
+    Volume volume = pane.volume();
+    run(pane, light(pane, {}), volume, everywhere(2));
+    for (int x = 0; x < 8; ++x) {
+        glm::dvec3 mean(0.0);
+        for (int i = 0; i < 64; ++i)
+            mean +=
+                glm::dvec3(volume.sh[0][volume.grid.index({x, i % 8, i / 8})]) / constant / 64.0;
+        for (int channel = 0; channel < 3; ++channel)
+            EXPECT_NEAR(mean[channel], scenes::luminance_beside_clear_pane()[channel], 0.02)
+                << x << ' ' << channel;
+    }
+}
+
 TEST_F(Gather, HasTheFormFactorOfASquareAtEveryDistance) {
     const Setting empty({}, {glm::dvec3(0.0), 1.0, {9, 9, 60}});
     for (const int edge : {1, 4}) {

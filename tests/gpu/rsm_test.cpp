@@ -405,6 +405,29 @@ TEST_F(RsmTest, BlendReflectsItsShareAndPassesTheRest) {
                     glm::dvec3(1, 1, 1 + 100 * 16 * 0.9), 1e-5);
 }
 
+TEST_F(RsmTest, GlassColoursWhatIsSeenThroughIt) {
+    Scene scene = scenes::floor_quad(4, glm::vec3(0.9f));
+    const glm::dvec3 amber(0.8, 0.4, 0.2);
+    const int glass = scenes::add_material(scene, glm::vec3(amber));
+    scene.materials[glass].transmission = 0.6f;
+    for (int layer = 0; layer < 2; ++layer)
+        scenes::add_quad(scene, glass, {-2, 1.0f + float(layer), 2}, {4, 0, 0}, {0, 0, -4});
+    const scene::Frame frame = frame_around(scene, 0.1);
+    const visibility::Visibility visibility(scene, frame);
+    const glm::dvec3 through = 0.6 * amber;
+    const glm::dvec3 expected = 1600.0 * (0.4 * amber * (1.0 + through) + 0.9 * through * through);
+    glm::dvec3 sum(0.0);
+    solver::vpl::RsmPass pass(device(), scene, frame, &visibility);
+    pass.render(noon, 512, [&](const solver::vpl::Rsm& rsm) {
+        for (const glm::vec3& power : rsm.power)
+            sum += glm::dvec3(power);
+    });
+    expect_relative(sum, expected, 0.015);
+    // Without word of what light has passed, the map is as bright and has no tint.
+    expect_relative(power(scene, frame, noon, 512),
+                    1600.0 * (0.4 * amber * 1.6 + glm::dvec3(0.9 * 0.36)), 0.015);
+}
+
 TEST_F(RsmTest, WhatStandsOutsideTheGridShadows) {
     Scene scene = scenes::floor_quad(4, grey);
     const int roof = scenes::add_material(scene, glm::vec3(0.0f));

@@ -309,6 +309,30 @@ TEST_F(Sn, AFurnaceOfAnyOrientationReadsItsLuminance) {
         }
 }
 
+TEST_F(Sn, LightThroughGlassHasItsColour) {
+    surface::LightingSettings all;
+    all.bounces = {};
+    const auto expect_mean = [&](const Volume& volume, int from, int to, glm::dvec3 expected) {
+        glm::dvec3 mean(0.0);
+        for (int z = from; z < to; ++z)
+            for (int y = from; y < to; ++y)
+                for (int x = from; x < to; ++x)
+                    mean += glm::dvec3(volume.sh[0][volume.grid.index({x, y, z})])
+                            / std::sqrt(4.0 * pi) / std::pow(to - from, 3.0);
+        for (int channel = 0; channel < 3; ++channel)
+            EXPECT_NEAR(mean[channel] / expected[channel], 1.0, 0.02) << channel;
+    };
+    for (const bool sky : {false, true}) {
+        const Setting setting(scenes::glass_room(sky), Grid{glm::dvec3(0.4), 0.2, glm::ivec3(16)},
+                              all);
+        expect_mean(run(setting, {}), 3, 13, scenes::luminance_in_glass_room());
+    }
+    // What covers nothing tints all the same.
+    const Setting pane(scenes::clear_pane(), Grid{glm::dvec3(0.0), 0.25, glm::ivec3(16)}, all);
+    expect_mean(run(pane, {}), 0, 8, scenes::luminance_beside_clear_pane());
+    expect_mean(run(pane, {}), 9, 16, scenes::luminance_beside_clear_pane());
+}
+
 TEST_F(Sn, NoSurfaceShowsTheSky) {
     Scene scene;
     scene.sky.luminance = {1.0f, 10.0f, 0.1f};

@@ -1,5 +1,6 @@
 // What of a glTF file is chosen or posed: scenes, variants, visibility, animations, morph targets
 // and skins, against values worked out by hand.
+#include "scene/material.h"
 #include "unit/gltf_document.h"
 
 #include <glm/gtc/matrix_transform.hpp>
@@ -257,16 +258,68 @@ TEST_F(GltfPose, LetsTransmittedLightPass) {
     Document document;
     document.triangle()["material"] = 0;
     document.root["materials"] = {
-        {{"pbrMetallicRoughness", {{"baseColorFactor", {0.5, 0.5, 0.5, 0.1}}}},
+        {{"pbrMetallicRoughness", {{"baseColorFactor", {0.5, 0.25, 1, 0.1}}}},
          {"extensions", {{"KHR_materials_transmission", {{"transmissionFactor", 0.8}}}}}}};
-    // Of white light 0.8 * 0.5 passes and 0.2 * 0.5 is reflected; an opaque material's alpha is
-    // nothing.
-    const Material material = load(document).materials[0];
-    EXPECT_EQ(material.alpha_mode, AlphaMode::blend);
-    EXPECT_NEAR(1 - material.base_color.a, 0.4, 1e-6);
-    EXPECT_NEAR(material.base_color.a * material.base_color.r, 0.1, 1e-6);
+    json& extensions = document.root["materials"][0]["extensions"];
+    const auto sample = [&] {
+        const Scene scene = load(document);
+        EXPECT_TRUE(scene.warnings.empty());
+        return scene::sample_surface(scene, scene.meshes[0], 0, {0.2f, 0.2f});
+    };
+    // 0.2 of the light is reflected and 0.8 passes, each in its colour; an opaque material's alpha
+    // is nothing.
+    EXPECT_NEAR(sample().alpha, 0.2, 1e-6);
+    expect_near(sample().tint(), {0.5, 0.25, 1});
+    EXPECT_EQ(load(document).materials[0].attenuation, glm::vec3(1.0f));
+    for (const auto& [factor, alpha] : {std::pair(7.0, 0.0f), {1.0, 0.0f}, {0.0, 1.0f}}) {
+        extensions["KHR_materials_transmission"]["transmissionFactor"] = factor;
+        EXPECT_EQ(sample().alpha, alpha) << factor;
+    }
+    extensions["KHR_materials_transmission"] = json::object(); // by default nothing passes
+    EXPECT_EQ(sample().alpha, 1.0f);
+    // What a mask cuts out is not glass.
+    extensions["KHR_materials_transmission"]["transmissionFactor"] = 0.8;
     document.root["materials"][0]["alphaMode"] = "MASK";
-    expect_warning(load(document), "materials[0].alphaMode: a material with a mask");
+    EXPECT_EQ(sample().alpha, 0.0f);
+    expect_near(sample().tint(), {1, 1, 1});
+}
+
+TEST_F(GltfPose, VolumesAttenuateByTheirThickness) {
+    Document document;
+    document.triangle()["material"] = 0;
+    document.root["materials"] = {{{"extensions",
+                                    {{"KHR_materials_transmission", {{"transmissionFactor", 1}}},
+                                     {"KHR_materials_volume",
+                                      {{"thicknessFactor", 0.06},
+                                       {"attenuationDistance", 0.02},
+                                       {"attenuationColor", {0.5, 1.5, 0}}}}}}}};
+    json& extensions = document.root["materials"][0]["extensions"];
+    const auto attenuation = [&] {
+        const Scene scene = load(document);
+        EXPECT_TRUE(scene.warnings.empty());
+        return scene.materials[0].attenuation;
+    };
+    expect_near(attenuation(), {0.125, 1, 0}); // Beer and Lambert: color^(thickness / distance)
+    document.root["nodes"][0]["scale"] = {2, 2, 2};
+    const Scene large = load(document);
+    expect_near(scene::attenuation_of(large, large.instances[0]), {1 / 64.0, 1, 0});
+    // Without thickness, distance or transmission it is a surface; so are numbers that viewers
+    // take for none.
+    json& volume = extensions["KHR_materials_volume"];
+    for (const char* key : {"thicknessFactor", "attenuationDistance", "attenuationColor"}) {
+        const json kept = volume[key];
+        volume.erase(key);
+        EXPECT_EQ(attenuation(), glm::vec3(1.0f)) << key;
+        if (kept.is_number()) {
+            volume[key] = 0;
+            EXPECT_EQ(attenuation(), glm::vec3(1.0f)) << key;
+            volume[key] = -1;
+            expect_error(document, std::string("KHR_materials_volume.") + key);
+        }
+        volume[key] = kept;
+    }
+    extensions.erase("KHR_materials_transmission");
+    EXPECT_EQ(attenuation(), glm::vec3(1.0f));
 }
 
 } // namespace

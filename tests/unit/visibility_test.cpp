@@ -220,11 +220,11 @@ TEST(Visibility, EightsAnswerAsSingleRays) {
             for (visibility::Ray& ray : rays)
                 ray.direction = glm::vec3(at(random), at(random), at(random)) - ray.origin;
             std::vector<visibility::Hit> hits(rays.size()), on_all_threads(rays.size());
-            std::vector<float> open(rays.size()), open_on_all_threads(rays.size());
+            std::vector<glm::vec3> open(rays.size()), open_on_all_threads(rays.size());
             visibility.closest_of_eights(rays, bundle, hits);
-            visibility.transmittance_of_eights(rays, bundle, open);
+            visibility.filter_of_eights(rays, bundle, open);
             visibility.closest(rays, on_all_threads);
-            visibility.transmittance(rays, open_on_all_threads);
+            visibility.filter(rays, open_on_all_threads);
             std::array<int, 4> met{};
             int missed = 0, different = 0, partly = 0, on_threads = 0;
             for (size_t i = 0; i < rays.size(); ++i) {
@@ -233,7 +233,7 @@ TEST(Visibility, EightsAnswerAsSingleRays) {
                 on_threads += on_all_threads[i].triangle != hits[i].triangle
                               || open_on_all_threads[i] != open[i];
                 if (hit.instance != hits[i].instance || hit.triangle != hits[i].triangle
-                    || through != open[i]) {
+                    || glm::vec3(through) != open[i]) {
                     ++different;
                     continue;
                 }
@@ -283,11 +283,10 @@ TEST(Visibility, PackedRaysMeetWhatSingleRaysMeet) {
 TEST(Visibility, EmptySceneBlocksNothing) {
     const Scene scene;
     const visibility::Visibility visibility(scene, scene::Frame{});
-    std::vector<float> open(1);
-    visibility.transmittance_of_eights(
-        std::vector<visibility::Ray>{{{0, 0, 0}, {1, 0, 0}, 0.0f, 1e3f}}, visibility::Bundle::tight,
-        open);
-    EXPECT_EQ(open[0], 1.0f);
+    std::vector<glm::vec3> open(1);
+    visibility.filter_of_eights(std::vector<visibility::Ray>{{{0, 0, 0}, {1, 0, 0}, 0.0f, 1e3f}},
+                                visibility::Bundle::tight, open);
+    EXPECT_EQ(open[0], glm::vec3(1.0f));
     EXPECT_EQ(visibility.transmittance({{0, 0, 0}, {1, 0, 0}, 0.0f, 1e3f}), 1.0f);
 }
 

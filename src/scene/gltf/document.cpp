@@ -34,6 +34,7 @@ constexpr const char* understood_extensions[] = {
     "KHR_materials_transmission",
     "KHR_materials_unlit",
     "KHR_materials_variants",
+    "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",
     "KHR_node_visibility",
@@ -43,17 +44,11 @@ constexpr const char* understood_extensions[] = {
 
 /// What a diffuse bake has no use for, so that nothing is lost where it is left out.
 constexpr const char* irrelevant_extensions[] = {
-    "KHR_materials_anisotropy",
-    "KHR_materials_clearcoat",
-    "KHR_materials_dispersion",
-    "KHR_materials_ior",
-    "KHR_materials_iridescence",
-    "KHR_materials_sheen",
-    "KHR_materials_specular",
-    "KHR_materials_volume",
-    "KHR_node_hoverability",
-    "KHR_node_selectability",
-    "KHR_xmp",
+    "KHR_materials_anisotropy",  "KHR_materials_clearcoat",
+    "KHR_materials_dispersion",  "KHR_materials_ior",
+    "KHR_materials_iridescence", "KHR_materials_sheen",
+    "KHR_materials_specular",    "KHR_node_hoverability",
+    "KHR_node_selectability",    "KHR_xmp",
     "KHR_xmp_json_ld",
 };
 

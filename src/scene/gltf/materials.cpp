@@ -55,6 +55,26 @@ void read_specular_glossiness(SourceMaterial& result, const tinygltf::Value& ext
     result.metallic_texture = -1;
 }
 
+/// KHR_materials_volume: how thick it is, and what that leaves. A distance of 0 stands for none.
+void read_volume(SourceMaterial& result, const tinygltf::Value& extension, const auto& factor) {
+    const auto value = [&](const char* key, double otherwise) {
+        return double(factor(number(extension, key, otherwise),
+                             (std::string(".extensions.KHR_materials_volume.") + key).c_str()));
+    };
+    const double thickness = value("thicknessFactor", 0.0);
+    const double distance = value("attenuationDistance", 0.0);
+    if (extension.Has("attenuationColor"))
+        for (int i = 0; i < 3; ++i)
+            result.attenuation_color[i] =
+                std::min(1.0f, factor(extension.Get("attenuationColor").Get(i).GetNumberAsDouble(),
+                                      ".extensions.KHR_materials_volume.attenuationColor"));
+    if (!(thickness > 0.0 && distance > 0.0))
+        return;
+    result.thickness = thickness / distance;
+    if (extension.Has("thicknessTexture"))
+        result.thickness_texture = extension.Get("thicknessTexture").Get("index").GetNumberAsInt();
+}
+
 } // namespace
 
 glm::vec2 UvSource::operator()(glm::vec2 uv) const {
@@ -129,6 +149,9 @@ SourceMaterial read_material(Document& document, int index, const MaterialRules&
             result.transmission_texture =
                 extension->Get("transmissionTexture").Get("index").GetNumberAsInt();
     }
+    if (const auto* volume = find_extension(source.extensions, "KHR_materials_volume");
+        volume && result.transmission > 0.0)
+        read_volume(result, *volume, factor);
     result.unlit = find_extension(source.extensions, "KHR_materials_unlit") != nullptr;
     return result;
 }

@@ -32,6 +32,9 @@ struct SourceMaterial {
     double metallic = 0.0;     ///< factor; 0 unless metal is to be black
     int transmission_texture = -1;
     double transmission = 0.0;
+    int thickness_texture = -1;
+    double thickness = 0.0;            ///< in attenuation distances; 0 without transmission
+    glm::dvec3 attenuation_color{1.0}; ///< what one attenuation distance leaves
     UvSource base_uv;
     UvSource emission_uv;
     bool unlit = false;

@@ -149,6 +149,10 @@ constexpr Rule rules[] = {
     {"materials[].extensions.KHR_materials_pbrSpecularGlossiness.diffuseFactor", Kind::vec4},
     {"materials[].extensions.KHR_materials_transmission", Kind::object},
     {"materials[].extensions.KHR_materials_transmission.transmissionFactor", Kind::number},
+    {"materials[].extensions.KHR_materials_volume", Kind::object},
+    {"materials[].extensions.KHR_materials_volume.thicknessFactor", Kind::number},
+    {"materials[].extensions.KHR_materials_volume.attenuationDistance", Kind::number},
+    {"materials[].extensions.KHR_materials_volume.attenuationColor", Kind::vec3},
     {"extensions.KHR_materials_variants", Kind::object},
     {"extensions.KHR_materials_variants.variants", Kind::array},
     {"extensions.KHR_materials_variants.variants[]", Kind::object},
@@ -223,6 +227,7 @@ constexpr const char* texture_places[] = {
     "materials[].emissiveTexture",
     "materials[].extensions.KHR_materials_pbrSpecularGlossiness.diffuseTexture",
     "materials[].extensions.KHR_materials_transmission.transmissionTexture",
+    "materials[].extensions.KHR_materials_volume.thicknessTexture",
 };
 constexpr Rule texture_rules[] = {
     {"", Kind::object},

@@ -351,11 +351,11 @@ public:
         do {
             std::map<int, Need> needs;
             for (SourceMaterial& material : materials_) {
-                need(material.base_texture, {true, !skip_colors_ || material.transmission > 0.0},
-                     needs);
+                need(material.base_texture, {true, !skip_colors_}, needs);
                 need(material.emission_texture, {true, true}, needs);
                 need(material.metallic_texture, {false, true}, needs);
                 need(material.transmission_texture, {false, true}, needs);
+                need(material.thickness_texture, {false, true}, needs);
             }
             open.clear();
             for (const auto& [image, wanted] : needs)
@@ -448,29 +448,6 @@ private:
     std::map<int, WantedImage> images_;          ///< by glTF image, as far as they were tried
 };
 
-/// Light that passes, coloured by the base colour, as light that passes uncovered: what is
-/// reflected and what passes keep their luminance (the colour of what passes is lost).
-void transmit(Document& document, SourceMaterial& source, double share, glm::dvec3 mean_texel) {
-    if (!(share > 0.0))
-        return;
-    Material& material = source.material;
-    if (material.alpha_mode == AlphaMode::mask) {
-        document.warnings.add("masked transmission", source.place + ".alphaMode",
-                              "a material with a mask cannot transmit as well: it is taken for "
-                              "opaque where the mask covers; use BLEND");
-        return;
-    }
-    const glm::dvec3 color = glm::min(glm::dvec3(material.base_color) * mean_texel, 1.0);
-    const double passing = share * glm::dot(color, colour::rec709_luminance);
-    if (material.alpha_mode == AlphaMode::opaque)
-        material.base_color.a = 1.0f;
-    material.alpha_mode = AlphaMode::blend;
-    material.base_color.a *= static_cast<float>(1.0 - passing);
-    const double reflected = passing < 1.0 ? (1.0 - share) / (1.0 - passing) : 0.0;
-    for (int channel = 0; channel < 3; ++channel)
-        material.base_color[channel] *= static_cast<float>(reflected);
-}
-
 } // namespace
 
 std::vector<glm::dvec3> load_textures(Document& document, std::vector<SourceMaterial>& materials,
@@ -481,6 +458,7 @@ std::vector<glm::dvec3> load_textures(Document& document, std::vector<SourceMate
     std::vector<glm::dvec3> mean_texels;
     for (SourceMaterial& source : materials) {
         double metallic = source.metallic, transmission = source.transmission;
+        double thickness = source.thickness;
         if (const DecodedImage* image = textures.decoded(source.metallic_texture))
             metallic *= image->mean_stored.b;
         const auto diffuse = static_cast<float>(1.0 - std::min(metallic, 1.0));
@@ -488,9 +466,14 @@ std::vector<glm::dvec3> load_textures(Document& document, std::vector<SourceMate
             source.material.base_color[channel] *= diffuse;
         if (const DecodedImage* image = textures.decoded(source.transmission_texture))
             transmission *= image->mean_stored.r;
+        if (const DecodedImage* image = textures.decoded(source.thickness_texture))
+            thickness *= image->mean_stored.g;
+        source.material.transmission = static_cast<float>(transmission);
+        if (thickness > 0.0)
+            source.material.attenuation =
+                glm::vec3(glm::pow(source.attenuation_color, glm::dvec3(thickness)));
         const DecodedImage* base = textures.decoded(source.base_texture);
         mean_texels.push_back(base ? base->mean : glm::dvec3(source.base_texture < 0 ? 1.0 : 0.0));
-        transmit(document, source, transmission, mean_texels.back());
     }
     return mean_texels;
 }

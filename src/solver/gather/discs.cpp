@@ -80,7 +80,7 @@ uint64_t gather_cell(const Map& map, uint32_t key, int samples, double unit, glm
     };
     thread_local std::vector<visibility::Ray> rays;
     thread_local std::vector<Sample> seen;
-    thread_local std::vector<float> open;
+    thread_local std::vector<glm::vec3> open;
     rays.clear();
     seen.clear();
     const size_t index = volume.grid.index(cell);
@@ -111,7 +111,7 @@ uint64_t gather_cell(const Map& map, uint32_t key, int samples, double unit, glm
             {glm::vec3(center), point + surface::ray_offset(point) * normal - glm::vec3(center)});
     }
     open.resize(rays.size());
-    visibility.transmittance_of_eights(rays, visibility::Bundle::loose, open);
+    visibility.filter_of_eights(rays, visibility::Bundle::loose, open);
     for (size_t i = 0; i < seen.size(); ++i) {
         const volume::ShValues basis = volume::sh_basis(volume.sh_order, seen[i].towards);
         for (size_t k = 0; k < volume.sh.size(); ++k)
@@ -126,7 +126,7 @@ DiscReport gather_discs(const gpu::Device& device, const Scene& scene, const sce
                         const visibility::Visibility& visibility, const DiscSettings& settings,
                         Volume& volume, Progress& progress) {
     DiscReport report;
-    vpl::RsmPass pass(device, scene, frame);
+    vpl::RsmPass pass(device, scene, frame, &visibility);
     const int size = std::min(settings.map_size, largest_disc_map);
     const glm::ivec3 dims = volume.grid.dims;
     uint64_t done = 0;

@@ -33,6 +33,13 @@ glm::vec3 centre_of(glm::ivec3 cell) {
     return glm::vec3(cell) + 0.5f;
 }
 
+/// 1 in one channel.
+glm::vec3 channel_of(int channel) {
+    glm::vec3 unit(0.0f);
+    unit[channel] = 1.0f;
+    return unit;
+}
+
 } // namespace
 
 Occupied::Occupied(const std::vector<surface::Patch>& patches, const Grid& grid) {
@@ -93,6 +100,8 @@ Zone::Zone(const Surroundings& world, glm::ivec3 base)
                                 emitter.normal});
         }
     }
+    channels_ = world.visibility.is_tinted() ? 3 : 1;
+    planes_ = channels_ + (world.visibility.is_veiled() ? 1 : 0);
     words_ = (clusters_.size() + world_.sky.size() + 63) / 64;
     known_.assign(size_t(zone_edge + 1) * (zone_edge + 1) * (zone_edge + 1), 0);
 }
@@ -172,7 +181,7 @@ bool Zone::aim(glm::vec3 from, uint32_t source, uint32_t pattern, visibility::Ra
     return false;
 }
 
-/// Sets the bits of the sources in `open` that the cell sees.
+/// Sets the bits of the sources in `open` that the cell sees: by chance, as much as passes.
 void Zone::test(glm::ivec3 point, const std::vector<uint64_t>& open, uint64_t* own) {
     const glm::vec3 from = centre_of(base_ + point);
     const uint32_t pattern = pattern_of(base_ + point);
@@ -189,10 +198,18 @@ void Zone::test(glm::ivec3 point, const std::vector<uint64_t>& open, uint64_t* o
     }
     passes_.resize(ways_.size());
     rays_ += ways_.size();
-    world_.visibility.transmittance_of_eights(ways_, visibility::Bundle::loose, passes_);
+    world_.visibility.filter_of_eights(ways_, visibility::Bundle::loose, passes_);
     for (size_t i = 0; i < tests_.size(); ++i) {
         const uint32_t source = tests_[i].source;
-        own[source / 64] |= uint64_t(passes_[i] > tests_[i].threshold) << (source % 64);
+        const auto set = [&](size_t plane, bool bit) {
+            own[plane * words_ + source / 64] |= uint64_t(bit) << (source % 64);
+        };
+        const glm::vec3 passes = passes_[i];
+        for (size_t channel = 0; channel < channels_; ++channel)
+            set(channel, passes[int(channel)] > tests_[i].threshold);
+        if (planes_ > channels_)
+            set(channels_, glm::any(glm::greaterThan(passes, glm::vec3(0.0f)))
+                               && glm::any(glm::lessThan(passes, glm::vec3(1.0f))));
     }
 }
 
@@ -200,7 +217,8 @@ const uint64_t* Zone::bits(glm::ivec3 point) {
     const size_t at = slot(point);
     if (known_[at])
         return bits_[known_[at] - 1u].get();
-    auto own = std::make_unique<uint64_t[]>(words_);
+    const size_t words = words_ * planes_;
+    auto own = std::make_unique<uint64_t[]>(words);
 
     size_t count = 0; // of those corners
     // What the corners of the cube around the cell agree on, of those that it sees.
@@ -214,19 +232,19 @@ const uint64_t* Zone::bits(glm::ivec3 point) {
             if (lo[i] == zone_edge)
                 lo[i] -= edge;
         const bool crossed = world_.occupied(base_ + lo, std::countr_zero(uint32_t(edge)));
-        std::vector<uint64_t> all(words_, ~uint64_t(0)), any(words_, 0);
+        std::vector<uint64_t> all(words, ~uint64_t(0)), any(words, 0);
         for (int i = 0; i < 8; ++i) {
             const glm::ivec3 corner = lo + edge * glm::ivec3(i & 1, i >> 1 & 1, i >> 2);
             if (!usable(corner))
                 continue;
             if (crossed) {
                 ++rays_;
-                if (world_.visibility.transmittance({from, centre_of(base_ + corner) - from})
-                    < 1.0f)
+                if (world_.visibility.filter({from, centre_of(base_ + corner) - from})
+                    != glm::vec3(1.0f))
                     continue;
             }
             const uint64_t* theirs = bits(corner);
-            for (size_t w = 0; w < words_; ++w) {
+            for (size_t w = 0; w < words; ++w) {
                 all[w] &= theirs[w];
                 any[w] |= theirs[w];
             }
@@ -234,15 +252,24 @@ const uint64_t* Zone::bits(glm::ivec3 point) {
         }
         if (count >= fewest_corners)
             for (size_t w = 0; w < words_; ++w) {
-                own[w] = all[w] & any[w];
-                open[w] = all[w] ^ any[w];
+                open[w] = 0;
+                for (size_t channel = 0; channel < channels_; ++channel)
+                    open[w] |= all[channel * words_ + w] ^ any[channel * words_ + w];
+                // What some see by chance says nothing of what others do.
+                if (planes_ > channels_)
+                    open[w] |= any[channels_ * words_ + w];
+                for (size_t channel = 0; channel < channels_; ++channel)
+                    own[channel * words_ + w] =
+                        all[channel * words_ + w] & any[channel * words_ + w] & ~open[w];
             }
     }
     // The sky ends at edges: what is agreed on one side of a cell tells too little of it.
     if (count < 8)
         for (size_t i = clusters_.size(); i < clusters_.size() + world_.sky.size(); ++i) {
-            open[i / 64] |= uint64_t(1) << (i % 64);
-            own[i / 64] &= ~(uint64_t(1) << (i % 64));
+            const uint64_t bit = uint64_t(1) << (i % 64);
+            open[i / 64] |= bit;
+            for (size_t channel = 0; channel < channels_; ++channel)
+                own[channel * words_ + i / 64] &= ~bit;
         }
     test(point, open, own.get());
 
@@ -251,14 +278,18 @@ const uint64_t* Zone::bits(glm::ivec3 point) {
     return bits_.back().get();
 }
 
-/// Which of the cells see a source.
-uint32_t Zone::mask_of(std::span<const glm::ivec3> cells, size_t source) const {
-    uint32_t mask = 0;
+Zone::Masks Zone::masks_of(std::span<const glm::ivec3> cells, size_t source) const {
+    std::array<uint32_t, 3> seen{};
     for (size_t i = 0; i < cells.size(); ++i) {
         const uint64_t* sees = bits_[known_[slot(cells[i] - base_)] - 1u].get();
-        mask |= uint32_t(sees[source / 64] >> (source % 64) & 1) << i;
+        for (size_t channel = 0; channel < channels_; ++channel)
+            seen[channel] |= uint32_t(sees[channel * words_ + source / 64] >> (source % 64) & 1)
+                             << i;
     }
-    return mask;
+    if (channels_ == 1)
+        return {seen[0]};
+    const uint32_t all = seen[0] & seen[1] & seen[2];
+    return {all, {seen[0] & ~all, seen[1] & ~all, seen[2] & ~all}};
 }
 
 void Zone::gather_surfaces(std::span<const glm::ivec3> cells, Sources& sources) const {
@@ -268,26 +299,42 @@ void Zone::gather_surfaces(std::span<const glm::ivec3> cells, Sources& sources) 
         hi = glm::max(hi, cell);
     }
     const glm::vec3 half = 0.5f * glm::vec3(hi - lo), centre = centre_of(lo) + half;
-    for (size_t i = 0; i < clusters_.size(); ++i)
-        if (const uint32_t mask = mask_of(cells, i))
-            descend(clusters_[i], mask, centre, half, sources);
+    for (size_t i = 0; i < clusters_.size(); ++i) {
+        const Masks masks = masks_of(cells, i);
+        if (masks.all)
+            descend(clusters_[i], masks.all, glm::vec3(1.0f), centre, half, sources);
+        for (int channel = 0; channel < 3; ++channel)
+            if (const uint32_t mask = masks.one[size_t(channel)])
+                descend(clusters_[i], mask, channel_of(channel), centre, half, sources);
+    }
 }
 
 void Zone::gather_sky(std::span<const glm::ivec3> cells, int order, Sources& sources) const {
-    std::vector<float> sum;
-    const auto add = [&](const std::vector<float>& c, uint32_t mask) {
+    std::vector<float> sum, part;
+    const auto add_bin = [&](const std::vector<float>& c, uint32_t mask) {
         const size_t first = sources.bins.size();
         sources.bins.resize(first + bin_words(order), glm::vec4(0.0f));
         std::memcpy(&sources.bins[first], c.data(), c.size() * sizeof(float));
         sources.bins.back().w = float(mask);
     };
+    const auto add = [&](const std::vector<float>& c, const Masks& masks) {
+        if (masks.all)
+            add_bin(c, masks.all);
+        for (size_t channel = 0; channel < 3; ++channel)
+            if (masks.one[channel]) {
+                part.assign(c.size(), 0.0f);
+                for (size_t t = channel; t < c.size(); t += 3)
+                    part[t] = c[t];
+                add_bin(part, masks.one[channel]);
+            }
+    };
     for (size_t i = 0; i < world_.sky.size(); i += sky_group) {
-        std::array<uint32_t, sky_group> masks;
+        std::array<Masks, sky_group> masks;
         for (size_t k = 0; k < sky_group; ++k)
-            masks[k] = mask_of(cells, clusters_.size() + i + k);
+            masks[k] = masks_of(cells, clusters_.size() + i + k);
         if (std::all_of(masks.begin(), masks.end(),
-                        [&](uint32_t mask) { return mask == masks[0]; })) {
-            if (masks[0] == 0)
+                        [&](const Masks& mask) { return mask == masks[0]; })) {
+            if (masks[0] == Masks{})
                 continue;
             sum.assign(world_.sky[i].coefficients.size(), 0.0f);
             for (size_t k = 0; k < sky_group; ++k)
@@ -296,14 +343,13 @@ void Zone::gather_sky(std::span<const glm::ivec3> cells, int order, Sources& sou
             add(sum, masks[0]);
         } else {
             for (size_t k = 0; k < sky_group; ++k)
-                if (masks[k])
-                    add(world_.sky[i + k].coefficients, masks[k]);
+                add(world_.sky[i + k].coefficients, masks[k]);
         }
     }
 }
 
-void Zone::descend(uint32_t cluster, uint32_t mask, glm::vec3 centre, glm::vec3 half,
-                   Sources& sources) const {
+void Zone::descend(uint32_t cluster, uint32_t mask, glm::vec3 channels, glm::vec3 centre,
+                   glm::vec3 half, Sources& sources) const {
     const std::vector<Cluster>& nodes = world_.clusters.nodes;
     uint32_t stack[512]; // deeper than a tree whose halves hold a sixteenth at least
     size_t depth = 0;
@@ -320,13 +366,13 @@ void Zone::descend(uint32_t cluster, uint32_t mask, glm::vec3 centre, glm::vec3 
             const float guard = 0.25f * c.size * c.size;
             sources.points.push_back(glm::vec4(c.position, mask));
             sources.points.push_back(glm::vec4(c.normal, guard));
-            sources.points.push_back(glm::vec4(c.intensity, 0.5f * c.spread));
+            sources.points.push_back(glm::vec4(channels * c.intensity, 0.5f * c.spread));
         } else if (c.count == 1) {
             const Emitter& e = world_.clusters.emitters[c.first];
             sources.triangles.push_back(glm::vec4(e.a, 0));
             sources.triangles.push_back(glm::vec4(e.b, 0));
             sources.triangles.push_back(glm::vec4(e.c, 0));
-            sources.triangles.push_back(glm::vec4(e.luminance, mask));
+            sources.triangles.push_back(glm::vec4(channels * e.luminance, mask));
         } else {
             stack[depth++] = c.second;
             stack[depth++] = index + 1;

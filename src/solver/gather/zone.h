@@ -78,16 +78,24 @@ private:
     bool aim(glm::vec3 from, uint32_t source, uint32_t pattern, visibility::Ray& ray,
              float& threshold) const;
     void test(glm::ivec3 point, const std::vector<uint64_t>& open, uint64_t* own);
-    uint32_t mask_of(std::span<const glm::ivec3> cells, size_t source) const;
-    void descend(uint32_t cluster, uint32_t mask, glm::vec3 centre, glm::vec3 half,
-                 Sources& sources) const;
+    /// Which of some cells see a source, a channel: all channels of `all`, and one more of each.
+    struct Masks {
+        uint32_t all = 0;
+        std::array<uint32_t, 3> one{};
+        bool operator==(const Masks&) const = default;
+    };
+    Masks masks_of(std::span<const glm::ivec3> cells, size_t source) const;
+    void descend(uint32_t cluster, uint32_t mask, glm::vec3 channels, glm::vec3 centre,
+                 glm::vec3 half, Sources& sources) const;
 
     const Surroundings& world_;
     glm::ivec3 base_, dims_;
     std::vector<uint32_t> clusters_;
     std::vector<Target> targets_;
-    size_t words_ = 0;                              ///< of a cell's bits
-    std::vector<uint16_t> known_;                   ///< a point: 1 + its place in bits_, or 0
+    size_t channels_ = 1;         ///< of a cell's bits, a plane each: 3 where something tints
+    size_t planes_ = 1;           ///< and, where something is a veil, one of what is seen by chance
+    size_t words_ = 0;            ///< of a plane
+    std::vector<uint16_t> known_; ///< a point: 1 + its place in bits_, or 0
     std::vector<std::unique_ptr<uint64_t[]>> bits_; ///< bit i: cluster i, then the bins
     uint64_t rays_ = 0;
 
@@ -98,7 +106,7 @@ private:
     };
     std::vector<Test> tests_;
     std::vector<visibility::Ray> ways_;
-    std::vector<float> passes_;
+    std::vector<glm::vec3> passes_;
 };
 
 } // namespace lpvbake::solver::gather

@@ -174,7 +174,7 @@ private:
         if (count > 0) {
             stages.begin("rsm", inputs.scene.lights.size());
             vpls = vpl::render_vpls(inputs.device, inputs.scene, inputs.frame, {size, rsm_kernel_},
-                                    stages.progress());
+                                    stages.progress(), &inputs.visibility);
             stages.end(format("%s of %d x %d, %s", counted(uint64_t(count), "map").c_str(), size,
                               size, counted(vpls.size(), "VPL").c_str()));
         }

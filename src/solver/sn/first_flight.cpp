@@ -22,9 +22,9 @@ glm::vec2 spread(uint32_t index) {
 
 glm::vec3 SnLight::luminance(const visibility::Hit& hit, glm::vec3 direction) const {
     if (hit.instance == visibility::no_hit)
-        return scene::sky_luminance(sky, direction);
+        return hit.tint * scene::sky_luminance(sky, direction);
     const glm::vec3 all = lit.leaving(hit, direction);
-    return all - surface::luminance_above(all, limit);
+    return hit.tint * (all - surface::luminance_above(all, limit));
 }
 
 float mean_luminance(const SnLight& light, const Grid& grid, std::span<const float> validity) {

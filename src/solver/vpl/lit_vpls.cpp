@@ -71,16 +71,16 @@ void sky_vpls(const Sky& sky, const visibility::Visibility& visibility, const sc
                 towards[axis] = outward * d.z;
                 towards[u] = d.x;
                 towards[v] = d.y;
-                sum += visibility.transmittance({face.position, towards, 0.0f, HUGE_VALF})
+                sum += visibility.filter({face.position, towards, 0.0f, HUGE_VALF})
                        * scene::sky_rest(sky, towards);
             }
             face.power = sum * float(power / double(directions.size()));
             for (const Light& sun : scene::sky_suns(sky)) {
                 const glm::vec3 towards(-sun.direction);
                 if (towards[axis] * outward > 0.0f)
-                    face.power +=
-                        float(frame.unit * frame.unit) * towards[axis] * outward * sun.color
-                        * visibility.transmittance({face.position, towards, 0.0f, HUGE_VALF});
+                    face.power += float(frame.unit * frame.unit) * towards[axis] * outward
+                                  * sun.color
+                                  * visibility.filter({face.position, towards, 0.0f, HUGE_VALF});
             }
         });
         for (const Vpl& face : faces)

@@ -70,6 +70,21 @@ void resolve(std::span<const raster::RasterTexel> texels, const raster::RsmGeome
     });
 }
 
+/// Gives texels the colour of what light has passed on its way to them.
+void colour(const visibility::Visibility& glass, Rsm& rsm) {
+    const scene::RsmView& view = rsm.view;
+    tbb::parallel_for(size_t(0), rsm.power.size(), [&](size_t i) {
+        if (rsm.power[i] == glm::vec3(0))
+            return;
+        const glm::dvec3 to(rsm.position[i]);
+        // Parallel light comes from a little before all that is there.
+        const double depth = glm::dot(to - view.origin, view.axis);
+        const glm::dvec3 from =
+            view.perspective ? view.origin : to - view.axis * (depth - view.nearest + 1.0);
+        rsm.power[i] *= glass.tint({glm::vec3(from), glm::vec3(to - from)});
+    });
+}
+
 } // namespace
 
 int usual_map_size(glm::ivec3 dims) {
@@ -80,14 +95,17 @@ struct RsmPass::Impl {
     scene::Frame frame;
     bool cull;
     raster::Raster raster;
+    const visibility::Visibility* glass; ///< null: nothing tints
 };
 
-RsmPass::RsmPass(const gpu::Device& device, const Scene& scene, const scene::Frame& frame)
-    : impl_(new Impl{frame, scene.rules.cull_backfaces, raster::Raster(device, scene, frame)}) {}
+RsmPass::RsmPass(const gpu::Device& device, const Scene& scene, const scene::Frame& frame,
+                 const visibility::Visibility* glass)
+    : impl_(new Impl{frame, scene.rules.cull_backfaces, raster::Raster(device, scene, frame),
+                     glass && glass->is_tinted() ? glass : nullptr}) {}
 RsmPass::~RsmPass() = default;
 
 void RsmPass::render(const Light& light, int size, const std::function<void(const Rsm&)>& consume) {
-    const auto& [frame, cull, raster] = *impl_;
+    const auto& [frame, cull, raster, glass] = *impl_;
     const raster::RsmGeometry& geometry = raster.geometry();
     Rsm rsm;
     for (const scene::RsmView& view : scene::views_of(light, frame, geometry.lo, geometry.hi))
@@ -104,6 +122,8 @@ void RsmPass::render(const Light& light, int size, const std::function<void(cons
                 tile.seed =
                     uint32_t(y / raster::max_tile) * 65536u + uint32_t(x / raster::max_tile);
                 resolve(raster.draw(view, tile, cull), geometry, frame, view, light, tile, rsm);
+                if (glass)
+                    colour(*glass, rsm);
                 consume(rsm);
             }
 }

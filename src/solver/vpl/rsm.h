@@ -4,6 +4,7 @@
 
 #include "gpu/gpu.h"
 #include "scene/light_view.h"
+#include "visibility/visibility.h"
 
 #include <functional>
 #include <memory>
@@ -40,7 +41,9 @@ int usual_map_size(glm::ivec3 dims);
 /// GPU resources for rendering one scene's maps: geometry, textures, pipeline, targets.
 class RsmPass {
 public:
-    RsmPass(const gpu::Device& device, const Scene& scene, const scene::Frame& frame);
+    /// `glass`, of the same scene and frame and if it is given, says what light has passed.
+    RsmPass(const gpu::Device& device, const Scene& scene, const scene::Frame& frame,
+            const visibility::Visibility* glass = nullptr);
     ~RsmPass();
     /// Renders every map of a light (one, six for a point light or a wide spot) in tiles of at most
     /// 1024 texels a side and hands each tile to `consume` in a fixed order. Positions and normals

@@ -4,9 +4,9 @@ namespace lpvbake::solver::vpl {
 
 std::vector<Vpl> render_vpls(const gpu::Device& device, const Scene& scene,
                              const scene::Frame& frame, const RsmSettings& settings,
-                             Progress& progress) {
+                             Progress& progress, const visibility::Visibility* glass) {
     std::vector<Vpl> vpls;
-    RsmPass pass(device, scene, frame);
+    RsmPass pass(device, scene, frame, glass);
     uint64_t done = 0;
     for (const Light& light : scene.lights) {
         pass.render(light, settings.size,

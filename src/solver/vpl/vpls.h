@@ -6,10 +6,10 @@
 
 namespace lpvbake::solver::vpl {
 
-/// Renders every light's maps and clusters them, in the order of the lights. Advances `progress` by
-/// one a light.
+/// Renders every light's maps and clusters them, in the order of the lights; `glass` as RsmPass has
+/// it. Advances `progress` by one a light.
 std::vector<Vpl> render_vpls(const gpu::Device& device, const Scene& scene,
                              const scene::Frame& frame, const RsmSettings& settings,
-                             Progress& progress);
+                             Progress& progress, const visibility::Visibility* glass = nullptr);
 
 } // namespace lpvbake::solver::vpl
