@@ -179,6 +179,7 @@ bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& read
     if (fits(o.outputs, o.fit))
         settings.fit = &reader;
     settings.dering = o.outputs.storage().dering;
+    settings.isa = o.isa;
     return settings;
 }
 
@@ -218,6 +219,7 @@ report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
             {"scene", o.scene},
             {"triangles", triangles},
             {"device", device_json(device)},
+            {"isa", visibility::name_of(choice.plan.settings.isa)},
             {"grid", report::grid_json(grid)},
             {"dry_run", o.dry_run},
             {"choice", chosen}};
@@ -403,6 +405,7 @@ options::Action declare(options::Options& options) {
     add_device_option(options, o);
     options.flag("--validation", o.validation,
                  "Load Vulkan's validation layer; messages are errors");
+    add_isa_option(options, o);
     add_dry_run_option(options, o, "Print grid, memory, outputs and an estimate of the time");
     add_run_options(options, o);
     return [fields, &options] { run(*fields, options.recorded()); };

@@ -44,6 +44,7 @@ reference::ReferenceSettings to_settings(const ReferenceOptions& o) {
     settings.noise = o.noise;
     settings.seed = o.seed;
     settings.probes = o.probes;
+    settings.isa = o.isa;
     return settings;
 }
 
@@ -58,6 +59,7 @@ void print_result(const ReferenceOptions& o, const Scene& scene,
              {"version", LPVBAKE_VERSION},
              {"scene", o.scene},
              {"triangles", scene::triangle_count(scene)},
+             {"isa", visibility::name_of(visibility::available(o.isa))},
              {"grid", report::grid_json(volume.grid)},
              {"sh_order", volume.sh_order},
              {"bounces", o.bounces.most ? report::Json(*o.bounces.most) : report::Json(nullptr)},
@@ -93,6 +95,7 @@ void run(const ReferenceOptions& o, const std::string& settings) {
     (void)o.outputs.storage(); // what it refuses
     if (o.outputs.paths.empty())
         throw Error(ErrorKind::argument, "no output: add -o FILE" + io::format_list(" or -o FILE"));
+    (void)visibility::available(o.isa);
     Run run(o, o, outputs);
     const Scene scene = run.load();
     run.end_stage("load");
@@ -155,6 +158,7 @@ options::Action declare(options::Options& options) {
         .record();
     add_output_options(options, o.outputs);
     add_run_options(options, o);
+    add_isa_option(options, o);
     return [fields, &options] { run(*fields, options.recorded()); };
 }
 

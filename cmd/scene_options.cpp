@@ -1,8 +1,8 @@
 #include "scene_options.h"
 
+#include "io/atomic_file.h"
 #include "lpvbake/error.h"
 #include "lpvbake/scene.h"
-#include "io/atomic_file.h"
 #include "options/lights.h"
 #include "scene/scene_hash.h"
 
@@ -295,6 +295,17 @@ void add_device_option(options::Options& options, RunOptions& o) {
     options.group("Run");
     options.text("--device", o.device, "NAME",
                  "Index, UUID or part of the name; default: the first");
+}
+
+void add_isa_option(options::Options& options, RunOptions& o) {
+    options::Choices<visibility::Isa> choices;
+    for (const visibility::Isa isa : visibility::isas)
+        choices.emplace_back(visibility::name_of(isa), isa);
+    options
+        .choice("--isa", o.isa, choices,
+                "Instruction set that rays are traced with, which rounds them: the same bytes on "
+                "several machines take one that all have; auto: the best of the processor")
+        .record(options::Recorded::if_changed);
 }
 
 void add_dry_run_option(options::Options& options, RunOptions& o, const char* help) {

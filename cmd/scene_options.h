@@ -9,6 +9,7 @@
 #include "result.h"
 #include "scene/scene.h"
 #include "terminal.h"
+#include "visibility/isa.h"
 #include "volume/grid.h"
 
 #include <memory>
@@ -108,6 +109,7 @@ void add_format_option(options::Options& options, Format& format);
 struct RunOptions {
     std::string device;
     bool validation = false;
+    visibility::Isa isa = visibility::Isa::automatic;
     bool dry_run = false;
     int threads = 0;
     Format format = Format::text;
@@ -117,6 +119,7 @@ struct RunOptions {
 };
 /// Opens the group.
 void add_device_option(options::Options& options, RunOptions& o);
+void add_isa_option(options::Options& options, RunOptions& o);
 void add_dry_run_option(options::Options& options, RunOptions& o, const char* help);
 void add_run_options(options::Options& options, RunOptions& o);
 

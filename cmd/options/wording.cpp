@@ -18,6 +18,7 @@ constexpr Wording table[] = {
     {"`device`", "--device"},
     {"`error`", "--error"},
     {"`fit`", "--fit"},
+    {"`isa`", "--isa"},
     {"`iterations`", "--iterations"},
     {"`max_albedo`", "--max-albedo"},
     {"`max_memory`", "--max-memory"},

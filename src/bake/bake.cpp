@@ -107,7 +107,7 @@ Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
         kind.make(device, plan.grid, plan.settings.solver);
 
     stages.begin("visibility");
-    const visibility::Visibility visibility(scene, plan.frame);
+    const visibility::Visibility visibility(scene, plan.frame, plan.settings.isa);
     warn_of_backs(scene, visibility, plan.frame, stages);
     stages.end(counted(plan.triangles, "triangle"));
 
@@ -156,6 +156,7 @@ Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
     volume.metadata["bounces"] =
         plan.settings.bounces ? std::to_string(*plan.settings.bounces) : "inf";
     volume.metadata["device"] = device.info().name;
+    volume.metadata["tracer"] = visibility.tracer();
     baked.stages = stages.reports();
     return baked;
 }

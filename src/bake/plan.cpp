@@ -184,6 +184,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     const solver::SolverSettings& solver = settings.solver;
     BakePlan plan;
     plan.settings = settings;
+    plan.settings.isa = visibility::available(settings.isa);
     plan.warnings = scene.warnings;
     plan.triangles = scene.triangles;
     plan.emitters = settings.emitters && scene.emitters;

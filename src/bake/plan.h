@@ -27,8 +27,8 @@ struct BakePlan {
     std::vector<std::string> warnings;
 };
 
-/// Fits the grid and sizes everything. Throws Error: invalid (no light), memory (names the largest
-/// resolution that fits).
+/// Fits the grid and sizes everything. Throws Error: argument (the processor lacks the instruction
+/// set), invalid (no light), memory (names the largest resolution that fits).
 BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                    const gpu::DeviceInfo& device);
 

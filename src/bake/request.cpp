@@ -89,6 +89,12 @@ BakeSettings settings_of(const BakeRequest& request, const solver::SolverKind& k
         if (!settings.fit)
             throw Error(ErrorKind::argument, "`fit` " + request.fit + ": there is no such target");
     }
+    if (!request.isa.empty()) {
+        const std::optional<visibility::Isa> isa = visibility::isa_named(request.isa);
+        if (!isa)
+            throw Error(ErrorKind::argument, "`isa` " + request.isa + ": there is no such set");
+        settings.isa = *isa;
+    }
     return settings;
 }
 

@@ -3,6 +3,7 @@
 
 #include "bake/kinds.h"
 #include "scene/scene.h"
+#include "visibility/isa.h"
 #include "volume/grid.h"
 
 #include <optional>
@@ -30,7 +31,8 @@ struct BakeSettings {
     /// Whose picture of the surfaces the volume is fitted to (bake/surface_fit.h); null: nobody's,
     /// it is the field at the cells' centres.
     const readers::Reader* fit = nullptr;
-    bool dering = true; ///< before it is fitted (bake/surface_fit.h)
+    bool dering = true;                               ///< before it is fitted (bake/surface_fit.h)
+    visibility::Isa isa = visibility::Isa::automatic; ///< that rays are traced with
 };
 
 } // namespace lpvbake::bake

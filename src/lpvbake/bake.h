@@ -44,6 +44,9 @@ struct BakeRequest {
     /// (see write_volume; "generic": read_irradiance with Reading::facing); empty: none, the volume
     /// is the field at the cells' centres.
     std::string fit;
+    /// Instruction set that rays are traced with: "sse2", "avx", "avx2" or "avx512"; empty: the
+    /// best that the processor has. Another one may round otherwise.
+    std::string isa;
 };
 
 /// What a bake is going to be.
@@ -69,7 +72,8 @@ struct Baked {
 LPVBAKE_API BakeForecast forecast(const Scene& scene, const BakeRequest& request,
                                   const gpu::DeviceInfo& device);
 
-/// Bakes. The same bits for the same scene, request and device, on any number of threads. Throws
+/// Bakes. The same bits for the same scene, request, device and instruction set, on any number of
+/// threads. Throws
 /// Error: as `forecast`, device (it was lost), and whatever `progress` throws. One bake a device at
 /// a time.
 LPVBAKE_API Baked bake_volume(const Scene& scene, const BakeRequest& request,

@@ -366,7 +366,7 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
 
     progress.begin("visibility", 0);
     const scene::Frame frame = scene::frame_of(grid);
-    const visibility::Visibility visibility(scene, frame);
+    const visibility::Visibility visibility(scene, frame, settings.isa);
     const std::vector<float> validity = visibility::trace_validity(visibility, grid.dims);
 
     const std::vector<size_t> cells = probe_cells(scene, validity, settings);
@@ -399,6 +399,7 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
         {"rays", std::to_string(field.rays)},
         {"seed", std::to_string(settings.seed)},
         {"noise", short_number(field.noise)},
+        {"tracer", visibility.tracer()},
     };
     volume::set_content(volume::content_of(!scene.lights.empty(),
                                            settings.paths.emitters && scene::has_emitters(scene),

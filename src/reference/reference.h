@@ -19,6 +19,7 @@ struct ReferenceSettings {
     double noise = 0.0;   ///< above 0: stop at this ProbeField::noise, `rays` at the latest
     uint64_t seed = 1;    ///< another one gives an independent estimate
     uint64_t probes = 0;  ///< cells to evaluate, drawn from the valid ones; 0: all cells
+    visibility::Isa isa = visibility::Isa::automatic; ///< that make_reference traces with
 };
 
 /// The rays of a point come in this many independent batches, each stratified in itself; how far

@@ -38,6 +38,7 @@ struct Visibility::Impl {
     bool any_tinting = false;
     glm::vec3 lo{0.0f}, hi{0.0f};
     RTCDevice device = nullptr;
+    Isa isa = Isa::automatic; ///< of the device
     RTCScene bvh = nullptr;
     const glm::vec3* positions = nullptr; ///< of the acceleration structure, which owns them
     const glm::uvec3* triangles = nullptr;
@@ -287,7 +288,32 @@ Hit nearest(const Visibility::Impl& impl, const Ray& ray, Seen seen) {
 
 } // namespace
 
-Visibility::Visibility(const Scene& scene, const scene::Frame& frame)
+namespace {
+
+/// Never of a set that is not known by its name: it says how answers are rounded.
+RTCDevice new_device(Isa isa) {
+    RTCDevice device = rtcNewDevice((std::string("isa=") + name_of(isa)).c_str());
+    if (!device) {
+        const bool memory = rtcGetDeviceError(nullptr) == RTC_ERROR_OUT_OF_MEMORY;
+        throw Error(memory ? ErrorKind::memory : ErrorKind::failure,
+                    memory ? "Embree cannot be started: out of memory"
+                           : "Embree cannot be started");
+    }
+    // Whether its build has the set shows by the widths that it traces natively.
+    const RTCDeviceProperty wide = isa == Isa::sse2     ? RTC_DEVICE_PROPERTY_NATIVE_RAY4_SUPPORTED
+                                   : isa == Isa::avx512 ? RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED
+                                                        : RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED;
+    if (!rtcGetDeviceProperty(device, wide)) {
+        rtcReleaseDevice(device);
+        throw Error(ErrorKind::argument, std::string("`isa` ") + name_of(isa)
+                                             + ": this build of Embree does not have it");
+    }
+    return device;
+}
+
+} // namespace
+
+Visibility::Visibility(const Scene& scene, const scene::Frame& frame, Isa isa)
     : impl_(std::make_unique<Impl>(scene)) {
     Impl& impl = *impl_;
     for (const Material& material : scene.materials) {
@@ -305,13 +331,8 @@ Visibility::Visibility(const Scene& scene, const scene::Frame& frame)
         throw Error(ErrorKind::unsupported,
                     scene.path + ": more than 2^32 placed vertices or triangles");
 
-    impl.device = rtcNewDevice(nullptr);
-    if (!impl.device) {
-        const RTCError error = rtcGetDeviceError(nullptr);
-        throw Error(error == RTC_ERROR_OUT_OF_MEMORY ? ErrorKind::memory : ErrorKind::failure,
-                    error == RTC_ERROR_OUT_OF_MEMORY ? "Embree cannot be started: out of memory"
-                                                     : "Embree cannot be started");
-    }
+    impl.isa = available(isa);
+    impl.device = new_device(impl.isa);
     impl.bvh = rtcNewScene(impl.device);
     // Robust: a ray through an edge shared by two triangles meets at least one of them.
     rtcSetSceneFlags(impl.bvh,
@@ -537,6 +558,15 @@ glm::vec3 Visibility::tint(const Ray& ray, bool fronts) const {
     return impl_->any_tinting
                ? tint_before(*impl_, ray, ray.t_max, fronts ? Seen::by_eye : Seen::by_light)
                : glm::vec3(1.0f);
+}
+
+std::string Visibility::tracer() const {
+    const auto part = [&](RTCDeviceProperty property) {
+        return std::to_string(rtcGetDeviceProperty(impl_->device, property));
+    };
+    return "Embree " + part(RTC_DEVICE_PROPERTY_VERSION_MAJOR) + "."
+           + part(RTC_DEVICE_PROPERTY_VERSION_MINOR) + "." + part(RTC_DEVICE_PROPERTY_VERSION_PATCH)
+           + " " + name_of(impl_->isa);
 }
 
 bool Visibility::is_veiled() const {

@@ -6,11 +6,13 @@
 #pragma once
 
 #include "scene/frame.h"
+#include "visibility/isa.h"
 
 #include <cstdint>
 #include <memory>
 #include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
 namespace lpvbake::visibility {
@@ -58,7 +60,7 @@ enum class Bundle {
 class Visibility {
 public:
     /// Builds the acceleration structure over all placed triangles (zero-area ones are left out).
-    Visibility(const Scene& scene, const scene::Frame& frame);
+    Visibility(const Scene& scene, const scene::Frame& frame, Isa isa = Isa::automatic);
     ~Visibility();
     Visibility(Visibility&&) noexcept;
 
@@ -74,6 +76,8 @@ public:
     /// The tints alone, of what light or, with `fronts`, an eye has passed; those of surfaces at
     /// the segment's end are not among them.
     glm::vec3 tint(const Ray& ray, bool fronts = false) const;
+    /// What traces, with its version and instruction set: other ones may round otherwise.
+    std::string tracer() const;
     /// Some surface lets a part of the light pass.
     bool is_veiled() const;
     /// Some surface colours what it lets through.

@@ -331,6 +331,7 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
         {"--metallic", {"gold"}},
         {"--backfaces", {"no"}},
         {"--precision", {"double"}},
+        {"--isa", {"avx3", "AVX2", ""}},
         {"--exr-packing", {"tile"}},
         {"--threads", {"-1", "many"}},
         {"--format", {"yaml"}},
@@ -1094,6 +1095,26 @@ TEST_F(Cli, BytesDependNeitherOnTheRunNorOnThreads) {
             first = files;
         for (const auto& [name, bytes] : files)
             EXPECT_TRUE(bytes == first[name]) << name << " differs with --threads " << threads;
+    }
+}
+
+TEST_F(Cli, TheInstructionSetIsTakenAndNamed) {
+    need_device();
+    const std::vector<std::string> bake{"bake", "room.gltf", "--resolution", "12",
+                                        "-o",   "a.vdb",     "--format",     "json"};
+    for (const char* isa : {"auto", "sse2", "avx2"}) {
+        const Result result = run(bake + std::vector<std::string>{"--isa", isa});
+        if (result.status == int(cmd::ExitCode::usage) && isa == std::string("avx2")) {
+            EXPECT_NE(result.err.find("--isa avx2: this processor"), std::string::npos);
+            continue;
+        }
+        ASSERT_EQ(result.status, 0) << result.err;
+        const std::string named = json::parse(result.out)["isa"];
+        EXPECT_TRUE(named == isa || isa == std::string("auto")) << named;
+        const Volume volume = read_volume((folder_ / "a.vdb").string());
+        EXPECT_TRUE(volume.metadata.at("tracer").ends_with(" " + named));
+        EXPECT_EQ(volume.metadata.at("settings").find("isa") != std::string::npos,
+                  isa != std::string("auto"));
     }
 }
 

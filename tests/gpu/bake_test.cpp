@@ -105,6 +105,36 @@ TEST_F(Bake, ASealedBoxOfAnyOrientationLetsNothingOut) {
     }
 }
 
+TEST_F(Bake, InstructionSetsAgreeButForRounding) {
+    // A street whose walls lie on planes of the lattice, in the sun and under a sky.
+    Scene scene = scenes::floor_quad(24.0f, glm::vec3(0.4f));
+    scene.sky.luminance = glm::vec3(500.0f);
+    scene.lights.push_back(scenes::sun({1, -2, 0.4}, 50000.0));
+    const int brick = scenes::add_material(scene, glm::vec3(0.6f, 0.4f, 0.3f));
+    for (const float x : {-8.0f, 4.0f})
+        for (const float z : {-10.0f, 1.0f})
+            scenes::add_box(scene, brick, {x, 0, z}, {x + 4, 6, z + 8}, scenes::Facing::outward);
+    bake::BakeSettings settings = coarse(16, "sn");
+    std::optional<Volume> first;
+    for (const visibility::Isa isa :
+         {visibility::Isa::sse2, visibility::Isa::avx2, visibility::Isa::avx512}) {
+        if (!visibility::processor_has(isa))
+            continue;
+        settings.isa = isa;
+        const Volume volume = run(scene, settings).volume;
+        EXPECT_TRUE(volume.metadata.at("tracer").ends_with(visibility::name_of(isa)));
+        if (!first)
+            first = volume;
+        double off = 0.0, sum = 0.0;
+        for (size_t cell = 0; cell < volume.grid.size(); ++cell) {
+            off += std::abs(double(volume.sh[0][cell].y) - double(first->sh[0][cell].y));
+            sum += double(first->sh[0][cell].y);
+        }
+        EXPECT_LT(off / sum, 0.005) << visibility::name_of(isa);
+        EXPECT_EQ(volume.validity, first->validity) << visibility::name_of(isa);
+    }
+}
+
 TEST_F(Bake, PowerDoesNotDependOnTheSizeOfTheMap) {
     Scene scene = scenes::cornell_box_with_sun();
     bake::BakeSettings settings = coarse();

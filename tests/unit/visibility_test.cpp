@@ -1,6 +1,7 @@
 // Rays against an oracle that tests every triangle, and against scenes whose answers are known.
 #include "visibility/visibility.h"
 
+#include "lpvbake/error.h"
 #include "scenes.h"
 
 #include <glm/gtc/matrix_transform.hpp>
@@ -278,6 +279,60 @@ TEST(Visibility, PackedRaysMeetWhatSingleRaysMeet) {
     EXPECT_EQ(packed.size(), 2 * rays.size());
     EXPECT_NEAR(double(packed.trace(visibility)), double(2 * hits), 4);
     EXPECT_EQ(packed.trace(visibility), packed.trace(visibility));
+}
+
+TEST(Isa, AutomaticIsTheBest) {
+    using visibility::Isa;
+    static Isa best; // of the processor
+    const auto has = [](Isa isa) { return isa <= best; };
+    for (const Isa processor : {Isa::sse2, Isa::avx, Isa::avx2, Isa::avx512}) {
+        best = processor;
+        EXPECT_EQ(visibility::available(Isa::automatic, has), processor);
+        EXPECT_EQ(visibility::available(processor, has), processor);
+    }
+    best = Isa::avx;
+    try {
+        visibility::available(Isa::avx512, has);
+        FAIL() << "took what is not there";
+    } catch (const Error& error) {
+        EXPECT_EQ(error.kind, ErrorKind::argument);
+        EXPECT_STREQ(error.what(), "`isa` avx512: this processor does not have it; it has avx");
+    }
+    for (const Isa isa : visibility::isas)
+        EXPECT_EQ(visibility::isa_named(visibility::name_of(isa)), isa);
+    EXPECT_FALSE(visibility::isa_named("avx3"));
+}
+
+TEST(Isa, AllMeetTheSameSurfaces) {
+    const Scene scene = random_soup(400, 1);
+    std::mt19937 random(7);
+    std::uniform_real_distribution<float> at(0.0f, 10.0f);
+    std::vector<visibility::Ray> rays(4000);
+    for (visibility::Ray& ray : rays)
+        ray = {{at(random), at(random), at(random)},
+               {at(random) - 5.0f, at(random) - 5.0f, at(random) - 5.0f}};
+    std::vector<visibility::Hit> first;
+    for (const visibility::Isa isa : visibility::isas) {
+        if (!visibility::processor_has(isa))
+            continue;
+        const visibility::Visibility visibility(scene, scene::Frame{}, isa);
+        const std::string name = visibility::name_of(visibility::available(isa));
+        EXPECT_TRUE(visibility.tracer().starts_with("Embree ")) << visibility.tracer();
+        EXPECT_TRUE(visibility.tracer().ends_with(" " + name)) << visibility.tracer();
+        std::vector<visibility::Hit> hits(rays.size());
+        visibility.closest_of_eights(rays, visibility::Bundle::loose, hits);
+        if (first.empty())
+            first = hits;
+        int different = 0;
+        for (size_t i = 0; i < rays.size(); ++i) {
+            different +=
+                hits[i].triangle != first[i].triangle || hits[i].instance != first[i].instance;
+            if (hits[i].triangle == first[i].triangle) {
+                EXPECT_NEAR(hits[i].t, first[i].t, 1e-5f);
+            }
+        }
+        EXPECT_LE(different, 4) << name; // within rounding of an edge
+    }
 }
 
 TEST(Visibility, EmptySceneBlocksNothing) {
