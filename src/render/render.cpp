@@ -99,7 +99,10 @@ void set_pixel(image::Pixels& picture, int column, int row, glm::dvec3 colour) {
 
 Rendering render(const LitScene& lit, const Volume& volume, const raster::Raster& raster,
                  const readers::Reader& reader, const ViewSettings& settings, Progress& progress) {
-    const auto& [scene, frame, visibility, paths] = lit;
+    const Scene& scene = lit.scene;
+    const scene::Frame& frame = lit.frame;
+    const visibility::Visibility& visibility = lit.visibility;
+    const reference::Paths& paths = lit.paths;
     const Show show = settings.show;
     if (show == Show::occlusion && volume.occlusion.empty())
         throw Error(ErrorKind::invalid, "the volume holds no occlusion to show; lpv bakes it");
@@ -175,7 +178,10 @@ Rendering render(const LitScene& lit, const Volume& volume, const raster::Raster
 
 Rendering trace_picture(const LitScene& lit, const ViewSettings& settings, Progress& progress) {
     constexpr int rows_at_a_time = 16;
-    const auto& [scene, frame, visibility, paths] = lit;
+    const Scene& scene = lit.scene;
+    const scene::Frame& frame = lit.frame;
+    const visibility::Visibility& visibility = lit.visibility;
+    const reference::Paths& paths = lit.paths;
     const Show show = settings.show;
     const glm::ivec2 size = settings.size;
     const scene::RsmView view = view_of(settings.camera, frame, size);
