@@ -27,8 +27,8 @@ class LightVolume:
 
     def weights(self, point, normal):
         """The eight cells around a point (clamped to the lattice) and their weights: trilinear, of
-        valid cells, times max(0, n.d)^2 for the direction d to the cell's centre, so that cells
-        behind the surface do not count, times 0 behind the cell's walls to 1 from 0.2 cells before
+        valid cells, times max(0, n.d)^2 for the direction d to the cell's centre from 0.1 cells
+        below the point, so that cells behind the surface do not count, times 0 behind the cell's walls to 1 from 0.2 cells before
         them. Where no cell is left, without walls, then without the direction. (The library looks
         at cells farther off, too.)"""
         dims = np.array(self.validity.shape)
@@ -40,7 +40,8 @@ class LightVolume:
         valid = np.prod(np.where(CORNERS, share, 1 - share), axis=1)
         valid = valid * (self.validity[tuple(cells.T)] > 0)
         way = cells - at
-        square, along = np.sum(way * way, axis=1), np.maximum(0, way @ normal)
+        below = way + 0.1 * np.asarray(normal, float)
+        square, along = np.sum(below * below, axis=1), np.maximum(0, below @ normal)
         facing = valid * np.divide(along * along, square, out=np.ones(8), where=square > 0)
         clear = facing * np.prod(self.before_walls(cells, 0.2 * normal - way), axis=0)
         for weights in (clear, facing, valid):

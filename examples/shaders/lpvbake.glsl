@@ -50,8 +50,9 @@ bool lpv_is_valid(ivec3 cell) {
     return texelFetch(lpv_validity, cell, 0).r > 0.0;
 }
 
-// max(0, n.d)^2, d the direction of `way`.
+// max(0, n.d)^2, d the direction to what lies `way` of the point, from 0.1 cells below it.
 float lpv_faced(vec3 way, vec3 n) {
+    way += 0.1 * n;
     float along = max(0.0, dot(way, n)), square = dot(way, way);
     return square > 0.0 ? along * along / square : 1.0;
 }
@@ -98,17 +99,13 @@ bool lpv_nearest(vec3 at, vec3 n, ivec3 low, bool clear, out ivec3 cell) {
 #define LPV_CLEAR(k) sh.c[k] = vec3(0.0);
 #define LPV_FETCH(k) sh.c[k] += weight * texelFetch(lpv_sh[k], cell, 0).rgb;
 
-// At a surface of unit normal n: trilinear weights of valid cells times max(0, n.d)^2, d the
-// direction to a cell's centre, so that cells behind the surface do not count, times what the
-// cells' walls let pass. Where no cell is left, by the nearest that these would leave; else without
-// walls; else without the direction; else by the nearest valid cell; else dark.
-LpvSh lpv_facing(LpvVolume volume, vec3 point, vec3 n) {
+// Weights of the eight cells from `low` on around `place`, as a surface at `at` sees them: what the
+// walls let pass, as if there were none, and whatever the direction. Returns their sums.
+vec3 lpv_weights(vec3 place, vec3 at, vec3 n, out ivec3 low, out vec3 weights[8]) {
     ivec3 dims = textureSize(lpv_validity, 0);
-    vec3 at = lpv_to_lattice(volume, point);
-    vec3 clamped = clamp(at, vec3(0.0), vec3(dims - 1));
-    ivec3 low = min(ivec3(clamped), max(dims - 2, ivec3(0)));
+    vec3 clamped = clamp(place, vec3(0.0), vec3(dims - 1));
+    low = min(ivec3(clamped), max(dims - 2, ivec3(0)));
     vec3 share = clamped - vec3(low);
-    vec3 weights[8]; // clear, faced, valid
     vec3 sum = vec3(0.0);
     for (int i = 0; i < 8; ++i) {
         ivec3 corner = ivec3(i & 1, (i >> 1) & 1, i >> 2);
@@ -119,22 +116,44 @@ LpvSh lpv_facing(LpvVolume volume, vec3 point, vec3 n) {
         weights[i] = vec3(faced * lpv_before_walls(cell, 0.2 * n - way), faced, valid);
         sum += weights[i];
     }
+    return sum;
+}
+
+// At a surface of unit normal n: trilinear weights of valid cells times max(0, n.d)^2, d the
+// direction to a cell's centre, so that cells behind the surface do not count, times what the
+// cells' walls let pass. Where none is left, or next to none, those around half a cell further;
+// else the nearest that these would leave; else without walls; else without the direction; else the
+// nearest valid cell; else dark.
+LpvSh lpv_facing(LpvVolume volume, vec3 point, vec3 n) {
+    vec3 at = lpv_to_lattice(volume, point);
+    ivec3 low, cell;
+    vec3 weights[8];
+    vec3 sum = lpv_weights(at, at, n, low, weights);
+    vec3 use = sum.x > 0.0   ? vec3(1.0 / sum.x, 0.0, 0.0)
+               : sum.y > 0.0 ? vec3(0.0, 1.0 / sum.y, 0.0)
+                             : vec3(0.0, 0.0, sum.z > 0.0 ? 1.0 / sum.z : 0.0);
     LpvSh sh;
     LPV_EACH(LPV_CLEAR)
-    ivec3 cell;
     float weight = 1.0;
+    if (sum.x <= 1e-3) {
+        ivec3 next_low;
+        vec3 next[8];
+        vec3 next_sum = lpv_weights(at + 0.5 * n, at, n, next_low, next);
+        if (next_sum.x > 1e-3) {
+            low = next_low;
+            weights = next;
+            use = vec3(1.0 / next_sum.x, 0.0, 0.0);
+        }
 #ifdef LPV_WALLS
-    if (sum.x <= 0.0 && lpv_nearest(at, n, low, true, cell)) {
-        LPV_EACH(LPV_FETCH)
-        return sh;
-    }
+        else if (sum.x <= 0.0 && lpv_nearest(at, n, low, true, cell)) {
+            LPV_EACH(LPV_FETCH)
+            return sh;
+        }
 #endif
-    if (sum.z > 0.0) {
-        vec3 use = sum.x > 0.0   ? vec3(1.0 / sum.x, 0.0, 0.0)
-                   : sum.y > 0.0 ? vec3(0.0, 1.0 / sum.y, 0.0)
-                                 : vec3(0.0, 0.0, 1.0 / sum.z);
+    }
+    if (use.x + use.y + use.z > 0.0) {
         for (int i = 0; i < 8; ++i) {
-            cell = min(low + ivec3(i & 1, (i >> 1) & 1, i >> 2), dims - 1);
+            cell = min(low + ivec3(i & 1, (i >> 1) & 1, i >> 2), textureSize(lpv_validity, 0) - 1);
             weight = dot(use, weights[i]);
             LPV_EACH(LPV_FETCH)
         }

@@ -57,8 +57,9 @@ bool lpv_is_valid(int3 cell) {
     return lpv_validity.Load(int4(cell, 0)).r > 0.0;
 }
 
-// max(0, n.d)^2, d the direction of `way`.
+// max(0, n.d)^2, d the direction to what lies `way` of the point, from 0.1 cells below it.
 float lpv_faced(float3 way, float3 n) {
+    way += 0.1 * n;
     float along = max(0.0, dot(way, n)), square = dot(way, way);
     return square > 0.0 ? along * along / square : 1.0;
 }
@@ -105,17 +106,13 @@ bool lpv_nearest(float3 at, float3 n, int3 low, bool clear, out int3 cell) {
 #define LPV_CLEAR(k) sh.c[k] = float3(0.0, 0.0, 0.0);
 #define LPV_FETCH(k) sh.c[k] += weight * lpv_sh[k].Load(int4(cell, 0)).rgb;
 
-// At a surface of unit normal n: trilinear weights of valid cells times max(0, n.d)^2, d the
-// direction to a cell's centre, so that cells behind the surface do not count, times what the
-// cells' walls let pass. Where no cell is left, by the nearest that these would leave; else without
-// walls; else without the direction; else by the nearest valid cell; else dark.
-LpvSh lpv_facing(LpvVolume volume, float3 position, float3 n) {
+// Weights of the eight cells from `low` on around `place`, as a surface at `at` sees them: what the
+// walls let pass, as if there were none, and whatever the direction. Returns their sums.
+float3 lpv_weights(float3 place, float3 at, float3 n, out int3 low, out float3 weights[8]) {
     int3 dims = lpv_dims();
-    float3 at = lpv_to_lattice(volume, position);
-    float3 clamped = clamp(at, float3(0.0, 0.0, 0.0), float3(dims - 1));
-    int3 low = min(int3(clamped), max(dims - 2, int3(0, 0, 0)));
+    float3 clamped = clamp(place, float3(0.0, 0.0, 0.0), float3(dims - 1));
+    low = min(int3(clamped), max(dims - 2, int3(0, 0, 0)));
     float3 share = clamped - float3(low);
-    float3 weights[8]; // clear, faced, valid
     float3 sum = float3(0.0, 0.0, 0.0);
     for (int i = 0; i < 8; ++i) {
         int3 corner = int3(i & 1, (i >> 1) & 1, i >> 2);
@@ -126,22 +123,44 @@ LpvSh lpv_facing(LpvVolume volume, float3 position, float3 n) {
         weights[i] = float3(faced * lpv_before_walls(cell, 0.2 * n - way), faced, valid);
         sum += weights[i];
     }
+    return sum;
+}
+
+// At a surface of unit normal n: trilinear weights of valid cells times max(0, n.d)^2, d the
+// direction to a cell's centre, so that cells behind the surface do not count, times what the
+// cells' walls let pass. Where none is left, or next to none, those around half a cell further;
+// else the nearest that these would leave; else without walls; else without the direction; else the
+// nearest valid cell; else dark.
+LpvSh lpv_facing(LpvVolume volume, float3 position, float3 n) {
+    float3 at = lpv_to_lattice(volume, position);
+    int3 low, cell;
+    float3 weights[8];
+    float3 sum = lpv_weights(at, at, n, low, weights);
+    float3 use = sum.x > 0.0   ? float3(1.0 / sum.x, 0.0, 0.0)
+               : sum.y > 0.0 ? float3(0.0, 1.0 / sum.y, 0.0)
+                             : float3(0.0, 0.0, sum.z > 0.0 ? 1.0 / sum.z : 0.0);
     LpvSh sh;
     LPV_EACH(LPV_CLEAR)
-    int3 cell;
     float weight = 1.0;
+    if (sum.x <= 1e-3) {
+        int3 next_low;
+        float3 next[8];
+        float3 next_sum = lpv_weights(at + 0.5 * n, at, n, next_low, next);
+        if (next_sum.x > 1e-3) {
+            low = next_low;
+            weights = next;
+            use = float3(1.0 / next_sum.x, 0.0, 0.0);
+        }
 #ifdef LPV_WALLS
-    if (sum.x <= 0.0 && lpv_nearest(at, n, low, true, cell)) {
-        LPV_EACH(LPV_FETCH)
-        return sh;
-    }
+        else if (sum.x <= 0.0 && lpv_nearest(at, n, low, true, cell)) {
+            LPV_EACH(LPV_FETCH)
+            return sh;
+        }
 #endif
-    if (sum.z > 0.0) {
-        float3 use = sum.x > 0.0   ? float3(1.0 / sum.x, 0.0, 0.0)
-                     : sum.y > 0.0 ? float3(0.0, 1.0 / sum.y, 0.0)
-                                   : float3(0.0, 0.0, 1.0 / sum.z);
+    }
+    if (use.x + use.y + use.z > 0.0) {
         for (int i = 0; i < 8; ++i) {
-            cell = min(low + int3(i & 1, (i >> 1) & 1, i >> 2), dims - 1);
+            cell = min(low + int3(i & 1, (i >> 1) & 1, i >> 2), lpv_dims() - 1);
             weight = dot(use, weights[i]);
             LPV_EACH(LPV_FETCH)
         }

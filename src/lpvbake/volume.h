@@ -50,6 +50,9 @@ struct Grid {
 
 inline constexpr int most_walls = 3;       ///< planes a cell
 inline constexpr float walls_reach = 2.0f; ///< cells; planes farther from a cell are not kept
+/// Cells: as near to a surface a cell's centre is on it, and its light is that beside it, as far on
+/// its open side. Not a fraction that centres lie at when grids and scenes have whole measures.
+inline constexpr float surface_margin = 0.0207f;
 
 struct GridKind;
 
@@ -86,15 +89,18 @@ struct Volume {
 enum class Reading {
     /// Trilinear weights, whatever the cells are: light of cells inside and behind walls leaks in.
     trilinear,
-    /// Trilinear weights times max(0, n.d)^2, d the direction from the point to a cell's centre,
-    /// times what the cell's walls let pass, of valid cells only, scaled to a sum of 1. Each wall w
+    /// Trilinear weights times max(0, n.d)^2, d the direction to a cell's centre from 0.1 cells
+    /// below the point, times what the cell's walls let pass, of valid cells only, scaled to a sum
+    /// of 1. Each wall w
     /// (Volume::walls) lets pass clamp((w.w - w.x) / (0.2 |w|), 0, 1), where x, in cells, is the
     /// point, lifted by 0.2 cells along n, as seen from the cell's centre: 0 behind the wall.
     ///
-    /// What no such cell surrounds is read from the nearest one (valid, n.d > 0, before its walls,
-    /// less than 2 cells away) of the 4 x 4 x 4 around; then as if there were no walls; then from
-    /// the valid ones of the eight by their trilinear weights; then from the nearest valid one of
-    /// the 4 x 4 x 4 (the first by index of equally near ones); else it is dark.
+    /// What no such cell surrounds, or a sum of weights below 1e-3, is read from those around the
+    /// place half a cell along n, by their trilinear weights there; then from the nearest one
+    /// (valid, n.d > 0, before its walls, less than 2 cells away) of the 4 x 4 x 4 around; then as
+    /// if there were no walls; then from the valid ones of the eight by their trilinear weights;
+    /// then from the nearest valid one of the 4 x 4 x 4 (the first by index of equally near ones);
+    /// else it is dark.
     facing,
 };
 

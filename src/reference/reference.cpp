@@ -373,7 +373,7 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
     std::vector<glm::vec3> points;
     std::vector<uint64_t> keys;
     for (const size_t cell : cells) {
-        points.push_back(glm::vec3(grid.cell_at(cell)) + 0.5f);
+        points.push_back(visibility.capture(grid.cell_at(cell)).point);
         keys.push_back(cell);
     }
     const ProbeField field =

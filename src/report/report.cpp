@@ -314,7 +314,7 @@ GridTruth trace_grid(const Scene& scene, GridResult& grid, const std::set<int>& 
                     scene.path + ": no cell of the grid has its centre outside geometry");
     std::vector<glm::vec3> points;
     for (const std::size_t cell : kept.cells)
-        points.push_back(glm::vec3(grid.grid.cell_at(cell)) + 0.5f);
+        points.push_back(place.visibility.capture(grid.grid.cell_at(cell)).point);
 
     kept.truth = trace_truth(scene, place.visibility, place.frame, points, {}, grid.rules,
                              settings.truth, progress);

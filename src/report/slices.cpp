@@ -72,7 +72,7 @@ std::optional<Volume> trace_layer(const Scene& scene, const visibility::Visibili
             return;
         volume.validity[own] = 1;
         cells.push_back(own);
-        points.push_back(glm::vec3(whole) + 0.5f);
+        points.push_back(visibility.capture(whole).point);
         keys.push_back(own);
     });
     const scene::Frame frame = scene::frame_of(grid);

@@ -20,18 +20,9 @@ namespace {
 /// A field may call so large a share of the probes invalid: centres that lie on a surface.
 constexpr double most_missing = 0.02;
 
-/// True unless a surface passes the cell's centre within a thousandth of a cell: what light arrives
-/// there would not be defined.
+/// True unless the cell's centre lies on a surface: `lpv` leaves such cells out.
 bool is_clear(const visibility::Visibility& visibility, glm::ivec3 cell) {
-    const glm::vec3 centre = glm::vec3(cell) + 0.5f;
-    for (int axis = 0; axis < 3; ++axis) {
-        glm::vec3 way(0.0f);
-        way[axis] = 2e-3f;
-        if (visibility.closest({centre - 0.5f * way, way, 0.0f, 1.0f}).instance
-            != visibility::no_hit)
-            return false;
-    }
-    return true;
+    return visibility.capture(cell).point == glm::vec3(cell) + 0.5f;
 }
 
 double mean_luminance(const Volume& volume, std::span<const size_t> cells) {

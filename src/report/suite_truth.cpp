@@ -23,7 +23,7 @@ void trace(const Scene& scene, const visibility::Visibility& visibility,
     std::vector<glm::vec3> points;
     std::vector<uint64_t> keys;
     for (const size_t cell : cells) {
-        points.push_back(glm::vec3(grid.cell_at(cell)) + 0.5f);
+        points.push_back(visibility.capture(grid.cell_at(cell)).point);
         keys.push_back(cell);
     }
     reference::ReferenceSettings reference;
@@ -98,13 +98,14 @@ TruthField find_truth(const SuiteTruth& truth, const Scene& scene,
                              + 2.0f * float(std::max({grid.dims.x, grid.dims.y, grid.dims.z}));
         for (const size_t cell : cells) {
             const visibility::Hit hit = visibility.closest(
-                {glm::vec3(grid.cell_at(cell)) + 0.5f, {across, 0.0f, 0.0f}, 0.0f, 1.0f});
+                {visibility.capture(grid.cell_at(cell)).point, {across, 0.0f, 0.0f}, 0.0f, 1.0f});
             if (hit.instance != visibility::no_hit && hit.facing != visibility::Facing::back)
                 volume.sh[0][cell] = glm::vec3(float(c0));
         }
     } else if (const auto* polygon = std::get_if<PolygonTruth>(&truth)) {
         for (const size_t cell : cells) {
-            const auto light = polygon_light(polygon->corners, grid.center(grid.cell_at(cell)));
+            const glm::dvec3 point(visibility.capture(grid.cell_at(cell)).point);
+            const auto light = polygon_light(polygon->corners, grid.origin + grid.cell * point);
             for (size_t k = 0; k < light.size(); ++k)
                 volume.sh[k][cell] = glm::vec3(float(polygon->luminance * light[k]));
         }

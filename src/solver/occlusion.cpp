@@ -1,6 +1,7 @@
 #include "solver/occlusion.h"
 
 #include "colour/colour.h"
+#include "visibility/capture.h"
 #include "visibility/validity.h"
 #include "volume/sh.h"
 
@@ -12,8 +13,6 @@
 namespace lpvbake::solver {
 namespace {
 
-/// A surface this close to a cell's centre (cells) blocks the links on both sides of it.
-constexpr float reach = 1e-3f;
 /// Lines beside the centre, a quarter of a cell off it: where a link's coverage is sampled.
 constexpr glm::vec2 sides[4] = {{-0.25f, -0.25f}, {0.25f, -0.25f}, {-0.25f, 0.25f}, {0.25f, 0.25f}};
 
@@ -22,16 +21,31 @@ float brightness(glm::vec3 tint) {
     return tint.x + glm::dot(glm::vec3(colour::rec709_luminance), tint - tint.x);
 }
 
-/// What passes from centre i to centre i + 1, for all i; `widen` reaches beyond both ends.
-void link_transmittance(const std::vector<visibility::Crossing>& crossings, float widen,
+/// What passes from centre i to centre i + 1, for all i.
+void link_transmittance(const std::vector<visibility::Crossing>& crossings,
                         std::vector<float>& open) {
     std::fill(open.begin(), open.end(), 1.0f);
     for (const visibility::Crossing& crossing : crossings) {
         // Link i spans t in [i + 1/2, i + 3/2].
-        const int first = int(std::floor(crossing.t - 1.5f - widen)) + 1;
-        const int last = int(std::floor(crossing.t - 0.5f + widen));
-        for (int i = std::max(first, 0); i <= std::min(last, int(open.size()) - 1); ++i)
+        const int i = int(std::floor(crossing.t - 0.5f));
+        if (i >= 0 && i < int(open.size()))
             open[size_t(i)] *= crossing.transmittance * brightness(crossing.tint);
+    }
+}
+
+/// Light that goes from cell to cell has no side of a surface that halves one to be on.
+void close_cells_on_surfaces(const visibility::Visibility& visibility,
+                             const std::vector<int8_t>& backs, const Grid& grid, Links& links) {
+    const std::vector<size_t> cells = visibility::cells_on_surfaces(visibility, grid.dims);
+    links.validity = visibility::validity_of(visibility, grid.dims, backs, cells);
+    for (const size_t cell : cells) {
+        links.validity[cell] = 0.0f;
+        for (int axis = 0; axis < 3; ++axis) {
+            links.open[3 * cell + size_t(axis)] = 0.0f;
+            glm::ivec3 before = grid.cell_at(cell);
+            if (before[axis]-- > 0)
+                links.open[3 * grid.index(before) + size_t(axis)] = 0.0f;
+        }
     }
 }
 
@@ -53,11 +67,11 @@ Links trace_links(const visibility::Visibility& visibility, const Grid& grid) {
                 visibility::count_backs(crossings, own);
                 for (int i = 0; i < n; ++i)
                     backs[lines.cell(i, j, k)] += own[size_t(i)];
-                link_transmittance(crossings, reach, center);
+                link_transmittance(crossings, center);
                 std::fill(mean.begin(), mean.end(), 0.0f);
                 for (const glm::vec2 shift : sides) {
                     lines.trace(j, k, shift, 0.0f, float(n), crossings);
-                    link_transmittance(crossings, 0.0f, side);
+                    link_transmittance(crossings, side);
                     for (size_t i = 0; i < mean.size(); ++i)
                         mean[i] += 0.25f * side[i];
                 }
@@ -67,7 +81,7 @@ Links trace_links(const visibility::Visibility& visibility, const Grid& grid) {
             }
         });
     }
-    links.validity = visibility::validity_of(backs);
+    close_cells_on_surfaces(visibility, backs, grid, links);
     return links;
 }
 

@@ -16,9 +16,11 @@ struct Links {
     /// open[3 * cell + axis]: what passes from the cell's centre to its neighbour's in +axis, 0 to
     /// 1. A blocked segment between the centres is 0, so that no wall leaks whatever its
     /// orientation; four more segments through the shared face scale an open one by its coverage.
-    /// 1 where the link leaves the grid.
+    /// 1 where the link leaves the grid. 0 on all sides of cells on surfaces
+    /// (visibility/capture.h).
     std::vector<float> open;
-    std::vector<float> validity; ///< as trace_validity has it
+    /// As trace_validity has it, and 0 in cells on surfaces.
+    std::vector<float> validity;
 };
 
 /// Traces five bundles of axis-parallel lines through the grid, each line once: 15 n^2 rays for n^3

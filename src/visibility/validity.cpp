@@ -1,10 +1,19 @@
 #include "visibility/validity.h"
 
+#include "lpvbake/volume.h"
+#include "visibility/capture.h"
+
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
 
 namespace lpvbake::visibility {
+namespace {
+
+/// Cells: two lengths, so that diagonals are none to it, and less than surface_margin.
+constexpr glm::vec2 aside{0.0031f, 0.0047f};
+
+} // namespace
 
 AxisLines::AxisLines(const Visibility& visibility, glm::ivec3 dims, int axis_)
     : axis(axis_),
@@ -39,7 +48,7 @@ void AxisLines::trace(int j, int k, glm::vec2 shift, float from, float to,
 }
 
 void AxisLines::trace(int j, int k, std::vector<Crossing>& crossings) const {
-    trace(j, k, {0, 0}, begin_, end_, crossings);
+    trace(j, k, aside, begin_, end_, crossings);
 }
 
 void count_backs(std::span<const Crossing> crossings, std::span<int8_t> backs) {
@@ -48,12 +57,12 @@ void count_backs(std::span<const Crossing> crossings, std::span<int8_t> backs) {
         const float at = float(i) + 0.5f;
         while (next < crossings.size() && crossings[next].t <= at)
             ++next;
+        const auto before = crossings.first(next), behind = crossings.subspan(next);
         int vote = 0;
-        if (next < crossings.size() && crossings[next].facing != Facing::both)
-            vote += crossings[next].facing == Facing::back ? 1 : -1;
-        // Seen the other way, a front is a back.
-        if (next > 0 && crossings[next - 1].facing != Facing::both)
-            vote += crossings[next - 1].facing == Facing::front ? 1 : -1;
+        if (!behind.empty())
+            vote += backs_met(behind);
+        if (!before.empty())
+            vote += backs_met(before, true);
         backs[i] = int8_t(vote);
     }
 }
@@ -74,13 +83,20 @@ std::vector<float> trace_validity(const Visibility& visibility, glm::ivec3 dims)
             }
         });
     }
-    return validity_of(backs);
+    return validity_of(visibility, dims, backs, cells_on_surfaces(visibility, dims));
 }
 
-std::vector<float> validity_of(std::span<const int8_t> backs) {
+std::vector<float> validity_of(const Visibility& visibility, glm::ivec3 dims,
+                               std::span<const int8_t> backs, std::span<const size_t> on_surfaces) {
     std::vector<float> validity(backs.size());
     std::transform(backs.begin(), backs.end(), validity.begin(),
                    [](int8_t count) { return count > 0 ? 0.0f : 1.0f; });
+    const Grid lattice{{}, 1.0, dims};
+    tbb::parallel_for(size_t(0), on_surfaces.size(), [&](size_t i) {
+        const Capture capture = visibility.capture(lattice.cell_at(on_surfaces[i]));
+        validity[on_surfaces[i]] =
+            capture.open && backs_around(visibility, capture.point, 0) <= 0 ? 1.0f : 0.0f;
+    });
     return validity;
 }
 

@@ -21,7 +21,9 @@ public:
     /// Crossing::t becomes the coordinate on the axis.
     void trace(int j, int k, glm::vec2 shift, float from, float to,
                std::vector<Crossing>& crossings) const;
-    /// The same from and to beyond whatever the line meets near the lattice.
+    /// The same from and to beyond whatever the line meets near the lattice, and a hair beside the
+    /// centres, so that what lies along them, as edges of what is modelled on a lattice do, is on
+    /// one side of the line by more than rounding.
     void trace(int j, int k, std::vector<Crossing>& crossings) const;
 
 private:
@@ -34,10 +36,13 @@ private:
 /// nearest behind it, as seen from the centre; double-sided ones do not count.
 void count_backs(std::span<const Crossing> crossings, std::span<int8_t> backs);
 
-/// 1 a cell, 0 where more of the six axis rays from its centre meet a back than a front first.
+/// 1 a cell, 0 where more of the six axis rays from where its light is taken meet a back than a
+/// front first, and where it is taken nowhere (capture.h).
 std::vector<float> trace_validity(const Visibility& visibility, glm::ivec3 dims);
 
-/// Validity from the sums of count_backs over the three axes.
-std::vector<float> validity_of(std::span<const int8_t> backs);
+/// The same from the sums of count_backs over the three axes, and what is on_surfaces
+/// (cells_on_surfaces).
+std::vector<float> validity_of(const Visibility& visibility, glm::ivec3 dims,
+                               std::span<const int8_t> backs, std::span<const size_t> on_surfaces);
 
 } // namespace lpvbake::visibility

@@ -1,11 +1,14 @@
 #include "visibility/visibility.h"
 
 #include "lpvbake/error.h"
+#include "lpvbake/volume.h"
 #include "mix_word.h"
 #include "scene/material.h"
+#include "visibility/capture.h"
 
 #include <embree3/rtcore.h>
 #include <tbb/blocked_range.h>
+#include <tbb/concurrent_unordered_map.h>
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_reduce.h>
 
@@ -22,6 +25,12 @@ namespace {
 struct Origin {
     uint32_t instance;
     uint32_t triangle;
+};
+
+struct CellHash {
+    size_t operator()(glm::ivec3 cell) const {
+        return mix_word(mix_word(mix_word(uint32_t(cell.x)) ^ uint32_t(cell.y)) ^ uint32_t(cell.z));
+    }
 };
 
 } // namespace
@@ -42,6 +51,8 @@ struct Visibility::Impl {
     RTCScene bvh = nullptr;
     const glm::vec3* positions = nullptr; ///< of the acceleration structure, which owns them
     const glm::uvec3* triangles = nullptr;
+    /// Of cells on surfaces: what was found, so that it is found once.
+    tbb::concurrent_unordered_map<glm::ivec3, Capture, CellHash> captures;
 
     explicit Impl(const Scene& s) : scene(s) {}
     ~Impl() {
@@ -439,6 +450,8 @@ glm::vec3 nearest_on(const Polygon& polygon, glm::vec3 normal) {
     return best;
 }
 
+constexpr float slack = 1.0f + 1e-5f; ///< of radii, so that equally near ones are met
+
 struct NearestQuery {
     const Visibility::Impl& impl;
     glm::vec3 point;
@@ -477,7 +490,6 @@ struct NearestQuery {
 std::optional<glm::vec3> Visibility::nearest_point(glm::vec3 point, float radius,
                                                    std::span<const glm::vec3> planes,
                                                    float share) const {
-    constexpr float slack = 1.0f + 1e-5f; // so that equally near ones are met
     NearestQuery nearest{*impl_, point, planes, share, radius * radius};
     RTCPointQuery query{point.x, point.y, point.z, 0.0f, radius * slack};
     RTCPointQueryContext context;
@@ -493,6 +505,47 @@ std::optional<glm::vec3> Visibility::nearest_point(glm::vec3 point, float radius
     };
     rtcPointQuery(impl_->bvh, &query, &context, meet, &nearest);
     return nearest.primitive == ~0u ? std::nullopt : std::optional(nearest.way);
+}
+
+void Visibility::surfaces_near(glm::vec3 point, float radius, std::vector<NearSurface>& out) const {
+    struct Found {
+        NearestQuery looking;
+        std::vector<std::pair<uint32_t, glm::vec3>> surfaces; // primitives, the ways there
+    };
+    Found found{{*impl_, point, {}, 0.0f, radius * radius}, {}};
+    RTCPointQuery query{point.x, point.y, point.z, 0.0f, radius * slack};
+    RTCPointQueryContext context;
+    rtcInitPointQueryContext(&context);
+    const auto meet = [](RTCPointQueryFunctionArguments* args) {
+        auto& own = *static_cast<Found*>(args->userPtr);
+        NearestQuery looking = own.looking;
+        looking.look_at(args->primID);
+        if (looking.primitive != ~0u)
+            own.surfaces.emplace_back(looking.primitive, looking.way);
+        return false;
+    };
+    rtcPointQuery(impl_->bvh, &query, &context, meet, &found);
+    std::ranges::sort(found.surfaces, {}, [](const auto& each) { return each.first; });
+    out.clear();
+    for (const auto& [primitive, way] : found.surfaces) {
+        const glm::uvec3 v = impl_->triangles[primitive];
+        const glm::vec3 a = impl_->positions[v.x];
+        out.push_back(
+            {way, glm::normalize(glm::cross(impl_->positions[v.y] - a, impl_->positions[v.z] - a)),
+             impl_->two_fronts[impl_->origins[primitive].instance] != 0});
+    }
+}
+
+Capture Visibility::capture(glm::ivec3 cell) const {
+    const glm::vec3 centre = glm::vec3(cell) + 0.5f;
+    if (!nearest_point(centre, surface_margin, {}, 0.0f))
+        return {centre};
+    const auto known = impl_->captures.find(cell);
+    if (known != impl_->captures.end())
+        return known->second;
+    std::vector<NearSurface> near;
+    surfaces_near(centre, surface_margin, near);
+    return impl_->captures.emplace(cell, find_capture(*this, centre, near)).first->second;
 }
 
 Visibility::~Visibility() = default;

@@ -50,6 +50,19 @@ struct Crossing {
     glm::vec3 tint{1.0f}; ///< and what becomes of it
 };
 
+/// A surface beside a point.
+struct NearSurface {
+    glm::vec3 way;    ///< from the point to the nearest of the triangle
+    glm::vec3 normal; ///< unit, out of the triangle's front
+    bool two_fronts;
+};
+
+/// Where the light of a cell is taken (capture.h).
+struct Capture {
+    glm::vec3 point;  ///< frame units
+    bool open = true; ///< false: on no side of the surfaces around; the point is the cell's centre
+};
+
 /// How rays lie to each other, eight by eight in their order. Embree walks its tree with all eight
 /// at once where they are alike, and where they are not would lose by that.
 enum class Bundle {
@@ -92,6 +105,12 @@ public:
     /// is not there. None: there is nothing.
     std::optional<glm::vec3> nearest_point(glm::vec3 point, float radius,
                                            std::span<const glm::vec3> planes, float share) const;
+
+    /// All triangles less than `radius` away from the point, of which nearest_point() has the
+    /// nearest; in the scene's order.
+    void surfaces_near(glm::vec3 point, float radius, std::vector<NearSurface>& out) const;
+    /// Where the light of a cell is taken, [i, i + 1] x ... in frame units, in the lattice or not.
+    Capture capture(glm::ivec3 cell) const;
 
     /// The box of all triangles, frame units.
     glm::vec3 lo() const;

@@ -2,17 +2,12 @@
 
 #include <tbb/parallel_for.h>
 
-#include <cmath>
-
 namespace lpvbake::visibility {
 namespace {
 
 /// A surface counts beside an earlier plane if it comes this much nearer to the centre; so the next
 /// triangle of a curved wall is none of its own.
 constexpr float own_share = 0.75f;
-
-/// Cells. A centre as near to a surface is on neither side of it: two planes close it in.
-constexpr float on_surface = 1e-3f;
 
 } // namespace
 
@@ -29,14 +24,14 @@ std::vector<std::vector<glm::vec3>> find_walls(const Visibility& visibility, glm
             for (int x = 0; x < dims.x; ++x, ++cell) {
                 if (!validity.empty() && validity[cell] == 0.0f)
                     continue;
+                const auto [from, open] = visibility.capture({x, y, z});
+                if (!open)
+                    continue;
                 own.clear();
                 while (own.size() < walls.size()) {
-                    auto way =
-                        visibility.nearest_point(glm::vec3(x, y, z) + 0.5f, reach, own, own_share);
+                    const auto way = visibility.nearest_point(from, reach, own, own_share);
                     if (!way)
                         break;
-                    if (glm::dot(*way, *way) < on_surface * on_surface)
-                        way = glm::vec3((own.empty() ? on_surface : -on_surface) / std::sqrt(3.0f));
                     walls[own.size()][cell] = *way;
                     own.push_back(*way);
                 }

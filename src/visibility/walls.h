@@ -8,10 +8,11 @@
 namespace lpvbake::visibility {
 
 /// Planes that bound a region around each cell's centre in which no surface lies, as Volume::walls
-/// has them. The first goes through the surface point nearest to the centre, the next through the
-/// nearest of those that lie before it, and so on: what is before all of them sees the centre, as
-/// long as they are enough. At most `count` planes; 0 in cells that are not valid (where there is a
-/// validity), and for planes farther than `reach` (frame units).
+/// has them; as seen from where its light is taken (capture.h). The first goes through the surface
+/// point nearest to the centre, the next through the nearest of those that lie before it, and so
+/// on: what is before all of them sees the centre, as long as they are enough. At most `count`
+/// planes; 0 in cells that are not valid (where there is a validity), and for planes farther than
+/// `reach` (frame units).
 ///
 /// After the scheme of growing convex free regions by nearest obstacles (Deits and Tedrake, 2014),
 /// with balls in place of ellipsoids.

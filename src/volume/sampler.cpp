@@ -13,21 +13,28 @@ namespace {
 /// Cells: how far off its surface a point is held against walls, so that it lies before its own,
 /// and how far before a wall a cell begins to fade.
 constexpr double wall_lift = 0.2;
+/// Cells: how far below its surface a point faces cells from, so that those in the surface count.
+constexpr double facing_depth = 0.1;
+/// Cells: where the cells around are read that a point looks for further off.
+constexpr double further = 0.5;
+/// Of the cells around: what counts less in all is as good as none, since rounding would choose.
+constexpr double least_weight = 1e-3;
 
-/// Scales the weights to a sum of 1; false if they are all 0.
-bool normalise(CellWeights& weights) {
+/// Scales the weights to a sum of 1; false if theirs is not above `least`.
+bool normalise(CellWeights& weights, double least = 0) {
     double sum = 0;
     for (const double weight : weights.weight)
         sum += weight;
-    if (!(sum > 0))
+    if (!(sum > least))
         return false;
     for (double& weight : weights.weight)
         weight /= sum;
     return true;
 }
 
-/// max(0, n.d)^2; 1 for the point itself.
-double facing(glm::dvec3 way, glm::dvec3 n) {
+/// max(0, n.d)^2, d the direction to what lies `from_surface` of the point.
+double facing(glm::dvec3 from_surface, glm::dvec3 n) {
+    const glm::dvec3 way = from_surface + facing_depth * n;
     const double square = glm::dot(way, way), along = std::max(0.0, glm::dot(way, n));
     return square > 0 ? along * along / square : 1.0;
 }
@@ -70,53 +77,70 @@ CellWeights nearest(const Volume& volume, glm::dvec3 point, glm::ivec3 low, doub
     return result;
 }
 
-} // namespace
-
-CellWeights weights_at(const Volume& volume, glm::dvec3 point, glm::dvec3 n, Reading reading) {
-    const Grid& grid = volume.grid;
-    const glm::dvec3 at = grid.to_grid(point);
-    const glm::dvec3 clamped = glm::clamp(at - 0.5, glm::dvec3(0), glm::dvec3(grid.dims - 1));
-    if (clamped != clamped) // a lattice so large that the point has no place on it
-        return {};
-    const glm::ivec3 low =
-        glm::clamp(glm::ivec3(clamped), glm::ivec3(0), glm::max(grid.dims - 2, 0));
-    const glm::dvec3 share = clamped - glm::dvec3(low);
+/// The weights of the eight cells around a place.
+struct Around {
+    glm::ivec3 low{0};
     CellWeights plain, valid, faced, clear;
+};
+
+/// Of the cells around `place`, as the point `at` sees them; both in grid units.
+Around around(const Volume& volume, glm::dvec3 place, glm::dvec3 at, glm::dvec3 n) {
+    const Grid& grid = volume.grid;
+    const glm::dvec3 clamped = glm::clamp(place - 0.5, glm::dvec3(0), glm::dvec3(grid.dims - 1));
+    Around result;
+    if (clamped != clamped) // a lattice so large that the point has no place on it
+        return result;
+    result.low = glm::clamp(glm::ivec3(clamped), glm::ivec3(0), glm::max(grid.dims - 2, 0));
+    const glm::dvec3 share = clamped - glm::dvec3(result.low);
     for (std::size_t i = 0; i < 8; ++i) {
         const glm::ivec3 corner(i & 1, i >> 1 & 1, i >> 2 & 1);
-        const glm::ivec3 cell = low + corner;
+        const glm::ivec3 cell = result.low + corner;
         double weight = 1;
         for (int axis = 0; axis < 3; ++axis)
             weight *= corner[axis] ? share[axis] : 1 - share[axis];
         if (!grid.contains(cell)) // the far side of a lattice of one layer: weight 0
             continue;
-        plain.cell[i] = valid.cell[i] = faced.cell[i] = clear.cell[i] = grid.index(cell);
-        plain.weight[i] = weight;
-        if (volume.is_valid(plain.cell[i])) {
-            valid.weight[i] = weight;
+        const std::size_t own = grid.index(cell);
+        for (CellWeights* each : {&result.plain, &result.valid, &result.faced, &result.clear})
+            each->cell[i] = own;
+        result.plain.weight[i] = weight;
+        if (volume.is_valid(own)) {
             const glm::dvec3 way = glm::dvec3(cell) + 0.5 - at;
-            faced.weight[i] = weight * facing(way, n);
-            clear.weight[i] =
-                faced.weight[i] * before_walls(volume, plain.cell[i], wall_lift * n - way);
+            result.valid.weight[i] = weight;
+            result.faced.weight[i] = weight * facing(way, n);
+            result.clear.weight[i] =
+                result.faced.weight[i] * before_walls(volume, own, wall_lift * n - way);
         }
     }
+    return result;
+}
+
+} // namespace
+
+CellWeights weights_at(const Volume& volume, glm::dvec3 point, glm::dvec3 n, Reading reading) {
+    const glm::dvec3 at = volume.grid.to_grid(point);
+    Around own = around(volume, at, at, n);
     if (reading == Reading::trilinear)
-        return plain;
-    if (normalise(clear))
-        return clear;
+        return own.plain;
+    if (normalise(own.clear, least_weight))
+        return own.clear;
+    if (Around next = around(volume, at + further * n, at, n); normalise(next.clear, least_weight))
+        return next.clear;
+    if (normalise(own.clear))
+        return own.clear;
     if (!volume.walls.empty()) {
         const CellWeights near =
-            nearest(volume, at, low, walls_reach, [&](std::size_t cell, glm::dvec3 way) {
+            nearest(volume, at, own.low, walls_reach, [&](std::size_t cell, glm::dvec3 way) {
                 return facing(way, n) > 0 && before_walls(volume, cell, wall_lift * n - way) > 0;
             });
         if (near.weight[0] > 0)
             return near;
     }
-    if (normalise(faced))
-        return faced;
-    if (normalise(valid))
-        return valid;
-    return nearest(volume, at, low, std::numeric_limits<double>::infinity(),
+    if (normalise(own.faced))
+        return own.faced;
+    if (normalise(own.valid))
+        return own.valid;
+    return nearest(volume, at, own.low, std::numeric_limits<double>::infinity(),
                    [](std::size_t, glm::dvec3) { return true; });
 }
 

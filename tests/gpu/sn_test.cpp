@@ -149,8 +149,8 @@ oracle::SnWorld world_of(const Setting& setting, const solver::sn::Occupancy& oc
     };
     world.seen = [&setting, limit](glm::ivec3 cell, glm::dvec3 d) {
         const glm::vec3 towards(-d);
-        const visibility::Hit hit =
-            setting.visibility.closest({glm::vec3(cell) + 0.5f, towards, 0.0f, HUGE_VALF});
+        const visibility::Hit hit = setting.visibility.closest(
+            {setting.visibility.capture(cell).point, towards, 0.0f, HUGE_VALF});
         if (hit.instance == visibility::no_hit)
             return limit < 2.0f ? glm::dvec3(0.0) : glm::dvec3(setting.scene.sky.luminance);
         const glm::dvec3 all(setting.lit.leaving(hit, towards));

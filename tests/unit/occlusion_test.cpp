@@ -65,6 +65,28 @@ TEST(Links, AWallOfAnyOrientationIsTight) {
     }
 }
 
+TEST(Links, CellsOnAFloorAreNoPartOfEitherSide) {
+    const Grid grid = grid_of({5, 6, 4});
+    for (const double snap : {0.0, 1e-6, -1e-6, 1e-4, -1e-4, 1e-2, -1e-2}) {
+        Scene scene;
+        scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)),
+                         {-9.0f, float(2.5 + snap), -9.0f}, {0, 0, 30}, {30, 0, 0});
+        const solver::Links links =
+            solver::trace_links(visibility::Visibility(scene, scene::frame_of(grid)), grid);
+        const std::vector<uint8_t> reached = flood(links, grid, {2, 5, 2});
+        for (size_t i = 0; i < grid.size(); ++i) {
+            const glm::ivec3 c = grid.cell_at(i);
+            EXPECT_EQ(reached[i], c.y > 2 ? 1 : 0) << snap << " " << i;
+            EXPECT_EQ(links.validity[i], c.y > 2 ? 1.0f : 0.0f) << snap << " " << i;
+            for (int axis = 0; axis < 3; ++axis) {
+                const bool closed = c.y == 2 || (axis == 1 && c.y == 1);
+                EXPECT_EQ(links.open[3 * i + size_t(axis)], closed ? 0.0f : 1.0f)
+                    << snap << " " << i;
+            }
+        }
+    }
+}
+
 TEST(Links, ATurnedClosedBoxIsTight) {
     std::mt19937 random(2);
     const Grid grid = grid_of({16, 16, 16});

@@ -99,8 +99,9 @@ TEST(Sampler, FacingReadsWhatLiesBeforeTheSurface) {
     for (const double x : {-0.25, 0.75})
         for (const double y : {-0.5, 0.5})
             for (const double z : {-0.5, 0.5}) {
-                const double along = std::max(0.0, (x + y) / std::sqrt(2.0));
-                const double w = (x < 0 ? 0.75 : 0.25) * along * along / (x * x + y * y + z * z);
+                const glm::dvec3 way = glm::dvec3(x, y, z) + 0.1 * n; // from below the surface
+                const double along = std::max(0.0, glm::dot(way, n));
+                const double w = (x < 0 ? 0.75 : 0.25) * along * along / glm::dot(way, way);
                 sum += w * linear(q + volume.grid.cell * glm::dvec3(x, y, z));
                 whole += w;
             }
@@ -139,13 +140,26 @@ TEST(Sampler, WhatLiesBehindACellsWallsIsNotReadFromIt) {
     const double third = value(3, 3, 2), fourth = value(3, 3, 3);
     EXPECT_NEAR(read_irradiance(volume, p, {0, 1, 0}, Reading::facing).x,
                 (0.5 * third + fourth) / 1.5, 1e-4);
-    // Behind the walls of all four: the nearest one further off that is not hidden either.
+    // Behind the walls of all four: of those half a cell further the three that do not hide it.
     const glm::dvec3 q =
         volume.grid.center({2, 2, 2}) + volume.grid.cell * glm::dvec3(0.6, 0.8, 0.55);
     volume.walls[0][cell(3, 3, 2)] = volume.walls[0][cell(3, 3, 3)] = {-0.3f, 0.0f, 0.0f};
     volume.walls[0][cell(3, 4, 3)] = {0.0f, -0.5f, 0.0f};
     volume.walls[0][cell(3, 4, 2)] = {0.0f, -1.4f, 0.0f};
-    EXPECT_NEAR(read_irradiance(volume, q, {0, 1, 0}, Reading::facing).x, value(3, 4, 2), 1e-4);
+    double sum = 0, whole = 0;
+    for (const auto& [at, share] :
+         {std::pair(glm::ivec3(2, 4, 2), 0.4 * 0.45), std::pair(glm::ivec3(2, 4, 3), 0.4 * 0.55),
+          std::pair(glm::ivec3(3, 4, 2), 0.6 * 0.45)}) {
+        const glm::dvec3 way = glm::dvec3(at) - glm::dvec3(2.6, 2.7, 2.55); // 0.1 below
+        const double w = share * way.y * way.y / glm::dot(way, way);
+        sum += w * value(at.x, at.y, at.z);
+        whole += w;
+    }
+    EXPECT_NEAR(read_irradiance(volume, q, {0, 1, 0}, Reading::facing).x, sum / whole, 1e-4);
+    // Behind theirs, too: the nearest one further off that is not hidden either.
+    for (const size_t each : {cell(2, 4, 2), cell(2, 4, 3), cell(3, 4, 2)})
+        volume.walls[0][each] = {0.0f, -0.5f, 0.0f};
+    EXPECT_NEAR(read_irradiance(volume, q, {0, 1, 0}, Reading::facing).x, value(4, 3, 3), 1e-4);
     // Behind whatever there is: as if there were no walls.
     for (glm::vec3& wall : volume.walls[0])
         wall = glm::vec3(1e-3f);

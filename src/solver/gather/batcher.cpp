@@ -26,7 +26,8 @@ Batcher::Batcher(const gpu::Device& device, uint32_t local_size, int order, uint
     gpu::clear(device, centers_buffer_);
 }
 
-void Batcher::add(std::span<const glm::ivec3> cells, const Sources& sources) {
+void Batcher::add(std::span<const glm::ivec3> cells, std::span<const glm::vec3> points,
+                  const Sources& sources) {
     // In runs of at most job_words, the same whatever else is in the buffer.
     const size_t per[3] = {point_words, triangle_words, bin_words(order_)};
     const std::vector<glm::vec4>* lists[3] = {&sources.points, &sources.triangles, &sources.bins};
@@ -47,9 +48,8 @@ void Batcher::add(std::span<const glm::ivec3> cells, const Sources& sources) {
             at[i] += words;
         }
         for (size_t lane = 0; lane < lanes; ++lane) {
-            const glm::ivec3 cell = cells[std::min(lane, cells.size() - 1)];
-            centers_.push_back(glm::vec4(glm::vec3(cell) + 0.5f, 0.0f));
-            cells_.push_back(lane < cells.size() ? int64_t(volume_.grid.index(cell)) : -1);
+            centers_.push_back(glm::vec4(points[std::min(lane, cells.size() - 1)], 0.0f));
+            cells_.push_back(lane < cells.size() ? int64_t(volume_.grid.index(cells[lane])) : -1);
         }
     }
 }

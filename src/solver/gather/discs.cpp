@@ -84,7 +84,7 @@ uint64_t gather_cell(const Map& map, uint32_t key, int samples, double unit, glm
     rays.clear();
     seen.clear();
     const size_t index = volume.grid.index(cell);
-    const glm::dvec3 center = glm::dvec3(cell) + 0.5;
+    const glm::dvec3 center(visibility.capture(cell).point);
     const glm::dvec2 place = map.place(center);
     const double radius = map.radius(place);
     for (int i = 0; i < samples; ++i) {

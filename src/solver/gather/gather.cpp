@@ -35,6 +35,7 @@ private:
 struct Packet {
     uint32_t zone;
     std::vector<glm::ivec3> cells;
+    std::vector<glm::vec3> points; ///< where their light is taken
 };
 
 /// Puts the digits of a local coordinate two bits apart.
@@ -115,7 +116,7 @@ private:
         laps_.add_to(report_.visibility_seconds);
         if (!world_.clusters.nodes.empty())
             gather(surfaces_, packets, stage, [&](const Packet& packet, Sources& to) {
-                zones_[packet.zone]->gather_surfaces(packet.cells, to);
+                zones_[packet.zone]->gather_surfaces(packet.cells, packet.points, to);
             });
         if (!world_.sky.empty())
             gather(sky_, packets, stage, [&](const Packet& packet, Sources& to) {
@@ -163,8 +164,9 @@ private:
             // Never from two of the zone's eight parts: a list is as long as its cells lie apart.
             if (at == 0 || packets.back().cells.size() == lanes
                 || cells[at].first >> 9 != cells[at - 1].first >> 9)
-                packets.push_back({uint32_t(zone), {}});
+                packets.push_back({uint32_t(zone), {}, {}});
             packets.back().cells.push_back(cells[at].second);
+            packets.back().points.push_back(world_.visibility.capture(cells[at].second).point);
             zones_[zone]->test_visibility(cells[at].second);
         }
         return packets;
@@ -187,7 +189,7 @@ private:
             });
             laps_.add_to(report_.lists_seconds);
             for (size_t i = 0; i < count; ++i) {
-                batcher_.add(packets[first + i].cells, sources_[i]);
+                batcher_.add(packets[first + i].cells, packets[first + i].points, sources_[i]);
                 report_.sources += lanes
                                    * (sources_[i].points.size() / point_words
                                       + sources_[i].triangles.size() / triangle_words

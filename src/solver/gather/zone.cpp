@@ -1,6 +1,8 @@
 #include "solver/gather/zone.h"
 
+#include "lpvbake/volume.h"
 #include "mix_word.h"
+#include "visibility/capture.h"
 
 #include <algorithm>
 #include <bit>
@@ -57,7 +59,7 @@ Occupied::Occupied(const std::vector<surface::Patch>& patches, const Grid& grid)
         if (glm::any(glm::lessThan(hi, glm::vec3(0.0f)))
             || glm::any(glm::greaterThan(lo, last + 1.0f)))
             continue;
-        constexpr float slack = 1e-3f;
+        constexpr float slack = surface_margin + 1e-3f;
         const glm::ivec3 from(glm::clamp(glm::floor(lo - 0.5f - slack), glm::vec3(0.0f), last));
         const glm::ivec3 to(glm::clamp(glm::floor(hi - 0.5f + slack), glm::vec3(0.0f), last));
         for (int z = from.z; z <= to.z; ++z)
@@ -123,7 +125,7 @@ void Zone::choose_clusters() {
     std::priority_queue<Open> open;
     const auto offer = [&](uint32_t index) {
         const Cluster& cluster = nodes[index];
-        if (faces_away(cluster, centre, half))
+        if (faces_away(cluster, centre, half + visibility::farthest_capture))
             return;
         const glm::vec3 to = glm::clamp(centre, cluster.lo, cluster.hi) - centre;
         const float square = std::max(glm::dot(to, to), radius * radius);
@@ -183,7 +185,7 @@ bool Zone::aim(glm::vec3 from, uint32_t source, uint32_t pattern, visibility::Ra
 
 /// Sets the bits of the sources in `open` that the cell sees: by chance, as much as passes.
 void Zone::test(glm::ivec3 point, const std::vector<uint64_t>& open, uint64_t* own) {
-    const glm::vec3 from = centre_of(base_ + point);
+    const glm::vec3 from = world_.visibility.capture(base_ + point).point;
     const uint32_t pattern = pattern_of(base_ + point);
     const auto sources = uint32_t(clusters_.size() + world_.sky.size());
     tests_.clear();
@@ -223,7 +225,6 @@ const uint64_t* Zone::bits(glm::ivec3 point) {
     size_t count = 0; // of those corners
     // What the corners of the cube around the cell agree on, of those that it sees.
     std::vector<uint64_t> open(words_, ~uint64_t(0));
-    const glm::vec3 from = centre_of(base_ + point);
     const int lowest = (point.x | point.y | point.z) & -(point.x | point.y | point.z);
     if (lowest != 0 && lowest < coarsest) {
         const int edge = 2 * lowest;
@@ -232,6 +233,10 @@ const uint64_t* Zone::bits(glm::ivec3 point) {
             if (lo[i] == zone_edge)
                 lo[i] -= edge;
         const bool crossed = world_.occupied(base_ + lo, std::countr_zero(uint32_t(edge)));
+        const auto captured = [&](glm::ivec3 place) {
+            return world_.visibility.capture(base_ + place).point;
+        };
+        const glm::vec3 from = crossed ? captured(point) : glm::vec3(0.0f);
         std::vector<uint64_t> all(words, ~uint64_t(0)), any(words, 0);
         for (int i = 0; i < 8; ++i) {
             const glm::ivec3 corner = lo + edge * glm::ivec3(i & 1, i >> 1 & 1, i >> 2);
@@ -239,8 +244,7 @@ const uint64_t* Zone::bits(glm::ivec3 point) {
                 continue;
             if (crossed) {
                 ++rays_;
-                if (world_.visibility.filter({from, centre_of(base_ + corner) - from})
-                    != glm::vec3(1.0f))
+                if (world_.visibility.filter({from, captured(corner) - from}) != glm::vec3(1.0f))
                     continue;
             }
             const uint64_t* theirs = bits(corner);
@@ -292,13 +296,14 @@ Zone::Masks Zone::masks_of(std::span<const glm::ivec3> cells, size_t source) con
     return {all, {seen[0] & ~all, seen[1] & ~all, seen[2] & ~all}};
 }
 
-void Zone::gather_surfaces(std::span<const glm::ivec3> cells, Sources& sources) const {
-    glm::ivec3 lo = cells[0], hi = cells[0];
-    for (const glm::ivec3 cell : cells) {
-        lo = glm::min(lo, cell);
-        hi = glm::max(hi, cell);
+void Zone::gather_surfaces(std::span<const glm::ivec3> cells, std::span<const glm::vec3> points,
+                           Sources& sources) const {
+    glm::vec3 lo = points[0], hi = points[0];
+    for (const glm::vec3 point : points) {
+        lo = glm::min(lo, point);
+        hi = glm::max(hi, point);
     }
-    const glm::vec3 half = 0.5f * glm::vec3(hi - lo), centre = centre_of(lo) + half;
+    const glm::vec3 half = 0.5f * (hi - lo), centre = lo + half;
     for (size_t i = 0; i < clusters_.size(); ++i) {
         const Masks masks = masks_of(cells, i);
         if (masks.all)

@@ -60,8 +60,10 @@ public:
 
     /// Finds out what a cell (of this zone) sees.
     void test_visibility(glm::ivec3 cell) { bits(cell - base_); }
-    /// Appends the points and triangles of up to eight cells that were tested, lane by lane.
-    void gather_surfaces(std::span<const glm::ivec3> cells, Sources& sources) const;
+    /// Appends the points and triangles of up to eight cells that were tested, lane by lane; their
+    /// light is taken at `points`.
+    void gather_surfaces(std::span<const glm::ivec3> cells, std::span<const glm::vec3> points,
+                         Sources& sources) const;
     /// The same for the bins of sky.
     void gather_sky(std::span<const glm::ivec3> cells, int order, Sources& sources) const;
 

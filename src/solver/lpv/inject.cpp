@@ -30,7 +30,8 @@ size_t front_cell(const vpl::Vpl& vpl, const visibility::Visibility& visibility,
             for (int x = -1; x <= 1; ++x) {
                 const glm::ivec3 cell = base + glm::ivec3(x, y, z);
                 const glm::vec3 center = glm::vec3(cell) + 0.5f;
-                if (grid.contains(cell) && glm::dot(center - vpl.position, vpl.normal) > lift)
+                if (grid.contains(cell) && glm::dot(center - vpl.position, vpl.normal) > lift
+                    && visibility.capture(cell).point == center)
                     candidates[count++] = {glm::distance(center, target), cell};
             }
     // Stable: of equally near cells the first in the order of the loops is taken.

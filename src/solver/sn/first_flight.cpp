@@ -44,7 +44,7 @@ float mean_luminance(const SnLight& light, const Grid& grid, std::span<const flo
             const glm::vec2 u = spread(uint32_t(sample));
             const float z = 2.0f * u.x - 1.0f, angle = 2.0f * glm::pi<float>() * u.y;
             const float radius = std::sqrt(1.0f - z * z);
-            rays[i] = {glm::vec3(grid.cell_at(cell)) + 0.5f,
+            rays[i] = {light.visibility.capture(grid.cell_at(cell)).point,
                        {radius * std::cos(angle), radius * std::sin(angle), z},
                        0.0f,
                        HUGE_VALF};
@@ -66,9 +66,12 @@ void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
                     std::span<glm::vec4> luminance) {
     std::array<visibility::Ray, 8> rays;
     std::array<visibility::Hit, 8> hits;
+    std::array<glm::vec3, 8> points;
+    for (size_t i = 0; i < places.size(); ++i)
+        points[i] = light.visibility.capture(places[i].cell).point;
     for (size_t d = 0; d < travel.size(); ++d) {
         for (size_t i = 0; i < places.size(); ++i)
-            rays[i] = {glm::vec3(places[i].cell) + 0.5f, -travel[d], 0.0f, HUGE_VALF};
+            rays[i] = {points[i], -travel[d], 0.0f, HUGE_VALF};
         light.visibility.closest_of_eights(std::span(rays).first(places.size()),
                                            visibility::Bundle::tight, hits);
         for (size_t i = 0; i < places.size(); ++i)

@@ -30,8 +30,8 @@ struct SnPlace {
     glm::ivec3 cell;
 };
 
-/// The luminance (nits) that arrives along each direction of travel in the centres of up to eight
-/// cells: luminance[cell * stride + direction].
+/// The luminance (nits) that arrives along each direction of travel in up to eight cells:
+/// luminance[cell * stride + direction].
 void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
                     std::span<const glm::vec3> travel, size_t stride,
                     std::span<glm::vec4> luminance);

@@ -1,5 +1,7 @@
 #include "solver/sn/occupancy.h"
 
+#include "lpvbake/volume.h"
+
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -9,8 +11,9 @@
 namespace lpvbake::solver::sn {
 namespace {
 
-/// By how much a cube counts as larger than it is (cells): a surface that touches it is not missed.
-constexpr float reach = 1e-3f;
+/// By how much a cube counts as larger than it is (cells): a surface that touches it is not missed,
+/// nor is one beyond which a corner's light is taken (visibility/capture.h).
+constexpr float reach = surface_margin + 1e-3f;
 
 /// True if the triangle meets the cube around the origin, |x|, |y|, |z| <= half (separating axes:
 /// Akenine-Moller 2001).

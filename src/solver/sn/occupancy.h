@@ -22,7 +22,7 @@ struct Occupancy {
     }
 };
 
-/// Finds the cubes that hold a surface, or come within a thousandth of a cell of one.
+/// Finds the cubes that hold a surface, or come within surface_margin of one, and a little more.
 Occupancy find_occupied(const std::vector<surface::Patch>& patches, glm::ivec3 dims);
 
 } // namespace lpvbake::solver::sn
