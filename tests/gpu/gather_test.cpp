@@ -274,6 +274,28 @@ TEST_F(Gather, NothingLeaksThroughAClosedWall) {
     }
 }
 
+TEST_F(Gather, OfTwoSheetsOneBehindTheOtherOnlyTheNearerIsSeen) {
+    // A lamp close below a bright ceiling: what is below it sees the lamp alone.
+    const auto sum_below = [&](bool ceiling) {
+        Scene scene;
+        const auto sheet = [&](float y, float nits) {
+            scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.0f), glm::vec3(nits)),
+                             {0.5f, y, 0.5f}, {3, 0, 0}, {0, 0, 3});
+        };
+        if (ceiling)
+            sheet(2.0f, 40.0f);
+        sheet(1.99f, 100.0f);
+        const Setting setting(scene, {glm::dvec3(0.0), 0.125, {32, 15, 32}});
+        Volume volume = setting.volume();
+        run(setting, light(setting, 0), volume, {});
+        double sum = 0.0;
+        for (const glm::vec3& value : volume.sh[0])
+            sum += double(value.x);
+        return sum;
+    };
+    EXPECT_NEAR(sum_below(true) / sum_below(false), 1.0, 1e-2);
+}
+
 TEST_F(Gather, LightComesThroughADoor) {
     const Scene scene = two_rooms(0.6f);
     const Setting setting(scene, fit(scene, 24));

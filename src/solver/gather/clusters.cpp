@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
+#include <span>
 
 namespace lpvbake::solver::gather {
 namespace {
@@ -13,6 +15,7 @@ namespace {
 constexpr uint32_t own_task = 4096;
 /// By how much a cluster counts larger for normals that differ.
 constexpr float bend = 40.0f;
+constexpr float flat = 0.999f; ///< length of the mean normal of a sheet
 
 std::vector<Emitter> emitters_of(const surface::LitSurfaces& surfaces, float above) {
     std::vector<Emitter> emitters;
@@ -112,11 +115,41 @@ private:
         return visibility.transmittance({p, q - p}) > 0.5f;
     }
 
+    /// Where the nearer of two flat sheets ends, if that is what the emitters are: a cell sees one
+    /// of them, so that no cluster should hold both. Their gap is small, or else they part anyhow.
+    std::optional<uint32_t> first_sheet(std::span<Emitter> of) {
+        glm::vec3 facing{0.0f}, lo{HUGE_VALF}, hi{-HUGE_VALF};
+        for (const Emitter& e : of) {
+            facing += e.normal / float(of.size());
+            lo = glm::min(lo, e.center());
+            hi = glm::max(hi, e.center());
+        }
+        if (!(glm::length(facing) > flat))
+            return std::nullopt;
+        const auto height = [&](const Emitter& e) { return glm::dot(e.center() - lo, facing); };
+        float low = HUGE_VALF, high = -HUGE_VALF;
+        for (const Emitter& e : of) {
+            low = std::min(low, height(e));
+            high = std::max(high, height(e));
+        }
+        const float gap = high - low;
+        if (!(gap > 4.0f * surface::ray_offset(lo) && gap < 0.25f * glm::distance(lo, hi)))
+            return std::nullopt;
+        for (const Emitter& e : of)
+            if (std::abs(height(e) - 0.5f * (low + high)) < 0.25f * gap)
+                return std::nullopt;
+        const auto upper = std::stable_partition(
+            of.begin(), of.end(), [&](const Emitter& e) { return height(e) < low + 0.5f * gap; });
+        return uint32_t(upper - of.begin());
+    }
+
     uint32_t split(uint32_t first, uint32_t count) {
+        if (const auto sheet = first_sheet(std::span(emitters).subspan(first, count)))
+            return *sheet;
         const auto begin = emitters.begin() + first, end = begin + count;
         glm::vec3 lo{HUGE_VALF}, hi{-HUGE_VALF}, turned_lo{1.0f}, turned_hi{-1.0f};
         for (auto e = begin; e != end; ++e) {
-            const glm::vec3 center = (e->a + e->b + e->c) / 3.0f;
+            const glm::vec3 center = e->center();
             lo = glm::min(lo, center);
             hi = glm::max(hi, center);
             turned_lo = glm::min(turned_lo, e->normal);
@@ -130,7 +163,7 @@ private:
                 axis = i;
         }
         const auto key = [axis](const Emitter& e) {
-            return axis < 3 ? (e.a[axis] + e.b[axis] + e.c[axis]) / 3.0f : e.normal[axis - 3];
+            return axis < 3 ? e.center()[axis] : e.normal[axis - 3];
         };
         const float middle = axis < 3 ? 0.5f * (lo[axis] + hi[axis])
                                       : 0.5f * (turned_lo[axis - 3] + turned_hi[axis - 3]);

@@ -16,6 +16,7 @@ struct Emitter {
     float power;         ///< sum of the luminance's channels times the area
     bool crossed;        ///< Patch::crossed
 
+    glm::vec3 center() const { return (a + b + c) / 3.0f; }
     /// Lifted off the surface; u in [0, 1)^2 spreads evenly over the triangle. Where something
     /// crosses it, its centroid: the light is that of there, and must not start behind a wall.
     glm::vec3 point(glm::vec2 u) const;
