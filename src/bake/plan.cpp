@@ -94,16 +94,19 @@ void plan_light(const SceneFacts& scene, BakePlan& plan) {
 }
 
 /// How all surfaces are lit.
-void plan_lighting(const SceneFacts& scene, double patches, BakePlan& plan) {
+void plan_lighting(const SceneFacts& scene, const surface::PatchCount& surfaces, BakePlan& plan) {
     if (!plan.lit) {
         skip(plan, "lighting", "maps alone hold one reflection of punctual lights");
         return;
     }
     const std::optional<int> bounces = plan.settings.bounces;
     const bool reflected = bounces != 0, between = reflected && bounces != 1;
-    const double wanted = double(plan.settings.solver.lighting_rays());
+    const double wanted = double(plan.settings.solver.lighting_rays()), patches = surfaces.patches;
+    // Patches of large triangles share an element by about five; small ones are no more elements
+    // than what they cover.
+    const double elements = std::min(patches / 5.0, 3.0 * surfaces.faces);
     const double rays = reflected && (plan.emitters || scene.sky || between)
-                            ? std::clamp(wanted, 16.0 * patches, 256.0 * patches)
+                            ? std::clamp(wanted, 32.0 * elements, 256.0 * elements)
                             : 0.0;
     std::string light = scene.lights.empty() || !reflected ? "" : "punctual lights";
     for (const auto& [there, what] : {std::pair{plan.emitters, "emitters"}, {scene.sky, "sky"}})
@@ -209,7 +212,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     plan_light(scene, plan);
     plan.stages.push_back({"visibility", seconds::visibility_triangle * double(plan.triangles),
                            counted(plan.triangles, "triangle")});
-    plan_lighting(scene, patches, plan);
+    plan_lighting(scene, surfaces, plan);
     plan_maps(scene, map_size, plan);
     const solver::Cost cost = solver.kind().cost({plan.grid, patches, plan.lit, plan.maps}, solver);
     plan.stages.insert(plan.stages.end(), cost.stages.begin(), cost.stages.end());

@@ -5,24 +5,25 @@
 #include "scene/names.h"
 #include "scene/photometry.h"
 #include "scene/sky.h"
+#include "surface/elements.h"
 #include "surface/emitter_sampling.h"
 #include "surface/flux.h"
 #include "surface/halton.h"
+#include "surface/hemisphere.h"
 #include "surface/shared_rays.h"
 #include "text.h"
-#include "visibility/tangents.h"
 
 #include <glm/gtc/constants.hpp>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 namespace lpvbake::surface {
 namespace {
 
 constexpr uint32_t black = ~0u;     ///< what a ray meets that reflects nothing
+constexpr int least_rays = 32;      ///< of an element
 constexpr int longest_sum = 20'000; ///< reflections, where their number is not bounded
 
 /// Van der Corput's sequences of Halton's first four bases.
@@ -69,13 +70,11 @@ glm::vec2 on_triangle(glm::vec2 u) {
     return {root * (1.0f - u.y), root * u.y};
 }
 
-/// With density cos / pi around n (Malley's method).
-glm::vec3 sample_cosine(glm::vec3 n, glm::vec2 u) {
-    const float radius = std::sqrt(u.x), angle = 2.0f * glm::pi<float>() * u.y;
-    const auto [x, y] = visibility::tangents_of(n);
-    return radius * std::cos(angle) * x + radius * std::sin(angle) * y
-           + std::sqrt(std::max(0.0f, 1.0f - u.x)) * n;
-}
+/// Where a ray starts.
+struct Start {
+    glm::vec3 point;
+    glm::vec3 normal;
+};
 
 /// A side of a patch from which light is reflected.
 struct Side {
@@ -84,10 +83,37 @@ struct Side {
     glm::vec3 normal;
     uint32_t first_ray = 0; ///< sides of one index take different rays of one sequence
 
+    Side(const Patch& of, uint32_t side, glm::vec3 out, uint32_t first = 0)
+        : patch(of),
+          index(side),
+          normal(out),
+          first_ray(first) {}
+    Side(const std::vector<Patch>& patches, uint32_t side)
+        : Side(patches[side / 2], side,
+               side % 2 != 0 ? -patches[side / 2].normal : patches[side / 2].normal) {}
+
+    /// Uniform over the patch by u in [0, 1)^2.
+    Start start(glm::vec2 u) const { return {point(on_triangle(u)), normal}; }
+
     /// A patch that something crosses is as light as at its centroid: see LitSurfaces::side.
     glm::vec3 point(glm::vec2 weights) const {
         const glm::vec3 p = patch.crossed ? patch.position : patch.at(weights);
         return p + ray_offset(p) * normal;
+    }
+};
+
+/// An element from which light is reflected.
+struct ElementSide {
+    const std::vector<Patch>& patches;
+    const Elements& elements;
+    size_t element;
+    uint32_t index = elements.members[elements.first[element]];
+    uint32_t first_ray = 0;
+
+    /// Uniform over its members.
+    Start start(glm::vec2 u) const {
+        const Elements::Pick pick = elements.pick(element, u.x);
+        return Side(patches, pick.side).start({pick.rest, u.y});
     }
 };
 
@@ -117,18 +143,19 @@ glm::vec3 sunlight(const Side& side, const std::vector<Sun>& suns,
 }
 
 /// Illuminance by emitters, by rays aimed at them.
-glm::vec3 aimed(const Side& side, const EmitterSampling& emitters, int aimed_rays, int rays,
+template <class From>
+glm::vec3 aimed(const From& side, const EmitterSampling& emitters, int aimed_rays, int rays,
                 const visibility::Visibility& visibility) {
     glm::vec3 sum{0.0f};
     const HaltonPoints points(side.index, 1);
     for (uint32_t n = 0; n < uint32_t(aimed_rays); ++n) {
         const uint32_t i = side.first_ray * uint32_t(aimed_rays) / uint32_t(rays) + n;
-        const glm::vec3 from = side.point(on_triangle(points(i, 0)));
+        const auto [from, normal] = side.start(points(i, 0));
         const glm::vec2 pick = points(i, 1);
         const EmitterSampling::Sample to = emitters.sample(pick.x, on_triangle(points(i + 256, 1)));
         const glm::vec3 way = to.point - from;
         const float square = glm::dot(way, way), distance = std::sqrt(square);
-        const float cosine = glm::dot(way, side.normal) / distance;
+        const float cosine = glm::dot(way, normal) / distance;
         const float facing = -glm::dot(way, to.normal) / distance;
         const float there = to.double_sided ? std::abs(facing) : facing;
         if (!(distance > 0.0f && cosine > 0.0f && there > 0.0f))
@@ -156,22 +183,6 @@ std::vector<glm::vec3> emission_of(const std::vector<Patch>& patches) {
     return emission;
 }
 
-/// The sides that reflect: light between surfaces is computed for them alone.
-struct Reflectors {
-    std::vector<uint32_t> sides;    ///< 2 * patch + side
-    std::vector<uint32_t> ordinals; ///< a side: its place in `sides`, or `black`
-
-    explicit Reflectors(const std::vector<Patch>& patches) : ordinals(2 * patches.size(), black) {
-        for (size_t side = 0; side < ordinals.size(); ++side) {
-            const Patch& patch = patches[side / 2];
-            if (patch.albedo == glm::vec3(0.0f) || (side % 2 != 0 && !patch.double_sided))
-                continue;
-            ordinals[side] = uint32_t(sides.size());
-            sides.push_back(uint32_t(side));
-        }
-    }
-};
-
 /// What lights a side without another reflection: suns, emitters and sky.
 struct DirectLight {
     const LitSurfaces& lit;
@@ -185,7 +196,8 @@ struct DirectLight {
 
     /// Illuminance by the rays of a side, lux; `met` takes the sides that they hit, and `tints`
     /// what they passed on the way, unless these are empty.
-    glm::vec3 by_rays(const Side& side, std::span<uint32_t> met, std::span<glm::vec3> tints) const {
+    template <class From>
+    glm::vec3 by_rays(const From& side, std::span<uint32_t> met, std::span<glm::vec3> tints) const {
         glm::vec3 around{0.0f};
         const glm::vec3 direct = emitted(side, [&](uint32_t i, const visibility::Ray& ray,
                                                    const visibility::Hit& hit, uint32_t there) {
@@ -201,13 +213,13 @@ struct DirectLight {
 
     /// Illuminance by the emitters that the rays of a side hit, lux. meet(i, ray, hit, side) takes
     /// each ray.
-    template <class Meet>
-    glm::vec3 emitted(const Side& side, const Meet& meet) const {
+    template <class From, class Meet>
+    glm::vec3 emitted(const From& side, const Meet& meet) const {
         const HaltonPoints points(side.index, 2);
         glm::vec3 seen{0.0f};
         for (uint32_t i = 0; i < uint32_t(rays); ++i) {
-            const glm::vec3 from = side.point(on_triangle(points(side.first_ray + i, 1)));
-            const glm::vec3 direction = sample_cosine(side.normal, points(side.first_ray + i, 0));
+            const auto [from, normal] = side.start(points(side.first_ray + i, 1));
+            const glm::vec3 direction = sample_cosine(normal, points(side.first_ray + i, 0));
             const visibility::Ray ray{from, direction, 0.0f, HUGE_VALF};
             const visibility::Hit hit = visibility.closest(ray);
             const uint32_t there = hit.instance == visibility::no_hit ? LitSurfaces::no_side
@@ -216,7 +228,7 @@ struct DirectLight {
             if (there == LitSurfaces::no_side)
                 continue;
             if (!aim.empty() && emission[there] != glm::vec3(0.0f)) {
-                const float cosine = glm::dot(direction, side.normal) / glm::pi<float>();
+                const float cosine = glm::dot(direction, normal) / glm::pi<float>();
                 const float slant = std::abs(glm::dot(direction, hit.normal));
                 const float aimed_density =
                     aim.density(lit.patches[there / 2]) * hit.t * hit.t / slant;
@@ -252,50 +264,68 @@ private:
     std::vector<double> last_; ///< the latest first
 };
 
+/// What elements reflect.
+struct Reflection {
+    std::vector<glm::vec3> albedo; ///< mean of the covered part
+    std::vector<glm::vec3> direct; ///< luminance without light of other elements
+    std::vector<double> area;      ///< covered
+    std::vector<uint32_t> hits;    ///< sides that the rays of each meet, or `black`
+    std::vector<glm::vec3> tints;  ///< what these rays passed; empty where nothing tints
+
+    Reflection(size_t elements, size_t rays, bool tinted)
+        : albedo(elements),
+          direct(elements),
+          area(elements),
+          hits(elements * rays, black),
+          tints(tinted ? hits.size() : 0) {}
+};
+
 /// R = D + rho K R by its series, D + rho K D + ...: each order is added to the others, not taken
-/// as a difference of sums, so that it falls off to any number of digits. `reflected` comes as D
-/// and becomes R, a reflector; `hits` are their rays' ends, and `tints`, if there are any, what
-/// they passed. No row of K sums to more than 1: where the largest albedo is below 1 the series
-/// ends.
-void reflect_between(const Scene& scene, const scene::Frame& frame, const Reflectors& reflectors,
-                     const std::vector<uint32_t>& hits, const std::vector<glm::vec3>& tints,
-                     const LightingSettings& settings, std::vector<glm::vec3>& reflected,
-                     LitSurfaces& lit, Progress& progress) {
-    std::vector<glm::dvec3> sums(reflected.begin(), reflected.end());
-    std::vector<glm::vec3> order = std::move(reflected), next(order.size());
-    const size_t rays = hits.size() / std::max<size_t>(order.size(), 1);
-    const auto patch_of = [&](size_t i) -> const Patch& {
-        return lit.patches[reflectors.sides[i] / 2];
-    };
+/// as a difference of sums, so that it falls off to any number of digits. No row of K sums to more
+/// than 1: where the largest albedo is below 1 the series ends. D leaves its own side of a patch,
+/// LitSurfaces::luminance; what follows, all of an element, which the hits become. Returns K R.
+std::vector<glm::vec3> reflect_between(const Scene& scene, const scene::Frame& frame,
+                                       Reflection& of, const Elements& elements,
+                                       const LightingSettings& settings, LitSurfaces& lit,
+                                       Progress& progress) {
+    const size_t count = of.direct.size(), rays = of.hits.size() / std::max<size_t>(count, 1);
+    std::vector<glm::dvec3> met(count, glm::dvec3(0.0));
+    std::vector<glm::vec3> order, next(count);
     const auto power_of = [&](size_t i, glm::dvec3 luminance) {
-        const double most = std::max({luminance.x, luminance.y, luminance.z});
-        return double(patch_of(i).area) * double(patch_of(i).alpha) * most;
+        return of.area[i] * std::max({luminance.x, luminance.y, luminance.z});
     };
     // Who has the largest albedo, and sends most of those that have it.
-    const auto keeps = [&](size_t i) { return greatest(patch_of(i).albedo) >= 1.0f; };
+    const auto keeps = [&](size_t i) { return greatest(of.albedo[i]) >= 1.0f; };
     bool ends = true;
-    for (size_t i = 0; i < order.size(); ++i)
+    for (size_t i = 0; i < count; ++i)
         ends = ends && !keeps(i);
     Orders orders;
     const int most = settings.bounces.value_or(longest_sum);
     progress.begin("bounces", 0);
     while (lit.bounces < most) {
         progress.advance(0);
-        tbb::parallel_for(size_t(0), order.size(), [&](size_t i) {
+        tbb::parallel_for(size_t(0), count, [&](size_t i) {
             glm::dvec3 sum{0.0};
-            for (size_t ray = i * rays; ray < (i + 1) * rays; ++ray)
-                if (hits[ray] != black)
-                    sum += tints.empty() ? glm::dvec3(order[hits[ray]])
-                                         : glm::dvec3(tints[ray] * order[hits[ray]]);
-            next[i] = glm::vec3(glm::dvec3(patch_of(i).albedo) * sum / double(rays));
-            sums[i] += glm::dvec3(next[i]);
+            for (size_t ray = i * rays; ray < (i + 1) * rays; ++ray) {
+                uint32_t& hit = of.hits[ray];
+                if (hit == black)
+                    continue;
+                const glm::vec3 sent = order.empty() ? lit.luminance[hit] : order[hit];
+                sum += glm::dvec3(of.tints.empty() ? sent : of.tints[ray] * sent);
+                if (order.empty())
+                    hit = elements.of_side[hit];
+            }
+            sum /= double(rays);
+            next[i] = glm::vec3(glm::dvec3(of.albedo[i]) * sum);
+            met[i] += sum;
         });
         std::swap(order, next);
+        next.resize(count);
         ++lit.bounces;
         double last = 0.0, all = 0.0;
-        for (size_t i = 0; i < order.size(); ++i) {
+        for (size_t i = 0; i < count; ++i) {
             last += power_of(i, order[i]);
-            all += power_of(i, sums[i]);
+            all += power_of(i, glm::dvec3(of.direct[i]) + glm::dvec3(of.albedo[i]) * met[i]);
         }
         if (!(last > 0.0)) {
             lit.residual = 0.0;
@@ -305,11 +335,11 @@ void reflect_between(const Scene& scene, const scene::Frame& frame, const Reflec
         const double ratio = orders.ratio();
         if (!settings.bounces && !ends && lit.bounces > 100 && ratio > 0.9999) {
             size_t worst = 0;
-            for (size_t i = 0; i < order.size(); ++i)
+            for (size_t i = 0; i < count; ++i)
                 if (!keeps(worst)
                     || (keeps(i) && power_of(i, order[i]) > power_of(worst, order[worst])))
                     worst = i;
-            const Patch& patch = patch_of(worst);
+            const Patch& patch = lit.patches[elements.members[elements.first[worst]] / 2];
             const glm::dvec3 at = frame.to_world(glm::dvec3(patch.position));
             throw Error(ErrorKind::invalid,
                         scene::endless_reflection(scene, patch.instance,
@@ -321,7 +351,98 @@ void reflect_between(const Scene& scene, const scene::Frame& frame, const Reflec
     }
     if (settings.bounces)
         lit.residual = 0.0;
-    reflected.assign(sums.begin(), sums.end());
+    return {met.begin(), met.end()};
+}
+
+/// The light of emitters, sky and other surfaces that is reflected, added to the punctual lights'
+/// in LitSurfaces::luminance.
+void reflect_around(const Scene& scene, const scene::Frame& frame, const LightingSettings& settings,
+                    const std::vector<glm::vec3>& emission, LitSurfaces& lit, Progress& progress) {
+    const visibility::Visibility& visibility = *lit.visibility;
+    const std::vector<Patch>& patches = lit.patches;
+    const Elements elements = group_sides(patches, visibility, glm::vec3(frame.extent));
+    const size_t count = elements.size();
+    const int rays = std::clamp(int(settings.rays / std::max<size_t>(count, 1)), least_rays, 256);
+    const DirectLight light{
+        lit,      visibility, scene.sky,
+        emission, {},         EmitterSampling(emission.empty() ? std::vector<Patch>{} : patches),
+        rays,     rays / 4};
+    const bool between = settings.bounces != 1;
+    Reflection reflection(count, between ? size_t(rays) : 0, visibility.is_tinted());
+    progress.begin("lighting", count);
+    constexpr size_t block = 8192;
+    for (size_t first = 0; first < count; first += block) {
+        progress.advance(first);
+        tbb::parallel_for(first, std::min(count, first + block), [&](size_t i) {
+            const ElementSide element{patches, elements, i};
+            const std::span<uint32_t> met =
+                between ? std::span(reflection.hits).subspan(i * size_t(rays), size_t(rays))
+                        : std::span<uint32_t>{};
+            const std::span<glm::vec3> tints =
+                reflection.tints.empty()
+                    ? std::span<glm::vec3>{}
+                    : std::span(reflection.tints).subspan(i * size_t(rays), size_t(rays));
+            glm::vec3 lux = light.by_rays(element, met, tints);
+            if (!light.aim.empty())
+                lux += aimed(element, light.aim, light.aimed_rays, rays, visibility);
+            for (uint32_t& there : met)
+                if (there != black && elements.of_side[there] == Elements::none)
+                    there = black;
+            glm::dvec3 albedo{0.0}, sum{0.0};
+            double area = 0.0;
+            for (const uint32_t side : elements.members_of(i)) {
+                const Patch& patch = patches[side / 2];
+                lit.luminance[side] += patch.albedo / glm::pi<float>() * lux;
+                const double weight = covered_area(patch);
+                albedo += weight * glm::dvec3(patch.albedo);
+                sum += weight * glm::dvec3(lit.luminance[side]);
+                area += weight;
+            }
+            if (area > 0.0) {
+                reflection.albedo[i] = glm::vec3(albedo / area);
+                reflection.direct[i] = glm::vec3(sum / area);
+            }
+            reflection.area[i] = area;
+        });
+    }
+    if (!between)
+        return;
+    const std::vector<glm::vec3> met =
+        reflect_between(scene, frame, reflection, elements, settings, lit, progress);
+    tbb::parallel_for(size_t(0), count, [&](size_t i) {
+        for (const uint32_t side : elements.members_of(i))
+            lit.luminance[side] += patches[side / 2].albedo * met[i];
+    });
+}
+
+/// All light that is reflected becomes LitSurfaces::luminance.
+void reflect(const Scene& scene, const scene::Frame& frame, const LightingSettings& settings,
+             const std::vector<glm::vec3>& emission, LitSurfaces& lit, Progress& progress) {
+    const PunctualLight lamps = illuminate(scene, scene.lights, lit, frame, 0, progress);
+    const PunctualLight suns = illuminate(scene, scene::sky_suns(scene.sky), lit, frame,
+                                          uint32_t(scene.lights.size()), progress);
+    if (const double landed = lamps.landed + suns.landed; landed > 0.0) {
+        lit.narrow = (lamps.narrow + suns.narrow) / landed;
+        lit.lost = (lamps.lost + suns.lost) / landed;
+    }
+    const auto each_side = [&](const auto& set) {
+        tbb::parallel_for(size_t(0), lit.luminance.size(), [&](size_t side) {
+            const Patch& patch = lit.patches[side / 2];
+            if (side % 2 == 0 || patch.double_sided)
+                set(uint32_t(side), patch.albedo / glm::pi<float>());
+        });
+    };
+    each_side([&](uint32_t side, glm::vec3 share) {
+        lit.luminance[side] = share * (lamps.of(side) + suns.of(side));
+    });
+    lit.bounces = 1;
+    if (!emission.empty() || scene::has_sky(scene) || settings.bounces != 1)
+        reflect_around(scene, frame, settings, emission, lit, progress);
+    if (settings.maps)
+        each_side([&](uint32_t side, glm::vec3 share) {
+            glm::vec3& luminance = lit.luminance[side];
+            luminance = glm::max(luminance - share * lamps.of(side), 0.0f);
+        });
 }
 
 } // namespace
@@ -336,68 +457,12 @@ LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& vis
         lit.patches = std::move(cover.patches);
         lit.tree = std::move(cover.tree);
     }
-    const std::vector<Patch>& patches = lit.patches;
-    lit.luminance.assign(2 * patches.size(), glm::vec3(0.0f));
-    const bool emitters = settings.emitters && scene::has_emitters(scene);
-    const std::vector<glm::vec3> emission =
-        emitters ? emission_of(patches) : std::vector<glm::vec3>{};
-    if (settings.bounces != 0) {
-        const Reflectors reflectors(patches);
-        const size_t count = reflectors.sides.size();
-        const bool between = settings.bounces != 1;
-        const int rays = emitters || scene::has_sky(scene) || between
-                             ? std::clamp(int(settings.rays / std::max<size_t>(count, 1)), 16, 256)
-                             : 0;
-        const DirectLight light{
-            lit,      visibility, scene.sky,
-            emission, {},         EmitterSampling(emitters ? patches : std::vector<Patch>{}),
-            rays,     rays / 8};
-        std::vector<glm::vec3> reflected(count); // luminance
-        std::vector<glm::vec3> mapped(settings.maps ? count : 0);
-        std::vector<uint32_t> hits(between ? count * size_t(rays) : 0, black);
-        std::vector<glm::vec3> tints(visibility.is_tinted() ? hits.size() : 0);
-        progress.begin("lighting", count);
-        const PunctualLight lamps = illuminate(scene, scene.lights, lit, frame, 0, progress);
-        const PunctualLight suns = illuminate(scene, scene::sky_suns(scene.sky), lit, frame,
-                                              uint32_t(scene.lights.size()), progress);
-        if (const double landed = lamps.landed + suns.landed; landed > 0.0) {
-            lit.narrow = (lamps.narrow + suns.narrow) / landed;
-            lit.lost = (lamps.lost + suns.lost) / landed;
-        }
-        constexpr size_t block = 8192;
-        for (size_t first = 0; first < count; first += block) {
-            progress.advance(first);
-            tbb::parallel_for(first, std::min(count, first + block), [&](size_t i) {
-                const uint32_t index = reflectors.sides[i];
-                const Patch& patch = patches[index / 2];
-                const Side side{patch, index, index % 2 != 0 ? -patch.normal : patch.normal};
-                const glm::vec3 share = patch.albedo / glm::pi<float>();
-                glm::vec3 lux = lamps.of(index);
-                if (settings.maps)
-                    mapped[i] = share * lux;
-                lux += suns.of(index);
-                if (!light.aim.empty())
-                    lux += aimed(side, light.aim, light.aimed_rays, rays, visibility);
-                const size_t first_ray = between ? i * size_t(rays) : 0;
-                const std::span<uint32_t> met =
-                    std::span(hits).subspan(first_ray, between ? size_t(rays) : 0);
-                const std::span<glm::vec3> through =
-                    tints.empty() ? std::span<glm::vec3>{}
-                                  : std::span(tints).subspan(first_ray, size_t(rays));
-                reflected[i] = share * (lux + light.by_rays(side, met, through));
-                for (uint32_t& there : met)
-                    if (there != black)
-                        there = reflectors.ordinals[there];
-            });
-        }
-        lit.bounces = 1;
-        if (between)
-            reflect_between(scene, frame, reflectors, hits, tints, settings, reflected, lit,
-                            progress);
-        for (size_t i = 0; i < count; ++i)
-            lit.luminance[reflectors.sides[i]] =
-                settings.maps ? glm::max(reflected[i] - mapped[i], 0.0f) : reflected[i];
-    }
+    lit.luminance.assign(2 * lit.patches.size(), glm::vec3(0.0f));
+    const std::vector<glm::vec3> emission = settings.emitters && scene::has_emitters(scene)
+                                                ? emission_of(lit.patches)
+                                                : std::vector<glm::vec3>{};
+    if (settings.bounces != 0)
+        reflect(scene, frame, settings, emission, lit, progress);
     for (size_t i = 0; i < emission.size(); ++i)
         lit.luminance[i] += emission[i];
     return lit;
@@ -527,9 +592,9 @@ uint32_t LitSurfaces::side(const visibility::Hit& hit, glm::vec3 direction) cons
         return no_side;
     glm::vec2 weights;
     const PatchTree::Node* node = tree.leaf(hit, weights);
-    if (!node || node->patch == PatchTree::none)
+    if (!node || node->at == PatchTree::none)
         return no_side;
-    const uint32_t found = node->patch;
+    const uint32_t found = node->at;
     const bool back = glm::dot(hit.normal, direction) > 0.0f;
     if (node->crossed) {
         const Patch& patch = patches[found];

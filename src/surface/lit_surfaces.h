@@ -14,7 +14,7 @@ namespace lpvbake::surface {
 struct LightingSettings {
     std::optional<int> bounces = 1; ///< reflections at most; none: all
     bool emitters = true;           ///< emissive surfaces give light
-    uint64_t rays = 1 << 21;        ///< for light between surfaces: in all, at least 16 a side
+    uint64_t rays = 1 << 20;        ///< for light between surfaces: in all, at least 32 an element
     float tolerance = 1e-4f;        ///< all bounces: share of the light that may be missing
     /// Reflective shadow maps bring the first reflection of punctual lights: LitSurfaces::luminance
     /// is without it, but not without what follows from it.
@@ -52,10 +52,11 @@ inline glm::vec3 luminance_above(glm::vec3 luminance, float limit) {
 }
 
 /// Lights all surfaces. Direct light of punctual lights is what each of them sends to what it sees
-/// (flux.h); emitters by points on them and by cosine-distributed rays together
-/// (multiple importance sampling, balance heuristic: Veach and Guibas 1995), the sky by the latter.
-/// The same rays, their hits stored, carry light from patch to patch: R = D + rho K R, iterated.
-/// Throws Error (invalid) for all bounces in a closed scene of albedo 1.
+/// (flux.h). All other light is that of an element (elements.h): emitters by points on them and by
+/// cosine-distributed rays together (multiple importance sampling, balance heuristic: Veach and
+/// Guibas 1995), the sky by the latter. The same rays, their hits stored, carry light from element
+/// to element: R = D + rho K R, iterated. Throws Error (invalid) for all bounces in a closed scene
+/// of albedo 1.
 LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& visibility,
                            const scene::Frame& frame, const LightingSettings& settings,
                            Progress& progress);

@@ -80,9 +80,13 @@ PatchCount count_triangle(const Corners& triangle, glm::vec3 extent, float max_e
         const auto add = [&](double patches) {
             count.patches += patches;
             const glm::vec3 centroid = (piece[0] + piece[1] + piece[2]) / 3.0f;
-            if (distance_to_box(centroid, extent) == 0.0f)
-                count.inside +=
-                    0.5 * double(glm::length(glm::cross(piece[1] - piece[0], piece[2] - piece[0])));
+            const float away = distance_to_box(centroid, extent);
+            const double area =
+                0.5 * double(glm::length(glm::cross(piece[1] - piece[0], piece[2] - piece[0])));
+            if (away == 0.0f)
+                count.inside += area;
+            const double edge = double(graded(max_edge, away));
+            count.faces += area / (edge * edge);
         };
         if (!(length > edge_limit(piece, extent, max_edge))) {
             add(1.0);
@@ -153,6 +157,7 @@ PatchCount count_patches(const TriangleSample& sample, const scene::Frame& frame
     for (size_t i = 0; i < counts.size(); ++i) {
         sum.patches += counts[i].patches * sample.triangles[i].stands_for;
         sum.inside += counts[i].inside * sample.triangles[i].stands_for;
+        sum.faces += counts[i].faces * sample.triangles[i].stands_for;
     }
     return sum;
 }

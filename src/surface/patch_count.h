@@ -24,6 +24,7 @@ TriangleSample sample_triangles(const Scene& scene, size_t most = 1 << 16);
 struct PatchCount {
     double patches = 0; ///< as cover_surfaces makes them, but for those that walls cross
     double inside = 0;  ///< area inside the grid, square units
+    double faces = 0;   ///< area over the square of the longest edge that a patch may have there
 };
 
 /// By halving as cover_surfaces does; where all pieces may be of one size, by shapes that are alike

@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <iterator>
 #include <optional>
 
 namespace lpvbake::surface {
@@ -76,20 +77,20 @@ public:
     Patch source;                        ///< what all pieces of a triangle share
 
     std::vector<Patch> patches;
-    std::vector<Node> nodes;
-    std::vector<uint32_t> roots; ///< a triangle of the run
+    std::vector<Node> pieces, nodes;    ///< as PatchTree has them, of the run
+    std::vector<PatchTree::Root> roots; ///< a triangle of the run
 
     void cut(const Piece& triangle) {
-        roots.push_back(grow());
-        std::vector<std::pair<Piece, uint32_t>> stack{{triangle, roots.back()}};
+        const int turn = longest_edge(corners_of(triangle)).at;
+        const uint32_t root = grow();
+        std::vector<std::pair<Piece, uint32_t>> stack{{turned(triangle, turn), root}};
         while (!stack.empty()) {
             const auto [piece, node] = stack.back();
             stack.pop_back();
             if (!walls && outside(piece, extent))
                 continue;
             const auto [edge, length] = longest_edge(corners_of(piece));
-            const Corner a = piece[size_t(edge)], b = piece[size_t(edge + 1) % 3],
-                         c = piece[size_t(edge + 2) % 3];
+            const auto [a, b, c] = turned(piece, edge);
             const float most = limit(piece);
             const bool large = length > most;
             const bool crossed = !large && length > max_edge / 16.0f && is_crossed(piece);
@@ -107,13 +108,15 @@ public:
                 const uint32_t half = grow();
                 grow();
                 if (walls)
-                    nodes[node] = {PatchTree::none, half, uint8_t(edge)};
-                stack.push_back({{middle, b, c}, half});
-                stack.push_back({{a, middle, c}, half + 1});
+                    nodes[node] = {half, true, uint8_t(edge)};
+                stack.push_back({{b, c, middle}, half});
+                stack.push_back({{c, a, middle}, half + 1});
                 continue;
             }
             keep(piece, node, crossed, glow);
         }
+        if (walls)
+            keep_root(root, turn);
     }
 
 private:
@@ -122,6 +125,26 @@ private:
             return 0;
         nodes.push_back({});
         return uint32_t(nodes.size() - 1);
+    }
+
+    static Piece turned(const Piece& piece, int by) {
+        return {piece[size_t(by)], piece[size_t(by + 1) % 3], piece[size_t(by + 2) % 3]};
+    }
+
+    /// The root of a triangle that begins at a node: as deep as all of it is halved alike.
+    void keep_root(uint32_t node, int turn) {
+        PatchTree::Root root{uint32_t(pieces.size()), 0, uint8_t(turn)};
+        std::vector<Node> level{nodes[node]}, halves;
+        const auto halved = [](const Node& n) { return n.halved && n.turn == 0; };
+        while (std::ranges::all_of(level, halved)) {
+            halves.clear();
+            for (const Node& n : level)
+                halves.insert(halves.end(), {nodes[n.at], nodes[n.at + 1]});
+            std::swap(level, halves);
+            ++root.levels;
+        }
+        roots.push_back(root);
+        pieces.insert(pieces.end(), level.begin(), level.end());
     }
 
     float limit(const Piece& piece) const {
@@ -175,8 +198,7 @@ private:
                         scene.path + ": more than " + std::to_string(most_patches)
                             + " patches of surface lie in the grid; lower `resolution`");
         if (walls) {
-            nodes[node].patch = uint32_t(patches.size());
-            nodes[node].crossed = crossed;
+            nodes[node] = {uint32_t(patches.size()), false, 0, crossed};
             if (is_hidden(patch))
                 patch.area = 0.0f;
         }
@@ -232,6 +254,7 @@ std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const scene
                  {},
                  {},
                  {},
+                 {},
                  {}};
     blank.source.instance = index;
     blank.source.double_sided = material.double_sided;
@@ -250,7 +273,7 @@ std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const scene
                 glm::cross(glm::dvec3(b) - glm::dvec3(a), glm::dvec3(c) - glm::dvec3(a));
             const double length = glm::length(normal);
             if (!(length > 0.0)) {
-                cutter.roots.push_back(PatchTree::none);
+                cutter.roots.emplace_back();
                 continue;
             }
             cutter.source.triangle = uint32_t(t);
@@ -290,47 +313,71 @@ PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,
     PatchCover cover;
     PatchTree& tree = cover.tree;
     for (const std::vector<Cutter>& runs : cut_scene(scene, frame, max_edge, &visibility)) {
-        tree.roots.emplace_back();
+        tree.first_root.push_back(tree.roots.size());
         for (const Cutter& run : runs) {
-            const auto moved = [](uint32_t index, size_t by) {
-                return index == PatchTree::none ? index : uint32_t(index + by);
+            const size_t first_node = tree.nodes.size(), first_piece = tree.pieces.size(),
+                         first_patch = cover.patches.size();
+            const auto moved = [&](PatchTree::Node node) {
+                if (node.at != PatchTree::none)
+                    node.at += uint32_t(node.halved ? first_node : first_patch);
+                return node;
             };
-            const size_t first_node = tree.nodes.size(), first_patch = cover.patches.size();
-            for (const uint32_t root : run.roots)
-                tree.roots.back().push_back(moved(root, first_node));
-            for (const PatchTree::Node& node : run.nodes)
-                tree.nodes.push_back({moved(node.patch, first_patch),
-                                      moved(node.first_half, first_node), node.edge, node.crossed});
+            for (PatchTree::Root root : run.roots) {
+                if (root.first != PatchTree::none)
+                    root.first += uint32_t(first_piece);
+                tree.roots.push_back(root);
+            }
+            std::ranges::transform(run.pieces, std::back_inserter(tree.pieces), moved);
+            std::ranges::transform(run.nodes, std::back_inserter(tree.nodes), moved);
             cover.patches.insert(cover.patches.end(), run.patches.begin(), run.patches.end());
         }
     }
     return cover;
 }
 
+namespace {
+
+/// Weights of a piece's three corners.
+struct Weights {
+    float a, b, c;
+
+    void turn(unsigned by) {
+        const float w[5] = {a, b, c, a, b};
+        a = w[by];
+        b = w[by + 1];
+        c = w[by + 2];
+    }
+    /// Goes to the half that the point lies in; true: the second. Which it is nobody can predict:
+    /// no branch.
+    bool halve() {
+        const bool second = b < a;
+        const float twice = 2.0f * std::min(a, b), rest = std::abs(b - a), apex = c;
+        a = second ? apex : rest;
+        b = second ? rest : apex;
+        c = twice;
+        return second;
+    }
+};
+
+} // namespace
+
 const PatchTree::Node* PatchTree::leaf(const visibility::Hit& hit, glm::vec2& weights) const {
     if (hit.instance == visibility::no_hit)
         return nullptr;
-    const uint32_t root = roots[hit.instance][hit.triangle];
-    if (root == none)
+    const Root root = roots[first_root[hit.instance] + hit.triangle];
+    if (root.first == none)
         return nullptr;
-    const Node* node = &nodes[root];
-    // Weights of the piece's three corners.
-    float w[3] = {1.0f - hit.barycentric.x - hit.barycentric.y, hit.barycentric.x,
-                  hit.barycentric.y};
-    while (node->first_half != none) {
-        static constexpr uint8_t next[] = {1, 2, 0};
-        const unsigned ia = node->edge, ib = next[ia], ic = next[ib];
-        const float a = w[ia], b = w[ib], c = w[ic];
-        // The halves' corners are (middle, b, c) and (a, middle, c). Which it is nobody can
-        // predict: no branch.
-        const bool second = b < a;
-        const float least = second ? b : a, more = second ? a - b : b - a;
-        w[0] = second ? more : 2.0f * least;
-        w[1] = second ? 2.0f * least : more;
-        w[2] = c;
-        node = &nodes[node->first_half + uint32_t(second)];
+    Weights w{1.0f - hit.barycentric.x - hit.barycentric.y, hit.barycentric.x, hit.barycentric.y};
+    w.turn(root.turn);
+    uint32_t piece = 0;
+    for (unsigned i = 0; i < root.levels; ++i)
+        piece = 2 * piece + uint32_t(w.halve());
+    const Node* node = &pieces[root.first + piece];
+    while (node->halved) {
+        w.turn(node->turn);
+        node = &nodes[node->at + uint32_t(w.halve())];
     }
-    weights = {w[1], w[2]};
+    weights = {w.b, w.c};
     return node;
 }
 

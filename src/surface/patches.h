@@ -39,24 +39,36 @@ float ray_offset(glm::vec3 point);
 /// patches.
 std::vector<Patch> make_patches(const Scene& scene, const scene::Frame& frame, float max_edge);
 
-/// Which patch a point of a triangle belongs to: the halvings that made the patches, kept.
+/// Which patch a point of a triangle belongs to: the halvings that made the patches, kept. Where
+/// all pieces of a triangle were halved as often, and alike, the way down is arithmetic.
 struct PatchTree {
     static constexpr uint32_t none = ~0u;
-    /// A piece: a patch, or two halves at `first_half` and the node after it.
+    /// A piece of corners (a, b, c): a patch; or halves (b, c, m) and (c, a, m), m between a and b,
+    /// of corners that are turned `turn` places before that.
     struct Node {
-        uint32_t patch = none;
-        uint32_t first_half = none;
-        uint8_t edge = 0;     ///< the one that was halved: 0 between the first two corners, 1, 2
+        uint32_t at = none; ///< the patch, or the first half's place in `nodes`; the other follows
+        bool halved = false;
+        uint8_t turn = 0;
         bool crossed = false; ///< as the patch
     };
-    std::vector<Node> nodes;
-    std::vector<std::vector<uint32_t>> roots; ///< an instance, a triangle: its node, or none
+    /// A triangle, its corners turned `turn` places. Halved `levels` times without another turn, it
+    /// has 2^levels pieces from `first` on: bits of a piece's number say which half, the first
+    /// halving's the highest.
+    struct Root {
+        uint32_t first = none;
+        uint8_t levels = 0;
+        uint8_t turn = 0;
+    };
+    std::vector<Node> pieces;         ///< of the roots: the way to most hits is one load
+    std::vector<Node> nodes;          ///< of pieces that are halved further, and unused ones
+    std::vector<Root> roots;          ///< a placed triangle
+    std::vector<uint64_t> first_root; ///< an instance
 
     /// The patch at a hit, and the weights of its second and third corner there; none for no_hit
     /// and for what has neither area nor cover.
     uint32_t find(const visibility::Hit& hit, glm::vec2& weights) const {
         const Node* node = leaf(hit, weights);
-        return node ? node->patch : none;
+        return node ? node->at : none;
     }
     /// Its node; null for no_hit.
     const Node* leaf(const visibility::Hit& hit, glm::vec2& weights) const;

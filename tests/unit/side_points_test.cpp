@@ -110,7 +110,7 @@ TEST(SidePoints, IrradianceIsThatOfTracedPaths) {
     const scene::Frame frame{glm::dvec3(-1.2, -0.2, -1.2), 0.15, glm::dvec3(16)};
     for (const bool sun : {false, true}) {
         const Scene scene = sun ? scenes::cornell_box_with_sun() : scenes::cornell_box_with_point();
-        const Lit lit(scene, frame, std::nullopt, {.most_points = 300, .seed = 5});
+        const Lit lit(scene, frame, std::nullopt, {.most_points = 1200, .seed = 5});
         std::vector<glm::vec3> at;
         std::vector<glm::dvec3> own;
         std::vector<uint64_t> keys;
@@ -121,7 +121,7 @@ TEST(SidePoints, IrradianceIsThatOfTracedPaths) {
         }
         reference::ReferenceSettings settings;
         settings.sh_order = 0;
-        settings.rays = 4096;
+        settings.rays = 1024;
         settings.paths = {std::nullopt, true};
         Progress silent;
         const reference::ProbeField field = reference::trace_probes(

@@ -45,11 +45,11 @@ constexpr Parameter parameters[] = {
 };
 
 constexpr Rung ladder[] = {
-    {{}, 1 << 19, {{{"vpls", 48}, {"tolerance", 0.5}}}},
-    {Quality::fast, 1 << 19, {{{"vpls", 96}, {"tolerance", 0.5}}}},
-    {Quality::balanced, 1 << 21, {{{"vpls", GatherSettings().vpls}, {"tolerance", 0.3}}}},
-    {{}, 1 << 22, {{{"vpls", 384}, {"tolerance", 0.2}}}},
-    {Quality::accurate, 1 << 23, {{{"vpls", 768}, {"tolerance", 0.1}}}},
+    {{}, 1 << 18, {{{"vpls", 48}, {"tolerance", 0.5}}}},
+    {Quality::fast, 1 << 18, {{{"vpls", 96}, {"tolerance", 0.5}}}},
+    {Quality::balanced, 1 << 20, {{{"vpls", GatherSettings().vpls}, {"tolerance", 0.3}}}},
+    {{}, 1 << 21, {{{"vpls", 384}, {"tolerance", 0.2}}}},
+    {Quality::accurate, 1 << 22, {{{"vpls", 768}, {"tolerance", 0.1}}}},
 };
 
 /// What the solver is told of its settings.

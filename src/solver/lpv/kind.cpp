@@ -55,7 +55,7 @@ constexpr Parameter parameters[] = {
 };
 
 // Propagation blurs what more rays would bring.
-constexpr Rung ladder[] = {{Quality::balanced, 1 << 19, {}}};
+constexpr Rung ladder[] = {{Quality::balanced, 1 << 18, {}}};
 
 LpvSettings settings_of(const SolverSettings& settings) {
     return {int(settings["iterations"]), float(settings["tolerance"]),

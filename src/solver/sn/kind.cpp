@@ -28,10 +28,10 @@ constexpr Parameter parameters[] = {
 };
 
 constexpr Rung ladder[] = {
-    {{}, 1 << 19, {{{"directions", 48}}}},
-    {Quality::fast, 1 << 19, {{{"directions", 144}}}},
-    {Quality::balanced, 1 << 21, {{{"directions", SnSettings().directions}}}},
-    {Quality::accurate, 1 << 23, {{{"directions", 384}}}},
+    {{}, 1 << 18, {{{"directions", 48}}}},
+    {Quality::fast, 1 << 18, {{{"directions", 144}}}},
+    {Quality::balanced, 1 << 20, {{{"directions", SnSettings().directions}}}},
+    {Quality::accurate, 1 << 22, {{{"directions", 384}}}},
 };
 
 SnSettings settings_of(const SolverSettings& settings) {
