@@ -602,6 +602,10 @@ uint32_t LitSurfaces::side(const visibility::Hit& hit, glm::vec3 direction) cons
         const glm::vec3 lift = (back ? -ray_offset(point) : ray_offset(point)) * patch.normal;
         if (visibility->transmittance({point + lift, patch.position - point}) < 0.5f)
             return no_side;
+        if ((node->cover >> back & 1) != 0
+            && is_covered(*visibility, point, back ? -patch.normal : patch.normal)
+                   != ((node->cover >> back & 4) != 0))
+            return no_side;
     }
     return 2 * found + (back ? 1 : 0);
 }

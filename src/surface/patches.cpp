@@ -61,6 +61,36 @@ constexpr size_t run_length = 256;
 /// of the distance from it. What is within an eighth of a cell is always even enough.
 constexpr float most_shift = 0.06f, most_spread = 0.02f;
 
+/// How far above a surface a lamp lies close to it, cells.
+constexpr float cover_reach = 0.5f;
+
+/// The box of a mesh that glows, frame units.
+struct LampBox {
+    glm::vec3 lo{HUGE_VALF}, hi{-HUGE_VALF};
+};
+
+/// What stands on a piece, or close above a part of it.
+struct Standing {
+    bool crossed = false;    ///< Patch::crossed
+    uint8_t cover = 0;       ///< PatchTree::Node::cover
+    float least = HUGE_VALF; ///< edge down to which it is cut, frame units
+};
+
+std::vector<LampBox> lamp_boxes(const Scene& scene, const scene::Frame& frame) {
+    std::vector<LampBox> boxes;
+    for (const Instance& instance : scene.instances) {
+        const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
+        if (scene.materials[size_t(mesh.material)].emission == glm::vec3(0.0f))
+            continue;
+        LampBox& box = boxes.emplace_back();
+        for (const glm::vec3& p : scene::positions_in_frame(scene, instance, frame)) {
+            box.lo = glm::min(box.lo, p);
+            box.hi = glm::max(box.hi, p);
+        }
+    }
+    return boxes;
+}
+
 /// Cuts one run of an instance's triangles.
 class Cutter {
 public:
@@ -73,8 +103,9 @@ public:
     const bool textured;
     const bool tinting;                  ///< what covers nothing is there all the same
     const scene::EmissionMaps* emission; ///< none: nothing emits
-    std::atomic<uint64_t>& made;         ///< patches so far, of the whole scene
-    Patch source;                        ///< what all pieces of a triangle share
+    const std::vector<LampBox>& lamps;
+    std::atomic<uint64_t>& made; ///< patches so far, of the whole scene
+    Patch source;                ///< what all pieces of a triangle share
 
     std::vector<Patch> patches;
     std::vector<Node> pieces, nodes;    ///< as PatchTree has them, of the run
@@ -93,8 +124,8 @@ public:
             const auto [a, b, c] = turned(piece, edge);
             const float most = limit(piece);
             const bool large = length > most;
-            const bool crossed = !large && length > max_edge / 16.0f && is_crossed(piece);
-            bool halve = large || (crossed && length > max_edge / 8.0f);
+            const Standing above = large ? Standing() : standing_on(piece, length);
+            bool halve = large || length > above.least;
             scene::PieceEmission glow;
             if (!halve && textured && emission) {
                 glow = emission->over(
@@ -113,7 +144,7 @@ public:
                 stack.push_back({{c, a, middle}, half + 1});
                 continue;
             }
-            keep(piece, node, crossed, glow);
+            keep(piece, node, above, glow);
         }
         if (walls)
             keep_root(root, turn);
@@ -168,6 +199,78 @@ private:
         return false;
     }
 
+    Standing standing_on(const Piece& piece, float length) const {
+        if (!walls)
+            return {};
+        if (length > max_edge / 128.0f)
+            if (const Standing lamp = lamps_above(piece); lamp.crossed)
+                return lamp;
+        if (length > max_edge / 16.0f && is_crossed(piece))
+            return {true, 0, max_edge / 8.0f};
+        return {};
+    }
+
+    /// Lamps close above a part of the piece, which would spread their light over all of it: it is
+    /// cut until it is no larger than the gap between them, which tells how fast the light fades.
+    Standing lamps_above(const Piece& piece) const {
+        const auto [a, b, c] = corners_of(piece);
+        const glm::vec3 lo = glm::min(a, glm::min(b, c)) - cover_reach;
+        const glm::vec3 hi = glm::max(a, glm::max(b, c)) + cover_reach;
+        if (std::ranges::none_of(lamps, [&](const LampBox& lamp) {
+                return glm::all(glm::lessThan(lamp.lo, hi))
+                       && glm::all(glm::greaterThan(lamp.hi, lo));
+            }))
+            return {};
+        static const std::array<glm::vec2, 24> points = [] {
+            std::array<glm::vec2, 24> all;
+            std::ranges::copy(sample_points(), all.begin());
+            // Near the rim, so that no strip is missed.
+            constexpr float in = 0.005f, out = 1.0f - 2.0f * in, half = 0.5f * (1.0f - in);
+            constexpr glm::vec2 rim[] = {
+                {in, in},   {out, in},  {in, out},           {half, half},
+                {in, half}, {half, in}, {0.25f, 0.75f - in}, {0.75f - in, 0.25f}};
+            std::ranges::copy(rim, all.begin() + 16);
+            return all;
+        }();
+        Standing standing;
+        float gap = max_edge / 8.0f;
+        for (const int side : {0, 1}) {
+            if (side != 0 && !source.double_sided)
+                continue;
+            const glm::vec3 normal = side != 0 ? -source.normal : source.normal;
+            std::array<visibility::Ray, points.size()> rays;
+            std::array<visibility::Hit, points.size()> hits;
+            for (size_t i = 0; i < points.size(); ++i) {
+                const glm::vec3 p = a + points[i].x * (b - a) + points[i].y * (c - a);
+                rays[i] = {p + ray_offset(p) * normal, cover_reach * normal};
+            }
+            walls->closest_of_eights(rays, visibility::Bundle::tight, hits);
+            size_t covered = 0;
+            float nearest = HUGE_VALF;
+            for (const visibility::Hit& hit : hits)
+                if (hit.instance != visibility::no_hit) {
+                    ++covered;
+                    if (glows(hit.instance) && hit.facing != visibility::Facing::back)
+                        nearest = std::min(nearest, hit.t * cover_reach);
+                }
+            if (nearest == HUGE_VALF || covered == points.size())
+                continue;
+            gap = std::min(gap, nearest);
+            standing.crossed = true;
+            standing.cover |= uint8_t(1u << side);
+            if (is_covered(*walls, (a + b + c) / 3.0f, normal))
+                standing.cover |= uint8_t(4u << side);
+        }
+        if (standing.crossed)
+            standing.least = std::max(gap, max_edge / 64.0f);
+        return standing;
+    }
+
+    bool glows(uint32_t instance) const {
+        const Mesh& of = scene.meshes[size_t(scene.instances[instance].mesh)];
+        return scene.materials[size_t(of.material)].emission != glm::vec3(0.0f);
+    }
+
     /// True if the piece's light comes from a part of it, that a patch would spread.
     static bool is_uneven(const scene::PieceEmission& glow, const Piece& piece, float most) {
         const scene::Unevenness uneven = scene::unevenness(
@@ -175,7 +278,8 @@ private:
         return uneven.shift > most_shift * most || uneven.spread > most_spread * most * most;
     }
 
-    void keep(const Piece& piece, uint32_t node, bool crossed, const scene::PieceEmission& glow) {
+    void keep(const Piece& piece, uint32_t node, const Standing& above,
+              const scene::PieceEmission& glow) {
         const glm::vec3 a = piece[0].position, b = piece[1].position, c = piece[2].position;
         Patch patch = source;
         patch.position = (a + b + c) / 3.0f;
@@ -183,7 +287,7 @@ private:
             && (glm::any(glm::lessThan(patch.position, glm::vec3(0.0f)))
                 || glm::any(glm::greaterThan(patch.position, extent))))
             return;
-        patch.crossed = crossed;
+        patch.crossed = above.crossed;
         patch.edge_u = b - a;
         patch.edge_v = c - a;
         patch.area = 0.5f * glm::length(glm::cross(patch.edge_u, patch.edge_v));
@@ -198,7 +302,7 @@ private:
                         scene.path + ": more than " + std::to_string(most_patches)
                             + " patches of surface lie in the grid; lower `resolution`");
         if (walls) {
-            nodes[node] = {uint32_t(patches.size()), false, 0, crossed};
+            nodes[node] = {uint32_t(patches.size()), false, 0, above.crossed, above.cover};
             if (is_hidden(patch))
                 patch.area = 0.0f;
         }
@@ -235,7 +339,8 @@ private:
 /// The pieces of an instance, by runs.
 std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const scene::Frame& frame,
                                  float max_edge, const visibility::Visibility* walls,
-                                 const scene::EmissionMaps* emission, std::atomic<uint64_t>& made) {
+                                 const scene::EmissionMaps* emission,
+                                 const std::vector<LampBox>& lamps, std::atomic<uint64_t>& made) {
     const Instance& instance = scene.instances[index];
     const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
     const Material& material = scene.materials[size_t(mesh.material)];
@@ -250,6 +355,7 @@ std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const scene
                      || material.base_color_texture >= 0 || !mesh.colors.empty(),
                  scene::is_tinting(scene, mesh),
                  material.emission != glm::vec3(0.0f) ? emission : nullptr,
+                 lamps,
                  made,
                  {},
                  {},
@@ -291,14 +397,20 @@ std::vector<std::vector<Cutter>> cut_scene(const Scene& scene, const scene::Fram
     // What does not light is asked for its cover alone.
     const std::optional<scene::EmissionMaps> emission =
         walls ? std::optional<scene::EmissionMaps>(scene) : std::nullopt;
+    const std::vector<LampBox> lamps = walls ? lamp_boxes(scene, frame) : std::vector<LampBox>{};
     tbb::parallel_for(size_t(0), parts.size(), [&](size_t i) {
         parts[i] = cut_instance(scene, uint32_t(i), frame, max_edge, walls,
-                                emission ? &*emission : nullptr, made);
+                                emission ? &*emission : nullptr, lamps, made);
     });
     return parts;
 }
 
 } // namespace
+
+bool is_covered(const visibility::Visibility& visibility, glm::vec3 point, glm::vec3 normal) {
+    return visibility.transmittance({point + ray_offset(point) * normal, cover_reach * normal})
+           < 0.5f;
+}
 
 std::vector<Patch> make_patches(const Scene& scene, const scene::Frame& frame, float max_edge) {
     std::vector<Patch> patches;

@@ -21,7 +21,9 @@ struct Patch {
     glm::vec3 albedo{0};   ///< mean of the covered part
     glm::vec3 emission{0}; ///< mean luminance of the front, its uncovered share included, nits
     bool double_sided = false;
-    bool crossed = false; ///< something stands on it: its centroid does not see all its corners
+    /// Something stands on it, so that its centroid does not see all its corners; or a lamp lies
+    /// close above a part of it.
+    bool crossed = false;
 
     /// Luminance that its covered part sends by itself, nits.
     glm::vec3 sent() const { return alpha > 0.0f ? emission / alpha : glm::vec3(0.0f); }
@@ -50,6 +52,9 @@ struct PatchTree {
         bool halved = false;
         uint8_t turn = 0;
         bool crossed = false; ///< as the patch
+        /// Which points of a side (bit 0: front, 1: back) lie under something matters; and whether
+        /// its centroid does (2, 3).
+        uint8_t cover = 0;
     };
     /// A triangle, its corners turned `turn` places. Halved `levels` times without another turn, it
     /// has 2^levels pieces from `first` on: bits of a piece's number say which half, the first
@@ -74,6 +79,9 @@ struct PatchTree {
     const Node* leaf(const visibility::Hit& hit, glm::vec2& weights) const;
 };
 
+/// Whether anything lies less than half a cell above a point of a surface, on this side of it.
+bool is_covered(const visibility::Visibility& visibility, glm::vec3 point, glm::vec3 normal);
+
 /// All surfaces, also those outside the grid.
 struct PatchCover {
     /// Of two surfaces in one place only one is seen: the patches of the other have area 0.
@@ -83,7 +91,8 @@ struct PatchCover {
 
 /// Cuts every placed triangle into patches of at most `max_edge` units; outside the grid they may
 /// grow with their distance from it. One that a wall crosses, so that its centroid does not see its
-/// corners just above it, is cut further, down to an eighth. Throws Error as make_patches.
+/// corners just above it, is cut further, down to an eighth; one that a lamp covers in part, down
+/// to the gap between them or a 64th. Throws Error as make_patches.
 PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,
                           const visibility::Visibility& visibility, float max_edge);
 

@@ -209,6 +209,56 @@ TEST(LitSurfaces, TheFloorBehindAWallStaysDark) {
     EXPECT_GT(bright, 1.0);
 }
 
+TEST(LitSurfaces, LightBehindAPanelStaysThere) {
+    // A glowing panel close before a wall, at any place and turn: the wall is bright under it, and
+    // dark around it.
+    std::mt19937 random(21);
+    std::uniform_real_distribution<float> number(-1.0f, 1.0f);
+    for (const float gap : {4e-4f, 0.012f, 0.05f, 0.1f})
+        for (const float size : {0.9f, 1.7f, 3.2f}) {
+            const glm::dmat4 turn =
+                glm::translate(glm::dmat4(1.0), glm::dvec3(6.0)) * scenes::random_turn(random);
+            Scene scene;
+            const int grey = scenes::add_material(scene, glm::vec3(0.5f));
+            const int lamp = scenes::add_material(scene, glm::vec3(0.0f), glm::vec3(100.0f), true);
+            scenes::add_quad(scene, grey, {-5, -5, 0}, {10, 0, 0}, {0, 10, 0}, turn);
+            const glm::vec3 corner(number(random), number(random), gap);
+            scenes::add_quad(scene, lamp, corner, {size, 0, 0}, {0, 1.3f * size, 0}, turn);
+            const scene::Frame cells{glm::dvec3(0.0), 1.0, glm::dvec3(12.0)};
+            const visibility::Visibility visibility(scene, cells);
+            Progress silent;
+            const surface::LitSurfaces lit =
+                surface::light_surfaces(scene, visibility, cells, {.bounces = 1}, silent);
+            const auto seen = [&](glm::vec3 from, glm::vec3 to) {
+                const glm::vec3 start(turn * glm::dvec4(from, 1.0)),
+                    end(turn * glm::dvec4(to, 1.0));
+                const visibility::Ray ray{start, 1.01f * (end - start)};
+                return double(lit.leaving(visibility.closest(ray), ray.direction).y);
+            };
+            double around = 0.0, under = 0.0;
+            constexpr int looks = 4000;
+            for (int i = 0; i < looks; ++i) {
+                // From a ring of a cell, by what is seen of it past the panel.
+                const glm::vec2 middle = glm::vec2(corner) + 0.5f * glm::vec2(size, 1.3f * size);
+                glm::vec2 half = 0.5f * glm::vec2(size, 1.3f * size) + 1.0f;
+                glm::vec2 at = half * glm::vec2(number(random), number(random));
+                const bool outside = std::abs(at.x) > half.x - 1.0f + 3.0f * gap
+                                     || std::abs(at.y) > half.y - 1.0f + 3.0f * gap;
+                const glm::vec3 there(middle + at, 0.0f);
+                if (outside)
+                    around += seen(there + glm::vec3(0, 0, 0.3f), there) / looks;
+                at *= 0.8f * (half - 1.0f) / half;
+                const glm::vec3 below(middle + at, 0.0f);
+                under += seen(below + glm::vec3(0, 0, 0.5f * gap), below) / looks;
+            }
+            // Of plates close together as much is lost as leaves through the gap around them.
+            const double lost = double(gap * 2.3f / (1.3f * size));
+            EXPECT_GT(under / 50.0, 0.95 - lost) << gap << " " << size;
+            EXPECT_LT(under / 50.0, 1.05) << gap << " " << size;
+            EXPECT_LT(around, 0.15 + 15.0 * double(gap)) << gap << " " << size;
+        }
+}
+
 TEST(LitSurfaces, AHitFindsThePatchAroundIt) {
     const Scene scene = scenes::cornell_box_with_point();
     const scene::Frame cells{glm::dvec3(-1.1, -0.1, -1.1), 0.1, glm::dvec3(22.0)};
