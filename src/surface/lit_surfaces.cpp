@@ -587,6 +587,22 @@ std::vector<SideLight> shared_irradiance_at(const Scene& scene, const LitSurface
     return result;
 }
 
+namespace {
+
+/// Whether a point of a patch, which lies `lift` off it, is lit as the patch's centroid is.
+bool is_lit_as(const Patch& patch, const PatchTree::Node& node, bool back, glm::vec3 point,
+               glm::vec3 lift, const visibility::Visibility& visibility) {
+    if (!node.crossed)
+        return true;
+    if (visibility.transmittance({point + lift, patch.position - point}) < 0.5f)
+        return false;
+    return (node.cover >> back & 1) == 0
+           || is_covered(visibility, point, back ? -patch.normal : patch.normal)
+                  == ((node.cover >> back & 4) != 0);
+}
+
+} // namespace
+
 uint32_t LitSurfaces::side(const visibility::Hit& hit, glm::vec3 direction) const {
     if (hit.facing == visibility::Facing::back)
         return no_side;
@@ -594,20 +610,29 @@ uint32_t LitSurfaces::side(const visibility::Hit& hit, glm::vec3 direction) cons
     const PatchTree::Node* node = tree.leaf(hit, weights);
     if (!node || node->at == PatchTree::none)
         return no_side;
-    const uint32_t found = node->at;
     const bool back = glm::dot(hit.normal, direction) > 0.0f;
-    if (node->crossed) {
-        const Patch& patch = patches[found];
-        const glm::vec3 point = patch.at(weights);
-        const glm::vec3 lift = (back ? -ray_offset(point) : ray_offset(point)) * patch.normal;
-        if (visibility->transmittance({point + lift, patch.position - point}) < 0.5f)
-            return no_side;
-        if ((node->cover >> back & 1) != 0
-            && is_covered(*visibility, point, back ? -patch.normal : patch.normal)
-                   != ((node->cover >> back & 4) != 0))
-            return no_side;
+    const Patch& patch = patches[node->at];
+    const glm::vec3 point = patch.at(weights);
+    const glm::vec3 lift = (back ? -ray_offset(point) : ray_offset(point)) * patch.normal;
+    if (is_lit_as(patch, *node, back, point, lift, *visibility))
+        return 2 * node->at + (back ? 1 : 0);
+    // What stands on the patch lies between them: farther away from it is more of the same side.
+    const glm::vec3 away = glm::normalize(point - patch.position)
+                           * std::max(glm::length(patch.edge_u), glm::length(patch.edge_v));
+    for (const glm::vec3 way : {away, 2.0f * away}) {
+        if (visibility->transmittance({point + lift, way}) < 0.5f)
+            break;
+        const visibility::Hit beside =
+            visibility->closest({point + way + 4.0f * lift, -8.0f * lift});
+        glm::vec2 there;
+        const PatchTree::Node* other = tree.leaf(beside, there);
+        if (!other || other->at == PatchTree::none || beside.facing == visibility::Facing::back)
+            break;
+        const bool turned = glm::dot(beside.normal, lift) < 0.0f;
+        if (is_lit_as(patches[other->at], *other, turned, point + way, lift, *visibility))
+            return 2 * other->at + (turned ? 1 : 0);
     }
-    return 2 * found + (back ? 1 : 0);
+    return no_side;
 }
 
 glm::vec3 LitSurfaces::leaving(const visibility::Hit& hit, glm::vec3 direction) const {

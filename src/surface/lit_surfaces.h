@@ -36,9 +36,10 @@ struct LitSurfaces {
     double lost = 0;   ///< and share that no patch shows
 
     static constexpr uint32_t no_side = ~0u;
-    /// Which side a ray of this direction sees at its hit; no_side for no_hit and for backs, and
-    /// for the part of a patch that something on it hides from its centroid, so that a patch does
-    /// not carry light through a wall.
+    /// Which side a ray of this direction sees at its hit; no_side for no_hit and for backs. A
+    /// patch does not carry light through a wall: where something on it hides a hit from its
+    /// centroid, the patch beside it on the hit's side of the wall is what is seen, or no_side if
+    /// there is none.
     uint32_t side(const visibility::Hit& hit, glm::vec3 direction) const;
     /// Luminance (nits) that a ray of this direction meets at its hit, Hit::tint not in it; 0 for
     /// no_hit.

@@ -209,6 +209,34 @@ TEST(LitSurfaces, TheFloorBehindAWallStaysDark) {
     EXPECT_GT(bright, 1.0);
 }
 
+TEST(LitSurfaces, TheFloorBesideAWallIsLitUpToIt) {
+    // A thin black wall stands on a floor under the sky: close to it half of the sky is seen, on
+    // both sides, also where a patch lies mostly on the other one.
+    for (const float turn : {0.0f, 0.4f}) {
+        Scene scene;
+        const int grey = scenes::add_material(scene, glm::vec3(0.5f));
+        const int black = scenes::add_material(scene, glm::vec3(0.0f), glm::vec3(0.0f), true);
+        scenes::add_quad(scene, grey, {0, 1, 0}, {0, 0, 8}, {8, 0, 0});
+        const glm::vec3 along(std::sin(turn), 0, std::cos(turn)), across(along.z, 0, -along.x);
+        scenes::add_quad(scene, black, glm::vec3(3.37f, 0.9f, 4) - 9.0f * along, 18.0f * along,
+                         {0, 9, 0});
+        scene.sky.luminance = glm::vec3(100.0f);
+        const scene::Frame cells{glm::dvec3(0.0), 1.0, glm::dvec3(8.0)};
+        const visibility::Visibility visibility(scene, cells);
+        Progress silent;
+        const surface::LitSurfaces lit =
+            surface::light_surfaces(scene, visibility, cells, {.bounces = 1}, silent);
+        for (int i = 0; i < 400; ++i) {
+            const float beside = (i % 2 != 0 ? -1.0f : 1.0f) * (0.004f + 0.0005f * float(i));
+            const glm::vec3 at =
+                glm::vec3(3.37f, 1.02f, 4) + beside * across + (0.011f * float(i) - 2.2f) * along;
+            const visibility::Ray down{at, {0, -1, 0}};
+            EXPECT_NEAR(lit.leaving(visibility.closest(down), down.direction).y, 27.0f, 9.0f)
+                << beside << ' ' << i;
+        }
+    }
+}
+
 TEST(LitSurfaces, LightBehindAPanelStaysThere) {
     // A glowing panel close before a wall, at any place and turn: the wall is bright under it, and
     // dark around it.
