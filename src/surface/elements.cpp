@@ -10,7 +10,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numeric>
 
 namespace lpvbake::surface {
 namespace {
@@ -108,18 +107,15 @@ std::vector<std::vector<uint32_t>> part(const std::vector<Patch>& patches,
         asked.clear();
         rays.clear();
         for (const uint32_t side : std::span(left).subspan(1)) {
-            const glm::vec3 way = patches[side / 2].position - position;
+            const glm::vec3 there = patches[side / 2].position;
             if (glm::dot(normal, normal_of(patches, side)) < alike
-                || std::abs(glm::dot(way, normal)) > apart * size
-                || (near && place_of(patches[side / 2].position, extent, true) != half)) {
-                others.push_back(side);
-                continue;
-            }
-            // Light that lies below a panel does not belong beside it.
-            if (covered
-                && room_above(lifted(patches, side), normal_of(patches, side), 2.0f * above,
-                              visibility)
-                       == 2.0f * above) {
+                || std::abs(glm::dot(there - position, normal)) > apart * size
+                || (near && place_of(there, extent, true) != half)
+                // Light that lies below a panel does not belong beside it.
+                || (covered
+                    && room_above(lifted(patches, side), normal_of(patches, side), 2.0f * above,
+                                  visibility)
+                           == 2.0f * above)) {
                 others.push_back(side);
                 continue;
             }

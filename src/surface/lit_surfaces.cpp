@@ -611,6 +611,8 @@ uint32_t LitSurfaces::side(const visibility::Hit& hit, glm::vec3 direction) cons
     if (!node || node->at == PatchTree::none)
         return no_side;
     const bool back = glm::dot(hit.normal, direction) > 0.0f;
+    if (!node->crossed) // the patch itself need not be loaded
+        return 2 * node->at + (back ? 1 : 0);
     const Patch& patch = patches[node->at];
     const glm::vec3 point = patch.at(weights);
     const glm::vec3 lift = (back ? -ray_offset(point) : ray_offset(point)) * patch.normal;
