@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 
 namespace lpvbake::surface {
 namespace {
@@ -88,7 +89,7 @@ std::vector<std::vector<uint32_t>> part(const std::vector<Patch>& patches,
                                         glm::vec3 extent) {
     const float size = cube_edge(sides[0].place[0]);
     std::vector<std::vector<uint32_t>> elements;
-    std::vector<uint32_t> left, others, asked;
+    std::vector<uint32_t> left, others, asked, hidden;
     for (const Side& side : sides)
         left.push_back(side.index);
     std::vector<visibility::Ray> rays;
@@ -125,10 +126,11 @@ std::vector<std::vector<uint32_t>> part(const std::vector<Patch>& patches,
         seen.resize(rays.size());
         visibility.filter_of_eights(rays, visibility::Bundle::tight, seen);
         std::vector<uint32_t>& members = elements.emplace_back(1, left[0]);
+        hidden.clear();
         for (size_t i = 0; i < asked.size(); ++i)
-            (seen[i].x + seen[i].y + seen[i].z < 1.5f ? others : members).push_back(asked[i]);
-        std::ranges::sort(others);
-        std::swap(left, others);
+            (seen[i].x + seen[i].y + seen[i].z < 1.5f ? hidden : members).push_back(asked[i]);
+        left.clear();
+        std::ranges::merge(others, hidden, std::back_inserter(left));
     }
     for (const uint32_t side : left)
         std::ranges::max_element(elements, {}, [&](const std::vector<uint32_t>& members) {

@@ -422,28 +422,48 @@ std::vector<Patch> make_patches(const Scene& scene, const scene::Frame& frame, f
 
 PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,
                           const visibility::Visibility& visibility, float max_edge) {
+    std::vector<std::vector<Cutter>> parts = cut_scene(scene, frame, max_edge, &visibility);
     PatchCover cover;
     PatchTree& tree = cover.tree;
-    for (const std::vector<Cutter>& runs : cut_scene(scene, frame, max_edge, &visibility)) {
-        tree.first_root.push_back(tree.roots.size());
-        for (const Cutter& run : runs) {
-            const size_t first_node = tree.nodes.size(), first_piece = tree.pieces.size(),
-                         first_patch = cover.patches.size();
-            const auto moved = [&](PatchTree::Node node) {
-                if (node.at != PatchTree::none)
-                    node.at += uint32_t(node.halved ? first_node : first_patch);
-                return node;
-            };
-            for (PatchTree::Root root : run.roots) {
-                if (root.first != PatchTree::none)
-                    root.first += uint32_t(first_piece);
-                tree.roots.push_back(root);
-            }
-            std::ranges::transform(run.pieces, std::back_inserter(tree.pieces), moved);
-            std::ranges::transform(run.nodes, std::back_inserter(tree.nodes), moved);
-            cover.patches.insert(cover.patches.end(), run.patches.begin(), run.patches.end());
+    struct Run {
+        Cutter* cut;
+        size_t root, piece, node, patch; ///< where its own begin among all
+    };
+    std::vector<Run> runs;
+    Run next{};
+    for (std::vector<Cutter>& part : parts) {
+        tree.first_root.push_back(next.root);
+        for (Cutter& cut : part) {
+            next.cut = &cut;
+            runs.push_back(next);
+            next.root += cut.roots.size();
+            next.piece += cut.pieces.size();
+            next.node += cut.nodes.size();
+            next.patch += cut.patches.size();
         }
     }
+    tree.roots.resize(next.root);
+    tree.pieces.resize(next.piece);
+    tree.nodes.resize(next.node);
+    cover.patches.resize(next.patch);
+    tbb::parallel_for(size_t(0), runs.size(), [&](size_t i) {
+        const Run& run = runs[i];
+        const Cutter cut = std::move(*run.cut); // its memory is given back on the way
+        const auto moved = [&](PatchTree::Node node) {
+            if (node.at != PatchTree::none)
+                node.at += uint32_t(node.halved ? run.node : run.patch);
+            return node;
+        };
+        const auto moved_root = [&](PatchTree::Root root) {
+            if (root.first != PatchTree::none)
+                root.first += uint32_t(run.piece);
+            return root;
+        };
+        std::ranges::transform(cut.roots, tree.roots.data() + run.root, moved_root);
+        std::ranges::transform(cut.pieces, tree.pieces.data() + run.piece, moved);
+        std::ranges::transform(cut.nodes, tree.nodes.data() + run.node, moved);
+        std::ranges::copy(cut.patches, cover.patches.data() + run.patch);
+    });
     return cover;
 }
 
