@@ -148,6 +148,24 @@ TEST_F(Bake, PowerDoesNotDependOnTheSizeOfTheMap) {
     }
 }
 
+TEST_F(Bake, LightOfSurfacesBesideTheGridComesIn) {
+    // The lit floor lies half a cell and more below the grid.
+    Scene scene;
+    const int grey = scenes::add_material(scene, glm::vec3(0.5f));
+    scenes::add_box(scene, grey, {-2, 0, -2}, {2, 4, 2}, scenes::Facing::inward);
+    scene.lights.push_back(scenes::spot_light({0, 2, 0}, {0, -1, 0}, 100.0, 0.2, 0.3));
+    const auto bake_from = [&](double low) {
+        bake::BakeSettings settings = coarse(16);
+        settings.bounds = Bounds{{-2, low, -2}, {2, 4, 2}};
+        settings.grid.margin = 0;
+        return run(scene, settings);
+    };
+    const double whole = injected(bake_from(0.0));
+    // View factors from the middle of the floor to the grid's lower faces.
+    EXPECT_NEAR(injected(bake_from(0.25)) / whole, 0.986, 0.02);
+    EXPECT_NEAR(injected(bake_from(1.0)) / whole, 0.83, 0.03);
+}
+
 TEST_F(Bake, FieldFallsWithTheSquareOfTheScaleWhereverTheSceneStands) {
     const Baked reference = run(scenes::cornell_box_with_point(), coarse());
     const double energy = volume::total_energy(reference.volume);

@@ -73,6 +73,7 @@ TEST(Inject, LightThatLeavesTheGridIsCountedAsLost) {
         const solver::lpv::Injection injection = inject_one(vpl);
         EXPECT_EQ(injection.power, 0.0);
         EXPECT_DOUBLE_EQ(injection.lost, 3.0);
+        EXPECT_EQ(injection.shut, 0.0);
         for (const float c : injection.coefficients)
             ASSERT_EQ(c, 0.0f);
     }
@@ -103,6 +104,7 @@ TEST(Inject, NeverStartsBehindAnotherWall) {
         inject_one({{4.0f, 4.5f, 4.5f}, {1, 0, 0}, glm::vec3(1)}, scene);
     EXPECT_EQ(injection.power, 0.0);
     EXPECT_DOUBLE_EQ(injection.lost, 3.0);
+    EXPECT_DOUBLE_EQ(injection.shut, 3.0); // and told
 }
 
 } // namespace

@@ -47,6 +47,11 @@ size_t front_cell(const vpl::Vpl& vpl, const visibility::Visibility& visibility,
     return nowhere;
 }
 
+/// Whether light goes from here into the grid.
+bool stays(const vpl::Vpl& vpl, const Grid& grid) {
+    return grid.contains(glm::ivec3(glm::floor(vpl.position + 0.5f * vpl.normal)));
+}
+
 } // namespace
 
 Injection inject(std::span<const vpl::Vpl> vpls, const visibility::Visibility& visibility,
@@ -77,6 +82,8 @@ Injection inject(std::span<const vpl::Vpl> vpls, const visibility::Visibility& v
             for (size_t channel = 0; channel < 3; ++channel) {
                 const double phi = double(vpl.power[int(channel)]);
                 power += phi;
+                if (cell == nowhere && stays(vpl, grid))
+                    injection.shut += phi;
                 for (size_t k = 0; k < 4; ++k)
                     sum[4 * channel + k] += phi / glm::pi<double>() * lobe[k];
             }

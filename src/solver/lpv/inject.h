@@ -16,6 +16,7 @@ struct Injection {
     std::vector<float> coefficients;
     double power = 0; ///< lm injected, the three channels together
     double lost = 0;  ///< lm that found no cell in front of its surface, inside the grid
+    double shut = 0;  ///< lm of these that do not leave the grid: no centre sees their surface
 };
 
 /// Adds (Phi / pi) K(n) for each VPL to a cell on the front of its surface: the one nearest to

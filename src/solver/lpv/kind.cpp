@@ -6,6 +6,7 @@
 #include "solver/models.h"
 #include "solver/occlusion.h"
 #include "solver/outside.h"
+#include "solver/vpl/entering.h"
 #include "solver/vpl/lit_vpls.h"
 #include "solver/vpl/vpls.h"
 #include "text.h"
@@ -115,7 +116,7 @@ public:
     void solve(const Inputs& inputs, Stages& stages, Volume& volume) override {
         const Grid& grid = inputs.grid;
         const Occlusion mode = settings_.occlusion;
-        const std::vector<vpl::Vpl> vpls = find_vpls(inputs, stages);
+        std::vector<vpl::Vpl> vpls = find_vpls(inputs, stages);
 
         GeometryVolume geometry;
         if (mode != Occlusion::none) {
@@ -137,14 +138,19 @@ public:
         stages.end(outside_geometry(volume.validity));
 
         stages.begin("inject");
+        vpl::let_in(vpls, inputs.visibility, inputs.frame);
         const Injection injection = inject(vpls, inputs.visibility, grid);
-        const double reflected = injection.power + injection.lost;
-        stages.end(format("%zu VPLs, %.6g lm, %.1f %% outside the grid or walled in", vpls.size(),
-                          injection.power,
-                          reflected > 0.0 ? 100.0 * injection.lost / reflected : 0.0));
+        const double come = injection.power + injection.shut;
+        const double shut = come > 0.0 ? 100.0 * injection.shut / come : 0.0;
+        stages.end(
+            format("%zu VPLs, %.6g lm, %.1f %% walled in", vpls.size(), injection.power, shut));
         if (injection.power == 0.0)
-            stages.warn(inputs.scene.path
-                        + ": no light reaches a surface inside the grid: the field is 0");
+            stages.warn(inputs.scene.path + ": no light comes into the grid: the field is 0");
+        else if (shut > 5.0)
+            stages.warn(format("%.3g %% of the light is lost between surfaces so close to each "
+                               "other that no cell's centre lies there; a higher `resolution` or "
+                               "another solver keeps it",
+                               shut));
 
         stages.begin("propagate", 100);
         const LpvField field =

@@ -1,6 +1,7 @@
 #include "solver/vpl/lit_vpls.h"
 
 #include "scene/sky.h"
+#include "surface/cutting.h"
 
 #include <glm/gtc/constants.hpp>
 #include <tbb/parallel_for.h>
@@ -31,8 +32,7 @@ void emit_vpls(const surface::LitSurfaces& surfaces, const scene::Frame& frame,
     for (size_t i = 0; i < surfaces.luminance.size(); ++i) {
         const surface::Patch& patch = surfaces.patches[i / 2];
         const glm::vec3 luminance = surfaces.luminance[i];
-        if (luminance == glm::vec3(0.0f) || glm::any(glm::lessThan(patch.position, glm::vec3(0.0f)))
-            || glm::any(glm::greaterThan(patch.position, glm::vec3(frame.extent))))
+        if (luminance == glm::vec3(0.0f))
             continue;
         const double area = double(patch.area) * double(patch.alpha) * frame.unit * frame.unit;
         if (!(area > 0.0))
@@ -43,9 +43,13 @@ void emit_vpls(const surface::LitSurfaces& surfaces, const scene::Frame& frame,
                                               {1.0f / 6.0f, 2.0f / 3.0f},
                                               {1.0f / 3.0f, 1.0f / 3.0f}};
         const glm::vec3 power{0.25 * glm::pi<double>() * area * glm::dvec3(luminance)};
+        const glm::vec3 normal = i % 2 ? -patch.normal : patch.normal;
+        if (surface::distance_to_box(patch.position, glm::vec3(frame.extent)) > 1.0f) {
+            vpls.push_back({patch.position, normal, 4.0f * power});
+            continue;
+        }
         for (const glm::vec2 part : parts)
-            vpls.push_back({patch.crossed ? patch.position : patch.at(part),
-                            i % 2 ? -patch.normal : patch.normal, power});
+            vpls.push_back({patch.crossed ? patch.position : patch.at(part), normal, power});
     }
 }
 

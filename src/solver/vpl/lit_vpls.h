@@ -8,8 +8,8 @@
 
 namespace lpvbake::solver::vpl {
 
-/// Appends VPLs for each side of a patch in the grid that light leaves, four that share its power
-/// of pi * L * A (lm).
+/// Appends VPLs for each side of a patch that light leaves, of pi * L * A (lm): four that share it,
+/// one where the patch is more than a cell away from the grid.
 void emit_vpls(const surface::LitSurfaces& surfaces, const scene::Frame& frame,
                std::vector<Vpl>& vpls);
 
