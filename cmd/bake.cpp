@@ -170,8 +170,7 @@ void check_options(const BakeOptions& o) {
 /// All but what choose_settings chooses; refers to the reader.
 bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& reader) {
     bake::BakeSettings settings(*solvers_of(o).front());
-    settings.grid = o.grid;
-    settings.bounds = o.bounds;
+    settings.grid = o.grid_settings();
     settings.emitters = !o.no_emitters;
     settings.solver.set(o.quality.value_or(solver::Quality::balanced));
     if (o.bounces)
@@ -290,7 +289,7 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const bak
 void run(const BakeOptions& o, const std::string& settings) {
     check_options(o);
     const readers::Reader reader = reader_of(*o.outputs.target, o.fit);
-    const bake::BakeSettings base = to_settings(o, reader);
+    bake::BakeSettings base = to_settings(o, reader);
     const bake::Wish wish = wish_of(o);
     Run run(o, o, o.outputs.paths);
     auto opening = std::async(in_background(), [&o] {
@@ -303,6 +302,7 @@ void run(const BakeOptions& o, const std::string& settings) {
     const std::unique_ptr<gpu::Device> device = opening.get();
     run.end_stage("open", "the device, opened while the scene was loaded");
 
+    base.bounds = o.box_in(scene);
     const bake::Choice choice =
         bake::choose_settings(bake::survey(scene), base, wish, device->info());
     run.warn(choice.warnings);

@@ -14,6 +14,7 @@ enum class ExitCode {
     invalid = 3,
     failure = 4,
     unsupported = 5,
+    io = 6,
     difference = 7,
     device = 8,
     memory = 9,
@@ -25,22 +26,26 @@ struct ExitCodeMeaning {
     ExitCode code;
     std::optional<ErrorKind> error; ///< the kind of error that ends in it
     const char* meaning;
+    bool again = false; ///< the same command may do another time
 };
 
 /// `lpvbake --help` prints this table.
 inline constexpr ExitCodeMeaning exit_codes[] = {
     {ExitCode::ok, std::nullopt, "done"},
     {ExitCode::usage, ErrorKind::argument, "the command line is wrong"},
-    {ExitCode::file, ErrorKind::file, "a file cannot be read or written"},
+    {ExitCode::file, ErrorKind::file, "a file is not there, or is none"},
     {ExitCode::invalid, ErrorKind::invalid, "the input is invalid"},
     {ExitCode::failure, ErrorKind::failure, "something failed while running"},
     {ExitCode::unsupported, ErrorKind::unsupported,
      "the input needs a feature that is not supported (it is named)"},
+    {ExitCode::io, ErrorKind::io,
+     "the system does not read or write (no space, no permission, a fault)", true},
     {ExitCode::difference, ErrorKind::difference, "a difference was found"},
-    {ExitCode::device, ErrorKind::device, "the Vulkan device is missing or was lost"},
-    {ExitCode::memory, ErrorKind::memory, "out of memory"},
-    {ExitCode::interrupted, ErrorKind::interrupted, "interrupted (SIGINT)"},
-    {ExitCode::terminated, ErrorKind::terminated, "terminated (SIGTERM)"},
+    {ExitCode::device, ErrorKind::device, "the Vulkan device is missing or was lost", true},
+    {ExitCode::memory, ErrorKind::memory, "out of memory; less is needed with a lower --resolution",
+     true},
+    {ExitCode::interrupted, ErrorKind::interrupted, "interrupted (SIGINT)", true},
+    {ExitCode::terminated, ErrorKind::terminated, "terminated (SIGTERM)", true},
 };
 
 constexpr ExitCode exit_code_of(ErrorKind kind) {

@@ -5,6 +5,7 @@
 #include "lpvbake/error.h"
 #include "options/wording.h"
 #include "report/describe.h"
+#include "scene/scene_hash.h"
 #include "scene_options.h"
 
 #include <cstdio>
@@ -21,6 +22,7 @@ const char manual[] =
 struct InfoOptions {
     std::string file;
     LoadSettings load;
+    bool hash = false;
     std::optional<options::Slice> slice;
     std::string output;
     std::optional<float> white; ///< nits; none: the slice's own
@@ -57,14 +59,16 @@ void run(const InfoOptions& o, const options::Options& options) {
         if (mentions_images(scene_options))
             preload = image::preload_image_module();
         LoadSettings settings = o.load;
-        settings.skip_colors = !o.load.strict; // which looks for every fault
+        // What looks for every fault, or asks for every texel, needs them.
+        settings.skip_colors = !o.load.strict && !o.hash;
         Scene scene = load_gltf(o.file, settings);
         for (std::string& warning : scene.warnings) {
             warning = options::in_options(warning);
             std::fprintf(stderr, "lpvbake: warning: %s\n", on_one_line(warning).c_str());
         }
-        o.format == Format::json ? print_json(report::scene_json(o.file, scene))
-                                 : print_text(report::scene_text(o.file, scene));
+        const std::string hash = o.hash ? scene::scene_hash(scene) : "";
+        o.format == Format::json ? print_json(report::scene_json(o.file, scene, hash))
+                                 : print_text(report::scene_text(o.file, scene, hash));
     } else if (io::readable_format(o.file)) {
         refuse_scene_options(o.file, options);
         const Volume volume = read_volume(o.file);
@@ -99,6 +103,9 @@ options::Action declare(options::Options& options) {
     options.text("-o,--output", o.output, "FILE", "PNG to write");
     add_format_option(options, o.format);
     add_load_options(options, o.load);
+    options.flag("--hash", o.hash,
+                 "Tell the hash that bakes by the file's own light record as scene_hash; it takes "
+                 "all pictures, decoded");
     return [fields, &options] { run(*fields, options); };
 }
 

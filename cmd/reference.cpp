@@ -102,9 +102,9 @@ void run(const ReferenceOptions& o, const std::string& settings) {
 
     if (scene::triangle_count(scene) == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to light");
-    const Bounds box = o.bounds.value_or(bounds_of(scene));
+    const Bounds box = o.box_in(scene).value_or(bounds_of(scene));
     reference::Reference reference = reference::make_reference(
-        scene, volume::fit_grid(box.lo, box.hi, o.grid), to_settings(o), run.progress);
+        scene, volume::fit_grid(box.lo, box.hi, o.grid_settings()), to_settings(o), run.progress);
     run.warn(reference.warnings);
     if (volume::total_energy(reference.volume) == 0.0)
         run.warn(std::vector{scene::why_dark(scene)});

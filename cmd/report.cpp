@@ -118,8 +118,7 @@ std::vector<report::Sweep> read_sweeps(const std::string& path) {
 
 std::vector<report::SweepRow> rows_of(const ReportOptions& o) {
     bake::BakeSettings base;
-    base.grid.margin = o.grid.margin;
-    base.bounds = o.bounds;
+    base.grid.margin = o.grid_settings().margin;
     base.emitters = !o.no_emitters;
     report::Sweep listed;
     for (const auto& [option, values] : o.axes)
@@ -148,6 +147,15 @@ report::ReportSettings to_settings(const ReportOptions& o) {
     settings.peer = !o.no_peer;
     settings.slices = settings.views = !o.no_slices && wants(o, ".html");
     return settings;
+}
+
+/// The rows with the box that is asked for in this scene.
+std::vector<report::SweepRow> rows_in(const Scene& scene, const ReportOptions& o,
+                                      std::vector<report::SweepRow> rows) {
+    const std::optional<Bounds> box = o.box_in(scene);
+    for (report::SweepRow& row : rows)
+        row.settings.bounds = box;
+    return rows;
 }
 
 /// A word as a POSIX shell takes it.
@@ -204,7 +212,7 @@ void print_plan(const ReportOptions& o, const options::Options& options,
         if (o.format == Format::text)
             std::printf("scene         %s\n", o.scenes[i].c_str());
         const bake::SceneFacts facts = bake::survey(scenes[i]);
-        for (const report::SweepRow& row : rows) {
+        for (const report::SweepRow& row : rows_in(scenes[i], o, rows)) {
             const bake::BakePlan plan = bake::plan_bake(facts, row.settings, device);
             seconds += plan.seconds * o.repeats;
             report::RowResult result;
@@ -286,8 +294,8 @@ void run(const ReportOptions& o, const options::Options& options) {
     report.threads = unsigned(tbb::this_task_arena::max_concurrency());
     report.settings = to_settings(o);
     for (std::size_t i = 0; i < scenes.size(); ++i) {
-        report.scenes.push_back(
-            report::measure_scene(scenes[i], rows, report.settings, device, progress));
+        report.scenes.push_back(report::measure_scene(scenes[i], rows_in(scenes[i], o, rows),
+                                                      report.settings, device, progress));
         report::SceneReport& scene = report.scenes.back();
         scene.path = o.scenes[i];
         const std::string command = shared_command(options, o.scenes[i]);

@@ -1,5 +1,6 @@
 #include "scene_options.h"
 
+#include "file_error.h"
 #include "io/atomic_file.h"
 #include "lpvbake/error.h"
 #include "lpvbake/scene.h"
@@ -46,6 +47,18 @@ std::variant<std::monostate, Sky, SkyPicture> parse_sky_option(const std::string
     return picture;
 }
 
+/// Six numbers, or what is no list of numbers.
+std::variant<std::monostate, Bounds, std::string> parse_box(const std::string& text) {
+    if (std::ranges::count(text, ',') == 5
+        || text.find_first_not_of("0123456789.,+-eE ") == std::string::npos)
+        return options::parse_bounds(text);
+    return text;
+}
+
+/// Of --default-light.
+const Sky default_sky{glm::vec3(1000), nullptr};
+constexpr const char* default_light = "a white sky of 1000 nits";
+
 double parse_time(const std::string& text) {
     const std::optional<double> time = options::parse_number(text);
     if (!time)
@@ -81,10 +94,14 @@ void add_load_options(options::Options& options, LoadSettings& load) {
 
 void add_bounds_options(options::Options& options, SceneOptions& o) {
     options
-        .value("--bounds", o.bounds, "X0,Y0,Z0,X1,Y1,Z1", options::parse_bounds,
-               "Box to fit the grid to, metres; default: the scene's")
+        .value("--bounds", o.bounds, "X0,Y0,Z0,X1,Y1,Z1|NODES", parse_box,
+               "Box to fit the grid to, metres; or that of all nodes whose names fit a pattern, "
+               "such as 'Hall*'; default: the scene's")
         .record(options::Recorded::if_changed);
-    options.number("--margin", o.grid.margin, 0, 1024, "Whole cells around the box on each side")
+    options
+        .number("--margin", o.margin, 0, 1024,
+                "Whole cells around the box on each side; default: 1, with --bounds 0")
+        .implies([&o] { return options::number_text(o.grid_settings().margin); })
         .record();
 }
 
@@ -133,6 +150,21 @@ void add_light_options(options::Options& options, SceneOptions& o) {
         .record(options::Recorded::if_changed);
     options.flag("--no-scene-lights", o.no_scene_lights, "Leave out the lights of the file")
         .record();
+    options
+        .values("--light-scale", o.light_scales, "NAMES=X", parse_light_scale,
+                "Multiply lights and emissive materials whose names fit a pattern, such as "
+                "'Lamp*=0.5'; may be repeated")
+        .record(options::Recorded::if_changed);
+    options
+        .values(
+            "--no-light", o.light_scales, "NAMES",
+            [](const std::string& names) { return LightScale{names}; },
+            "Leave them out; may be repeated")
+        .record(options::Recorded::if_changed);
+    options
+        .flag("--default-light", o.default_light,
+              std::string("Where nothing else gives light: ") + default_light)
+        .record(options::Recorded::if_changed);
     options.flag("--no-emitters", o.no_emitters, "Emissive surfaces give no light").record();
     options
         .number("--max-albedo", o.load.rules.max_albedo, 0, 1,
@@ -162,6 +194,19 @@ GivenLights command_line_lights(const SceneOptions& o) {
     return given;
 }
 
+volume::GridSettings SceneOptions::grid_settings() const {
+    volume::GridSettings settings = grid;
+    settings.margin = margin.value_or(volume::usual_margin(bounds.index() != 0));
+    return settings;
+}
+
+std::optional<Bounds> SceneOptions::box_in(const Scene& in) const {
+    if (const auto* names = std::get_if<std::string>(&bounds))
+        return box_of_nodes(*names, in);
+    const auto* box = std::get_if<Bounds>(&bounds);
+    return box ? std::optional(*box) : std::nullopt;
+}
+
 Scene load_scene(const SceneOptions& o, const GivenLights& given) {
     Scene scene = load_gltf(o.scene, o.load);
     if (o.no_scene_lights)
@@ -173,6 +218,12 @@ Scene load_scene(const SceneOptions& o, const GivenLights& given) {
                              o.load.max_memory);
     else if (const Sky* sky = std::get_if<Sky>(&o.sky))
         scene.sky = *sky;
+    scale_lights(o.light_scales, scene);
+    if (o.default_light && scene.lights.empty() && !scene::has_sky(scene)
+        && (o.no_emitters || !scene::has_emitters(scene))) {
+        scene.sky = default_sky;
+        scene.warnings.push_back(scene.path + ": gives no light: it is lit by " + default_light);
+    }
     return scene;
 }
 
@@ -405,7 +456,8 @@ void probe_outputs(const std::vector<std::string>& outputs) {
                 unlink(probe.c_str());
         }
         if (file < 0)
-            throw Error(ErrorKind::file, output + ": cannot be written: " + std::strerror(errno));
+            throw Error(kind_of_file_error(errno),
+                        output + ": cannot be written: " + std::strerror(errno));
         close(file);
     }
 }
@@ -414,7 +466,7 @@ void probe_scene(const SceneOptions& o) {
     if (o.scene == standard_input)
         return;
     if (access(o.scene.c_str(), R_OK) != 0)
-        throw Error(ErrorKind::file, o.scene + ": " + std::strerror(errno));
+        throw Error(kind_of_file_error(errno), o.scene + ": " + std::strerror(errno));
     io::refuse_pipes(o.scene, o.scene);
 }
 
@@ -424,6 +476,8 @@ void fill_metadata(const SceneOptions& o, const Scene& scene, const std::string&
     volume.metadata.try_emplace("scene", fs::path(o.scene).filename().string());
     volume.metadata.try_emplace("scene_hash", scene::scene_hash(scene));
     volume.metadata.try_emplace("settings", settings);
+    if (o.default_light && o.sky.index() == 0 && scene::has_sky(scene))
+        volume.metadata.try_emplace("default_light", default_light);
 }
 
 std::string outputs_help() {

@@ -8,6 +8,7 @@
 #include "readers/readers.h"
 #include "result.h"
 #include "scene/scene.h"
+#include "selection.h"
 #include "terminal.h"
 #include "visibility/isa.h"
 #include "volume/grid.h"
@@ -31,16 +32,24 @@ struct SceneOptions {
     std::string scene;
     LoadSettings load;
     volume::GridSettings grid;
-    std::optional<Bounds> bounds; ///< none: the scene's
+    std::optional<int> margin;                                ///< none: as usual
+    std::variant<std::monostate, Bounds, std::string> bounds; ///< or of nodes; none: the scene's
     std::vector<Light> suns, points;
     std::vector<std::string> light_files;
+    std::vector<LightScale> light_scales;
     std::variant<std::monostate, Sky, SkyPicture> sky;
     double sky_rotation = 0;
     bool no_scene_lights = false;
     bool no_emitters = false;
     double max_albedo = 0.95;
 
+    bool default_light = false;
+
     const SkyPicture* sky_picture() const { return std::get_if<SkyPicture>(&sky); }
+    /// With the margin.
+    volume::GridSettings grid_settings() const;
+    /// What the grid is fitted to; none: all of the scene. Throws Error (argument).
+    std::optional<Bounds> box_in(const Scene& in) const;
 };
 
 /// What of the scene's file is taken, and how strictly it is read.

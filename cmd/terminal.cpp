@@ -47,7 +47,7 @@ void stop_if_signalled() {
 void finish_stdout() {
     std::cout.flush();
     if (std::fflush(stdout) != 0 || std::ferror(stdout) || !std::cout)
-        throw Error(ErrorKind::file, "standard output: cannot be written");
+        throw Error(ErrorKind::io, "standard output: cannot be written");
 }
 
 std::string on_one_line(std::string text) {

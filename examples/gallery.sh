@@ -43,7 +43,7 @@ for show in direct final; do
     "$lpvbake" render room.gltf room.vdb -o "before_after.$show.png" --show "$show" --size 600x450 \
         --exposure 9 --camera 0.4,1.5,1.9:-0.2,1.0,-2:70 --sky 0.6:0.8:1,4000 --progress none >/dev/null
 done
-row street 12.5 -2,1.7,27:0.5,2.5,0:55 0.5:0.7:1,6000 --resolution 64 --bounds -16,-1,-30,16,10,30
+row street 12.5 -2,1.7,27:0.5,2.5,0:55 0.5:0.7:1,6000 --resolution 64 --bounds -16,-1,-30,16,10,30 --margin 1
 
 "$lpvbake" bake sheets.gltf -o sheets.vdb --resolution 32 >/dev/null
 "$lpvbake" bake sheets.gltf -o sheets.fit.vdb --resolution 32 --target godot

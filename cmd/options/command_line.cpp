@@ -17,10 +17,11 @@ const char summary[] =
     "Results go to standard output, everything else to standard error.\n";
 
 std::string exit_code_table() {
-    std::string table = "Exit codes:";
+    std::string table = "Exit codes (*: the same command may do another time):";
     for (const ExitCodeMeaning& row : exit_codes) {
         char line[128];
-        std::snprintf(line, sizeof line, "\n  %3d  %s", int(row.code), row.meaning);
+        std::snprintf(line, sizeof line, "\n  %3d%c %s", int(row.code), row.again ? '*' : ' ',
+                      row.meaning);
         table += line;
     }
     return table;

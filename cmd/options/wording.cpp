@@ -6,8 +6,8 @@ namespace lpvbake::cmd::options {
 namespace {
 
 constexpr Wording table[] = {
-    {"`lights` or a `sky`", "one with --sun AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD, --sky "
-                            "COLOUR,NITS or --lights FILE"},
+    {"`lights` or a `sky`", "--default-light or light with --sun AZIMUTH,ELEVATION,LUX, --point "
+                            "X,Y,Z,CD, --sky COLOUR,NITS or --lights FILE"},
     {"`allow_external`", "--allow-external"},
     {"`animation`", "--animation"},
     {"`bounces`", "--bounces"},

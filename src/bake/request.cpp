@@ -79,7 +79,8 @@ BakeSettings settings_of(const BakeRequest& request, const solver::SolverKind& k
     if (request.cell_size == 0 && request.resolution < 3)
         throw Error(ErrorKind::argument, "`resolution` is below 3");
     BakeSettings settings(kind);
-    settings.grid = {request.resolution, request.cell_size, request.margin};
+    settings.grid = {request.resolution, request.cell_size,
+                     request.margin.value_or(volume::usual_margin(request.bounds.has_value()))};
     settings.bounds = request.bounds;
     settings.emitters = request.emitters;
     if (request.bounces)

@@ -1,5 +1,6 @@
 #include "io/atomic_file.h"
 
+#include "file_error.h"
 #include "lpvbake/error.h"
 
 #include <fcntl.h>
@@ -20,8 +21,9 @@ namespace fs = std::filesystem;
 namespace {
 
 [[noreturn]] void fail(const std::string& path, const char* verb, int error) {
-    throw Error(ErrorKind::file, path + ": cannot be " + verb + ": "
-                                     + (error ? std::strerror(error) : "input/output error"));
+    throw Error(kind_of_file_error(error),
+                path + ": cannot be " + verb + ": "
+                    + (error ? std::strerror(error) : "input/output error"));
 }
 
 /// Closed at the end of its scope.

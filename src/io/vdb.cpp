@@ -1,6 +1,7 @@
 // Everything that sees OpenVDB.
 #include "io/vdb.h"
 
+#include "file_error.h"
 #include "io/atomic_file.h"
 #include "io/layout.h"
 #include "io/vdb_grids.h"
@@ -80,8 +81,9 @@ struct Identity {
 Identity identify(const std::string& path, const std::string& name) {
     const auto fail = [&] {
         const int error = errno;
-        throw Error(ErrorKind::file, name + ": cannot be read: "
-                                         + (error ? std::strerror(error) : "input/output error"));
+        throw Error(
+            kind_of_file_error(error),
+            name + ": cannot be read: " + (error ? std::strerror(error) : "input/output error"));
     };
     refuse_pipes(path, name);
     errno = 0;

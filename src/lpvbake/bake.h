@@ -32,9 +32,10 @@ struct BakeRequest {
     /// {"directions", "144"}, {"occlusion", "sh"}.
     std::map<std::string, std::string> parameters;
 
-    int resolution = 32;          ///< cells along the longest axis, margins included; at least 3
-    double cell_size = 0;         ///< metres; above 0 it overrides `resolution`
-    int margin = 1;               ///< whole cells around the bounds on each side
+    int resolution = 32;  ///< cells along the longest axis, margins included; at least 3
+    double cell_size = 0; ///< metres; above 0 it overrides `resolution`
+    std::optional<int>
+        margin; ///< whole cells around the box on each side; none: 1, 0 with `bounds`
     std::optional<Bounds> bounds; ///< what the grid is fitted to; none: all of the scene
 
     bool emitters = true; ///< emissive surfaces give light

@@ -10,7 +10,8 @@ namespace lpvbake {
 
 enum class ErrorKind {
     argument,    ///< the caller asks for what cannot be: a setting is wrong
-    file,        ///< a file cannot be read or written
+    file,        ///< a file is not there, or is none that can be read or written
+    io,          ///< the system does not read or write: no space, no permission, a fault
     invalid,     ///< what is read is wrong: a scene, a volume, a file of lights
     failure,     ///< something that we stand on failed
     unsupported, ///< what is read needs a feature that is not supported (it is named)

@@ -115,12 +115,19 @@ struct SceneFile {
         std::string name;
         double duration = 0.0; ///< seconds
     };
+    /// A node that has a name. What it and the nodes below it place are the instances [begin, end).
+    struct Node {
+        std::string name;
+        size_t begin = 0;
+        size_t end = 0;
+    };
     std::string generator; ///< the program that wrote it
     std::vector<std::string> extensions_used;
     std::vector<std::string> extensions_required;
     std::vector<std::string> scenes; ///< names, by index; empty where there is none
     std::vector<std::string> variants;
     std::vector<Animation> animations;
+    std::vector<Node> nodes; ///< of the scene that was taken, but for those that place nothing
 };
 
 struct Scene {

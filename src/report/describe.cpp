@@ -5,6 +5,7 @@
 #include "volume/compare.h"
 
 #include <algorithm>
+#include <span>
 
 namespace lpvbake::report {
 namespace {
@@ -59,6 +60,7 @@ Json materials_json(const Scene& scene) {
             {"list", list}};
 }
 
+/// As load_lights reads them.
 Json lights_json(const Scene& scene) {
     Json list = Json::array();
     for (const Light& light : scene.lights) {
@@ -69,14 +71,14 @@ Json lights_json(const Scene& scene) {
                    {"unit", light.type == LightType::directional ? "lux" : "candela"}};
         if (light.type != LightType::directional) {
             entry["position"] = vector_json(light.position);
-            entry["range"] = light.range > 0 ? Json(light.range) : Json(nullptr);
+            if (light.range > 0)
+                entry["range"] = light.range;
         }
         if (light.type != LightType::point)
             entry["direction"] = vector_json(light.direction);
-        if (light.type == LightType::spot) {
-            entry["inner_cone"] = light.inner_cone;
-            entry["outer_cone"] = light.outer_cone;
-        }
+        if (light.type == LightType::spot)
+            entry["spot"] = {{"innerConeAngle", light.inner_cone},
+                             {"outerConeAngle", light.outer_cone}};
         list.push_back(entry);
     }
     return list;
@@ -104,6 +106,72 @@ std::string lights_text(const Scene& scene) {
     return text;
 }
 
+Json box_json(const Bounds& box) {
+    return {{"lo", vector_json(box.lo)}, {"hi", vector_json(box.hi)}};
+}
+
+std::string box_text(const Bounds& box) {
+    return format("(%.6g, %.6g, %.6g) to (%.6g, %.6g, %.6g)", box.lo.x, box.lo.y, box.lo.z,
+                  box.hi.x, box.hi.y, box.hi.z);
+}
+
+struct NamedBox {
+    std::string name;
+    Bounds box;
+};
+
+/// Nodes that hold triangles.
+std::vector<NamedBox> boxes_of_nodes(const Scene& scene) {
+    const std::vector<Bounds> instances = scene::instance_boxes(scene);
+    std::vector<NamedBox> nodes;
+    for (const SceneFile::Node& node : scene.file.nodes)
+        if (const Bounds box =
+                scene::union_of(std::span(instances).subspan(node.begin, node.end - node.begin));
+            !box.empty())
+            nodes.push_back({node.name, box});
+    return nodes;
+}
+
+Json nodes_json(const Scene& scene) {
+    Json list = Json::array();
+    for (const NamedBox& node : boxes_of_nodes(scene))
+        list.push_back({{"name", node.name}, {"bounds", box_json(node.box)}});
+    return list;
+}
+
+/// The first lines of a list, for people.
+std::string first_of(const std::vector<std::string>& lines) {
+    constexpr std::size_t most = 40;
+    std::string text;
+    for (std::size_t i = 0; i < std::min(lines.size(), most); ++i)
+        text += "  " + lines[i] + "\n";
+    if (lines.size() > most)
+        text += format("  and %zu more, which the JSON has\n", lines.size() - most);
+    return text;
+}
+
+std::string nodes_text(const Scene& scene) {
+    std::vector<std::string> lines;
+    for (const NamedBox& node : boxes_of_nodes(scene))
+        lines.push_back(box_text(node.box) + "  " + node.name);
+    return format("nodes      %zu with a name and surfaces\n", lines.size()) + first_of(lines);
+}
+
+std::string material_names_text(const Scene& scene) {
+    std::vector<std::string> lines;
+    for (const Material& m : scene.materials) {
+        std::string line =
+            format("colour %.3g:%.3g:%.3g", m.base_color.r, m.base_color.g, m.base_color.b);
+        if (m.base_color_texture >= 0)
+            line += " times a texture";
+        if (m.emission != glm::vec3(0))
+            line +=
+                format("  emission %.4g:%.4g:%.4g nits", m.emission.r, m.emission.g, m.emission.b);
+        lines.push_back(line + "  " + m.name);
+    }
+    return first_of(lines);
+}
+
 struct NamedRange {
     std::string name;
     volume::GridRange range;
@@ -128,12 +196,13 @@ std::string channels_text(const std::vector<double>& values) {
 
 } // namespace
 
-Json scene_json(const std::string& path, const Scene& scene) {
+Json scene_json(const std::string& path, const Scene& scene, const std::string& hash) {
     const Bounds bounds = bounds_of(scene);
     Json document{
         {"command", "info"},
         {"file", path},
         {"kind", "scene"},
+        {"scene_hash", hash.empty() ? Json(nullptr) : Json(hash)},
         {"generator", scene.file.generator},
         {"extensions",
          {{"used", scene.file.extensions_used}, {"required", scene.file.extensions_required}}},
@@ -143,7 +212,8 @@ Json scene_json(const std::string& path, const Scene& scene) {
         {"triangles", scene::triangle_count(scene)},
         {"meshes", scene.meshes.size()},
         {"instances", scene.instances.size()},
-        {"bounds", nullptr},
+        {"bounds", bounds.empty() ? Json(nullptr) : box_json(bounds)},
+        {"nodes", nodes_json(scene)},
         {"materials", materials_json(scene)},
         {"textures", scene.textures.size()},
         {"images", Json::array()},
@@ -151,8 +221,6 @@ Json scene_json(const std::string& path, const Scene& scene) {
         {"lights", lights_json(scene)},
         {"cameras", Json::array()},
         {"warnings", scene.warnings}};
-    if (!bounds.empty())
-        document["bounds"] = {{"lo", vector_json(bounds.lo)}, {"hi", vector_json(bounds.hi)}};
     for (const SceneFile::Animation& animation : scene.file.animations)
         document["animations"].push_back(
             {{"name", animation.name}, {"duration", animation.duration}});
@@ -167,11 +235,13 @@ Json scene_json(const std::string& path, const Scene& scene) {
     return document;
 }
 
-std::string scene_text(const std::string& path, const Scene& scene) {
+std::string scene_text(const std::string& path, const Scene& scene, const std::string& hash) {
     const Bounds bounds = bounds_of(scene);
     const MaterialCounts count = count_materials(scene);
     std::string text;
     text += format("scene      %s\n", path.c_str());
+    if (!hash.empty())
+        text += format("hash       %s\n", hash.c_str());
     if (!scene.file.generator.empty())
         text += format("generator  %s\n", scene.file.generator.c_str());
     const auto print_names = [&](const char* title, const std::vector<std::string>& names) {
@@ -198,11 +268,10 @@ std::string scene_text(const std::string& path, const Scene& scene) {
         text += format("bounds     none\n");
     } else {
         const glm::dvec3 size = bounds.hi - bounds.lo;
-        text +=
-            format("bounds     (%.6g, %.6g, %.6g) to (%.6g, %.6g, %.6g), %.4g x %.4g x %.4g m\n",
-                   bounds.lo.x, bounds.lo.y, bounds.lo.z, bounds.hi.x, bounds.hi.y, bounds.hi.z,
-                   size.x, size.y, size.z);
+        text += format("bounds     %s, %.4g x %.4g x %.4g m\n", box_text(bounds).c_str(), size.x,
+                       size.y, size.z);
     }
+    text += nodes_text(scene);
     text +=
         format("materials  %zu: %td emissive, %td mask, %td blend, %td double-sided",
                scene.materials.size(), count.emissive, count.mask, count.blend, count.double_sided);
@@ -212,6 +281,7 @@ std::string scene_text(const std::string& path, const Scene& scene) {
         text += format(", %zu clamped to a reflectance of %g", scene.clamped_materials,
                        double(scene.rules.max_albedo));
     text += '\n';
+    text += material_names_text(scene);
     text += format("emitters   %s\n", scene::has_emitters(scene) ? "yes" : "none");
     text += format("textures   %zu of %s\n", scene.textures.size(),
                    counted(scene.images.size(), "image").c_str());

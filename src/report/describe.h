@@ -10,8 +10,10 @@
 
 namespace lpvbake::report {
 
-nlohmann::ordered_json scene_json(const std::string& path, const Scene& scene);
-std::string scene_text(const std::string& path, const Scene& scene);
+/// `hash`: of a scene whose pictures are all there; else empty.
+nlohmann::ordered_json scene_json(const std::string& path, const Scene& scene,
+                                  const std::string& hash);
+std::string scene_text(const std::string& path, const Scene& scene, const std::string& hash);
 
 nlohmann::ordered_json volume_json(const std::string& path, const Volume& volume);
 std::string volume_text(const std::string& path, const Volume& volume);

@@ -199,7 +199,7 @@ using File = std::unique_ptr<std::FILE, CloseFile>;
 File temporary() {
     File file(std::tmpfile());
     if (!file)
-        throw Error(ErrorKind::file,
+        throw Error(ErrorKind::io,
                     std::string("a temporary file cannot be made: ") + std::strerror(errno));
     return file;
 }
@@ -218,7 +218,7 @@ std::string run_gnuplot(const std::string& script, std::vector<std::string> argu
     const File in = temporary(), out = temporary(), err = temporary();
     if (std::fwrite(script.data(), 1, script.size(), in.get()) != script.size()
         || std::fflush(in.get()) != 0)
-        throw Error(ErrorKind::file, "gnuplot's script cannot be written to a temporary file");
+        throw Error(ErrorKind::io, "gnuplot's script cannot be written to a temporary file");
     std::rewind(in.get());
     arguments.insert(arguments.begin(), "gnuplot");
     std::vector<char*> argv;

@@ -74,6 +74,36 @@ Bounds trimmed_bounds(const Scene& scene, double share) {
     return trimmed;
 }
 
+std::vector<Bounds> instance_boxes(const Scene& scene) {
+    std::vector<std::vector<uint32_t>> used(scene.meshes.size());
+    std::vector<Bounds> boxes;
+    boxes.reserve(scene.instances.size());
+    for (const Instance& instance : scene.instances) {
+        const Mesh& mesh = scene.meshes[instance.mesh];
+        Bounds& box = boxes.emplace_back();
+        if (mesh.triangles.empty())
+            continue;
+        std::vector<uint32_t>& vertices = used[instance.mesh];
+        if (vertices.empty())
+            vertices = used_vertices(mesh);
+        for (const uint32_t vertex : vertices) {
+            const glm::dvec3 p(instance.to_world * glm::dvec4(mesh.positions[vertex], 1.0));
+            box.lo = glm::min(box.lo, p);
+            box.hi = glm::max(box.hi, p);
+        }
+    }
+    return boxes;
+}
+
+Bounds union_of(std::span<const Bounds> boxes) {
+    Bounds all;
+    for (const Bounds& box : boxes) {
+        all.lo = glm::min(all.lo, box.lo);
+        all.hi = glm::max(all.hi, box.hi);
+    }
+    return all;
+}
+
 uint64_t triangle_count(const Scene& scene) {
     uint64_t count = 0;
     for (const Instance& instance : scene.instances)
@@ -126,22 +156,7 @@ bool has_emitters(const Scene& scene) {
 namespace lpvbake {
 
 Bounds bounds_of(const Scene& scene) {
-    std::vector<std::vector<uint32_t>> used(scene.meshes.size());
-    Bounds bounds;
-    for (const Instance& instance : scene.instances) {
-        const Mesh& mesh = scene.meshes[instance.mesh];
-        if (mesh.triangles.empty())
-            continue;
-        std::vector<uint32_t>& vertices = used[instance.mesh];
-        if (vertices.empty())
-            vertices = scene::used_vertices(mesh);
-        for (const uint32_t vertex : vertices) {
-            const glm::dvec3 p(instance.to_world * glm::dvec4(mesh.positions[vertex], 1.0));
-            bounds.lo = glm::min(bounds.lo, p);
-            bounds.hi = glm::max(bounds.hi, p);
-        }
-    }
-    return bounds;
+    return scene::union_of(scene::instance_boxes(scene));
 }
 
 } // namespace lpvbake

@@ -3,6 +3,9 @@
 
 #include "lpvbake/scene.h"
 
+#include <span>
+#include <vector>
+
 namespace lpvbake::scene {
 
 /// Throws Error: argument where an index leads nowhere, sizes do not fit or a number is none;
@@ -12,6 +15,11 @@ void check_scene(const Scene& scene);
 /// The box that is left when, along each axis, the share `share` of the placed triangles that reach
 /// lowest and the share that reach highest are left out; on a raster of 1/1024 of the bounds.
 Bounds trimmed_bounds(const Scene& scene, double share);
+
+/// The box around each instance; empty where it has no triangle.
+std::vector<Bounds> instance_boxes(const Scene& scene);
+/// The boxes of a part of them in one.
+Bounds union_of(std::span<const Bounds> boxes);
 
 /// Number of placed triangles (instances counted as often as they are placed).
 uint64_t triangle_count(const Scene& scene);

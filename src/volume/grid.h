@@ -12,6 +12,11 @@ struct GridSettings {
     int margin = 1;      ///< whole cells around the box on each side
 };
 
+/// The margin where none is asked for. A box that is asked for is the grid's own.
+constexpr int usual_margin(bool box_is_given) {
+    return box_is_given ? 0 : GridSettings().margin;
+}
+
 /// Fits a grid around the box [lo, hi] (metres), centred on it. A flat box gets one cell (and the
 /// margins) across. Throws Error (invalid) for a box that is not finite, is a single point, or is
 /// so far from the origin that double precision cannot tell its cells apart, and for more than

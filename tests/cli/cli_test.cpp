@@ -205,7 +205,8 @@ TEST_F(Cli, HelpNamesEveryExitCodeAndCommand) {
     EXPECT_EQ(result.status, 0);
     EXPECT_EQ(result.err, "");
     for (const cmd::ExitCodeMeaning& row : cmd::exit_codes)
-        EXPECT_NE(result.out.find(std::to_string(int(row.code)) + "  " + row.meaning),
+        EXPECT_NE(result.out.find(std::to_string(int(row.code)) + (row.again ? "* " : "  ")
+                                  + row.meaning),
                   std::string::npos)
             << int(row.code);
     for (const char* command :
@@ -248,9 +249,10 @@ TEST_F(Cli, TextsOfTheLibraryNameOptions) {
     need_device();
     expect_error({"bake", "room.gltf", "-o", "a.vdb", "--point", "1e19,2,3,1"},
                  cmd::ExitCode::invalid, "farther than 1e18 cells");
-    expect_error({"bake", "dark.gltf", "-o", "a.vdb"}, cmd::ExitCode::invalid,
-                 "dark.gltf: no light and no emissive surface; add one with --sun "
-                 "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD, --sky COLOUR,NITS or --lights FILE\n");
+    expect_error(
+        {"bake", "dark.gltf", "-o", "a.vdb"}, cmd::ExitCode::invalid,
+        "dark.gltf: no light and no emissive surface; add --default-light or light with --sun "
+        "AZIMUTH,ELEVATION,LUX, --point X,Y,Z,CD, --sky COLOUR,NITS or --lights FILE\n");
     spill_glowing_room("glows.gltf");
     const std::vector<std::string> small{"glows.gltf", "--max-memory", "1M"};
     const std::string warning = "glows.gltf: images: halved, once or more, to fit into memory: 1 "
@@ -315,7 +317,7 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
         {"--resolution", {"2", "0", "-4", "8.5", "x", "", "nan", "1e2", "99999999999999"}},
         {"--cell-size", {"0", "-1", "nan", "inf", "1e-300", "1m"}},
         {"--margin", {"-1", "1.5"}},
-        {"--bounds", {"1", "0,0,0,1,1", "0,0,0,1,1,nan", "0,0,0,1,1,1,1", "0,0,0,1,-1,1", "a,b"}},
+        {"--bounds", {"1", "0,0,0,1,1", "0,0,0,1,1,nan", "0,0,0,1,1,1,1", "0,0,0,1,-1,1", "1,2"}},
         {"--sun", {"1", "1,2", "1,2,3,red", "nan,2,3", "1,2,-3"}},
         {"--point", {"1,2,3", "1,2,3,x", "1,2,3,-4", "inf,0,0,1"}},
         {"--rsm-size", {"-1", "1000000"}},
@@ -568,7 +570,7 @@ TEST_F(Cli, FilesThatCannotBeReadOrWritten) {
                  cmd::ExitCode::file, "none.json");
     expect_error({"bake", "--config", "none.toml"}, cmd::ExitCode::file, "none.toml");
     const Result full = wait_for(start({"--help"}, {}, "/dev/full"));
-    EXPECT_EQ(full.status, int(cmd::ExitCode::file));
+    EXPECT_EQ(full.status, int(cmd::ExitCode::io));
     EXPECT_FALSE(fs::exists(folder_ / "a.vdb"));
 }
 

@@ -87,7 +87,7 @@ class Godot(unittest.TestCase):
         cls.folder = pathlib.Path(temporary.name)
         # Three axes of different lengths, so that none passes for another.
         run(PROGRAM, "bake", EXAMPLES / "cornell_box.gltf", "--target", "godot", "--fit", "surfaces",
-            "--bounds", "-1,0,-1,1,1.4,0.5", "--resolution", "16", "-o", cls.folder / "volume.exr",
+            "--bounds", "-1,0,-1,1,1.4,0.5", "--margin", "1", "--resolution", "16", "-o", cls.folder / "volume.exr",
             "-o", cls.folder / "volume.vdb")
         cls.facts = json.loads((cls.folder / "volume.json").read_text())
         cls.pictures = {

@@ -53,7 +53,7 @@ class Faults(unittest.TestCase):
             resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
         for more in [], ["-o", str(self.folder / "more.exr")]:
             result = self.bake(*more, before=full)
-            self.expect_failure(result, 2, ": cannot be written: File too large")
+            self.expect_failure(result, 6, ": cannot be written: File too large")
             self.expect_old_alone()
 
     def test_read_only_folder(self):
@@ -63,7 +63,7 @@ class Faults(unittest.TestCase):
         self.folder.chmod(0o555)
         try:
             result = self.bake(before=obey_modes)
-            self.expect_failure(result, 2, "cannot be written: Permission denied")
+            self.expect_failure(result, 6, "cannot be written: Permission denied")
             self.expect_old_alone()
         finally:
             self.folder.chmod(0o755)

@@ -126,7 +126,7 @@ TEST(AtomicFile, FullDisk) {
         for (const char* name : {"a.vdb", "a.exr"}) {
             const Error error = error_of(
                 folder / "a", [&] { io::write_volume(folder / name, volume, Precision::full); });
-            if (error.kind != ErrorKind::file
+            if (error.kind != ErrorKind::io
                 || std::string(error.what()).find("File too large") == std::string::npos)
                 return false;
         }

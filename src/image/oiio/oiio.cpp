@@ -1,5 +1,6 @@
 // The image module: everything that sees OpenImageIO and libpng. Images pass through memory, so
 // that files, their errors and their atomicity are the business of those who own them.
+#include "file_error.h"
 #include "image/header.h"
 #include "image/oiio/module.h"
 #include "lpvbake/error.h"
@@ -201,7 +202,7 @@ Pixels read_picture_file(const std::string& path, uint64_t max_texels) {
     if (FILE* file = std::fopen(path.c_str(), "rb"))
         std::fclose(file);
     else
-        throw Error(ErrorKind::file, path + ": " + std::strerror(errno));
+        throw Error(kind_of_file_error(errno), path + ": " + std::strerror(errno));
     const auto input = ImageInput::open(path);
     if (!input)
         reject(path, "the image cannot be decoded: " + one_line(OIIO::geterror()));

@@ -1,9 +1,11 @@
 #include "scene/gltf/folder.h"
 
+#include "file_error.h"
 #include "quoted.h"
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <cstring>
 #include <fstream>
 
@@ -97,7 +99,8 @@ uint64_t file_size(const fs::path& path, const std::string& place) {
         throw Error(ErrorKind::file, place + ": is not a file");
     const uintmax_t size = fs::file_size(path, error);
     if (error)
-        throw Error(ErrorKind::file, place + ": cannot be read: " + error.message());
+        throw Error(kind_of_file_error(error.value()),
+                    place + ": cannot be read: " + error.message());
     return size;
 }
 
@@ -106,11 +109,12 @@ std::vector<unsigned char> read_file(const fs::path& path, const std::string& pl
     const uint64_t size = std::min(file_size(path, place), most);
     std::ifstream file(path, std::ios::binary);
     if (!file)
-        throw Error(ErrorKind::file, place + ": cannot be opened: " + std::strerror(errno));
+        throw Error(kind_of_file_error(errno),
+                    place + ": cannot be opened: " + std::strerror(errno));
     std::vector<unsigned char> bytes(size);
     file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(size));
     if (static_cast<uint64_t>(file.gcount()) != size)
-        throw Error(ErrorKind::file, place + ": cannot be read to its end");
+        throw Error(ErrorKind::io, place + ": cannot be read to its end");
     return bytes;
 }
 
@@ -122,7 +126,7 @@ std::vector<unsigned char> read_standard_input(MemoryLimit& memory) {
         bytes.resize(size + step);
         const ssize_t count = read(STDIN_FILENO, bytes.data() + size, step);
         if (count < 0)
-            throw Error(ErrorKind::file,
+            throw Error(kind_of_file_error(errno),
                         std::string("standard input: cannot be read: ") + std::strerror(errno));
         memory.take(static_cast<uint64_t>(count), 1, "the file");
         bytes.resize(size + static_cast<size_t>(count));
@@ -167,7 +171,8 @@ fs::path resolve_uri(const fs::path& folder, std::string_view uri, const std::st
     std::error_code error;
     const fs::path base = fs::canonical(folder.empty() ? fs::path(".") : folder, error);
     if (error)
-        throw Error(ErrorKind::file, place + ": the scene's folder cannot be read");
+        throw Error(kind_of_file_error(error.value()),
+                    place + ": the scene's folder cannot be read");
     std::string with_slashes = name;
     std::replace(with_slashes.begin(), with_slashes.end(), '\\', '/');
     for (const std::string& each : {name, with_slashes}) {

@@ -68,13 +68,16 @@ LightType light_type(const Place& place) {
 }
 
 Light light_from(const Place& place, std::vector<std::string>& warnings) {
-    place.check_object({"type", "name", "color", "intensity", "range", "spot", "position",
+    place.check_object({"type", "name", "color", "intensity", "unit", "range", "spot", "position",
                         "direction", "extras", "extensions"});
     const json& value = place.value;
     if (!value.contains("type"))
         place.fail("lacks \"type\"");
     Light light;
     light.type = light_type(place.child("type"));
+    const char* const unit = light.type == LightType::directional ? "lux" : "candela";
+    if (value.contains("unit") && place.child("unit").string() != unit)
+        place.child("unit").fail(std::string("must be \"") + unit + "\" for this type");
     if (value.contains("name"))
         light.name = place.child("name").string();
     if (value.contains("color"))
@@ -121,7 +124,8 @@ std::vector<Light> lights_of(const std::string& path, std::vector<std::string>& 
         throw Error(ErrorKind::invalid, path + ": not JSON: " + printable(error.what(), 300));
     }
     const Place place{root, path};
-    place.check_object({"lights"});
+    if (!root.is_object() || root.value("command", json()) != "info")
+        place.check_object({"lights"});
     if (!root.contains("lights"))
         place.fail("lacks \"lights\", an array of lights");
     const Place list{root["lights"], path + ": lights"};

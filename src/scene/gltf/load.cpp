@@ -83,11 +83,18 @@ Scene load(const std::string& path, const LoadSettings& settings) {
     scene.meshes = read_meshes(document, graph, jobs, materials);
     for (SourceMaterial& material : materials)
         scene.materials.push_back(std::move(material.material));
+    std::vector<size_t> first_instance; // of each placed shape, and the end
     for (const PlacedShape& placed : graph.placed) {
+        first_instance.push_back(scene.instances.size());
         const auto [begin, end] = jobs.of_shape[placed.shape];
         for (size_t mesh = begin; mesh < end; ++mesh)
             scene.instances.push_back({static_cast<int>(mesh), placed.to_world});
     }
+    first_instance.push_back(scene.instances.size());
+    for (SceneFile::Node& node : graph.nodes)
+        if (const size_t begin = first_instance[node.begin], end = first_instance[node.end];
+            begin < end)
+            scene.file.nodes.push_back({std::move(node.name), begin, end});
     scene.lights = std::move(graph.lights);
     scene.cameras = std::move(graph.cameras);
     scene.clamped_materials = count_clamped(scene, mean_texels);

@@ -170,12 +170,13 @@ std::vector<glm::dmat4> instance_transforms(Document& document, const tinygltf::
     return transforms;
 }
 
+/// A light without a name has that of its node.
 std::optional<Light> placed_light(Document& document, int index, const glm::dmat4& to_world,
-                                  const std::string& node_place) {
+                                  const std::string& name, const std::string& node_place) {
     const tinygltf::Light& source = document.model.lights.at(index);
     const std::string place = at("extensions.KHR_lights_punctual.lights", index);
     Light light;
-    light.name = source.name;
+    light.name = source.name.empty() ? name : source.name;
     if (source.type == "directional")
         light.type = LightType::directional;
     else if (source.type == "point")
@@ -398,6 +399,7 @@ Graph walk(Document& document, const LoadSettings& settings, const Pose& pose) {
     struct Visit {
         int node;
         bool hidden;
+        std::ptrdiff_t left = -1; ///< in Graph::nodes: all below it is placed
     };
     const tinygltf::Model& model = document.model;
     std::vector<int> parent = parents_of(document);
@@ -417,10 +419,18 @@ Graph walk(Document& document, const LoadSettings& settings, const Pose& pose) {
     for (auto root = roots.rbegin(); root != roots.rend(); ++root)
         open.push_back({*root, false});
     while (!open.empty()) {
-        const int index = open.back().node;
-        const tinygltf::Node& node = model.nodes[index];
-        const bool hidden = open.back().hidden || is_hidden(node);
+        const auto [index, above_hidden, left] = open.back();
         open.pop_back();
+        if (left >= 0) {
+            graph.nodes[size_t(left)].end = graph.placed.size();
+            continue;
+        }
+        const tinygltf::Node& node = model.nodes[index];
+        const bool hidden = above_hidden || is_hidden(node);
+        if (!node.name.empty()) {
+            open.push_back({index, hidden, std::ssize(graph.nodes)});
+            graph.nodes.push_back({node.name, graph.placed.size(), 0});
+        }
         const std::string node_place = at("nodes", index);
         const glm::dmat4& to_world = worlds[index];
         if (node.mesh >= 0 && !hidden) {
@@ -439,7 +449,7 @@ Graph walk(Document& document, const LoadSettings& settings, const Pose& pose) {
         if (const auto* reference = find_extension(node.extensions, "KHR_lights_punctual");
             reference && !hidden)
             if (const auto light = placed_light(document, reference->Get("light").GetNumberAsInt(),
-                                                to_world, node_place))
+                                                to_world, node.name, node_place))
                 graph.lights.push_back(*light);
         if (node.camera >= 0)
             if (const auto camera = placed_camera(document, node.camera, to_world))

@@ -1,0 +1,81 @@
+#include "selection.h"
+
+#include "lpvbake/error.h"
+#include "options/values.h"
+#include "scene/scene.h"
+
+#include <algorithm>
+
+#include <fnmatch.h>
+
+namespace lpvbake::cmd {
+namespace {
+
+bool fits(const std::string& names, const std::string& name) {
+    return fnmatch(names.c_str(), name.c_str(), 0) == 0;
+}
+
+[[noreturn]] void fail_to_find(const std::string& what, const std::string& names,
+                               std::vector<std::string> known) {
+    constexpr std::size_t most = 8;
+    std::ranges::sort(known);
+    known.erase(std::ranges::unique(known).begin(), known.end());
+    std::string text = what + " of " + (known.empty() ? "any name" : "the name '" + names + "'");
+    for (std::size_t i = 0; i < std::min(known.size(), most); ++i)
+        text += (i == 0 ? "; there are '" : ", '") + known[i] + "'";
+    if (known.size() > most)
+        text += ", and " + std::to_string(known.size() - most) + " more, which lpvbake info lists";
+    throw Error(ErrorKind::argument, text);
+}
+
+} // namespace
+
+LightScale parse_light_scale(const std::string& text) {
+    const std::size_t equals = text.rfind('=');
+    if (equals == std::string::npos || equals == 0)
+        options::refuse(text, "is not NAMES=X, such as 'Lamp*=0.5'");
+    return {text.substr(0, equals), options::number_within(text.substr(equals + 1), 0, 1e6, false)};
+}
+
+void scale_lights(const std::vector<LightScale>& scales, Scene& scene) {
+    for (const auto& [names, scale] : scales) {
+        std::vector<std::string> known;
+        const auto is_one = [&known, &pattern = names](const std::string& name) {
+            known.push_back(name);
+            return fits(pattern, name);
+        };
+        std::size_t found = 0;
+        for (Light& light : scene.lights)
+            if (is_one(light.name)) {
+                ++found;
+                light.intensity *= scale;
+            }
+        for (Material& material : scene.materials)
+            if (material.emission != glm::vec3(0) && is_one(material.name)) {
+                ++found;
+                material.emission *= float(scale);
+            }
+        if (found == 0)
+            fail_to_find(scene.path + ": no light and no emissive material", names,
+                         std::move(known));
+    }
+    std::erase_if(scene.lights, [](const Light& light) { return light.intensity == 0; });
+}
+
+Bounds box_of_nodes(const std::string& names, const Scene& scene) {
+    const std::vector<Bounds> boxes = scene::instance_boxes(scene);
+    std::vector<Bounds> found;
+    std::vector<std::string> known;
+    for (const SceneFile::Node& node : scene.file.nodes) {
+        known.push_back(node.name);
+        if (fits(names, node.name))
+            found.push_back(
+                scene::union_of(std::span(boxes).subspan(node.begin, node.end - node.begin)));
+    }
+    const Bounds all = scene::union_of(found);
+    if (all.empty())
+        fail_to_find(scene.path + ": --bounds: no node with surfaces", names, std::move(known));
+    return all;
+}
+
+} // namespace lpvbake::cmd

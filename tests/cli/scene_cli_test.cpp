@@ -1,0 +1,171 @@
+// What options say of a scene's lights and nodes, by their names, from outside.
+//
+// LPVBAKE_BINARY is the program's path, LPVBAKE_EXAMPLES the folder of examples/.
+
+#include "cli/run.h"
+#include "exit_code.h"
+#include "io/io.h"
+#include "volume/compare.h"
+
+#include <nlohmann/json.hpp>
+
+namespace lpvbake {
+namespace {
+
+using nlohmann::json;
+
+class SceneCli : public ::testing::Test {
+protected:
+    void SetUp() override {
+        if (run_lpvbake(folder_, "devices").status == int(cmd::ExitCode::device))
+            GTEST_SKIP() << "no Vulkan device";
+    }
+
+    CliResult run(const std::string& arguments) {
+        CliResult result = run_lpvbake(folder_, arguments);
+        EXPECT_EQ(result.status, 0) << arguments << "\n" << result.err;
+        return result;
+    }
+
+    json run_json(const std::string& arguments) {
+        return json::parse(run(arguments + " --format json").out);
+    }
+
+    Volume bake(const std::string& arguments) {
+        run("bake -o a.vdb --resolution 6 --threads 1 " + arguments);
+        return read_volume(folder_ / "a.vdb");
+    }
+
+    double energy_of(const std::string& arguments) { return volume::total_energy(bake(arguments)); }
+
+    void expect_error(const std::string& arguments, cmd::ExitCode code, const std::string& text) {
+        expect_one_error(run_lpvbake(folder_, arguments), arguments, code, text);
+    }
+
+    /// The box as a file of the tests' own.
+    void spill_room(const char* name, const auto& change) {
+        json room = json::parse(slurp(LPVBAKE_EXAMPLES "/cornell_box.gltf"));
+        change(room);
+        spill(folder_ / name, room.dump());
+    }
+
+    TemporaryFolder folder_;
+};
+
+TEST_F(SceneCli, LightsThatInfoPrintsAreAFileOfLights) {
+    spill_room("room.gltf", [](json& room) {
+        json& lights = room["extensions"]["KHR_lights_punctual"]["lights"];
+        lights.push_back({{"type", "spot"},
+                          {"intensity", 20.1},
+                          {"color", {0.3, 0.7, 0.1}},
+                          {"range", 3.3},
+                          {"spot", {{"innerConeAngle", 0.1}, {"outerConeAngle", 0.7}}}});
+        lights.push_back({{"type", "directional"}, {"intensity", 5}});
+        for (const int light : {1, 2}) {
+            room["scenes"][0]["nodes"].push_back(room["nodes"].size());
+            room["nodes"].push_back(
+                {{"name", "turned"},
+                 {"translation", {0.1, 1.3, 0.2}},
+                 {"rotation", {0.2, 0.4, 0.1, 0.8888194417315589}},
+                 {"extensions", {{"KHR_lights_punctual", {{"light", light}}}}}});
+        }
+    });
+    const json document = run_json("info room.gltf --hash");
+    ASSERT_EQ(document["lights"].size(), 3u);
+    EXPECT_EQ(document["lights"][0]["name"], "bulb");
+    EXPECT_EQ(document["lights"][1]["name"], "turned"); // its node's
+    EXPECT_EQ(document["lights"][2]["unit"], "lux");
+    spill(folder_ / "lights.json", document.dump());
+    const Volume own = bake("room.gltf");
+    EXPECT_EQ(own.metadata.at("scene_hash"), document["scene_hash"]);
+    const Volume given = bake("room.gltf --no-scene-lights --lights lights.json");
+    EXPECT_EQ(given.sh, own.sh);
+
+    json wrong = document;
+    wrong["lights"][0]["unit"] = "lux";
+    spill(folder_ / "wrong.json", wrong.dump());
+    expect_error("bake room.gltf -o b.vdb --lights wrong.json", cmd::ExitCode::invalid,
+                 "wrong.json: lights[0].unit: must be \"candela\"");
+}
+
+TEST_F(SceneCli, LightsAreScaledAndLeftOutByName) {
+    const std::string room = "\"$ROOM\" --bounces 1 --fit none ";
+    const double all = energy_of(room), bulb = energy_of(room + "--no-emitters"),
+                 lamp = energy_of(room + "--no-scene-lights");
+    EXPECT_GT(bulb, 0.05 * all);
+    EXPECT_GT(lamp, 0.05 * all);
+    EXPECT_NEAR(energy_of(room + "--no-light 'bu*'"), lamp, 1e-6 * all);
+    EXPECT_NEAR(energy_of(room + "--no-light lamp"), bulb, 0.02 * all);
+    EXPECT_NEAR(energy_of(room + "--no-emitters --light-scale bulb=3"), 3 * bulb, 1e-3 * all);
+    EXPECT_NEAR(energy_of(room + "--light-scale '*=0.5'"), 0.5 * all, 1e-3 * all);
+    expect_error("bake \"$ROOM\" -o b.vdb --no-light 'Bulb*'", cmd::ExitCode::usage,
+                 "of the name 'Bulb*'; there are 'bulb', 'lamp'");
+    expect_error("bake \"$ROOM\" -o b.vdb --light-scale bulb", cmd::ExitCode::usage,
+                 "'bulb' is not NAMES=X");
+    expect_error("bake \"$ROOM\" -o b.vdb --light-scale bulb=-1", cmd::ExitCode::usage, "-1");
+}
+
+TEST_F(SceneCli, BoundsGoByTheNamesOfNodes) {
+    spill_room("room.gltf", [](json& room) { // both boxes below a node that has no mesh
+        room["scenes"][0]["nodes"] = {0, 3, 4, room["nodes"].size()};
+        room["nodes"].push_back({{"name", "boxes"}, {"children", {1, 2}}});
+    });
+    const json info = run_json("info room.gltf");
+    std::map<std::string, json> boxes;
+    for (const json& node : info["nodes"])
+        boxes[node["name"]] = node["bounds"];
+    ASSERT_EQ(boxes.size(), 5u) << info["nodes"];
+    EXPECT_NEAR(boxes["short box"]["lo"][0].get<double>(), 0.05, 1e-6);
+    EXPECT_NEAR(boxes["short box"]["hi"][1].get<double>(), 0.6, 1e-6);
+    EXPECT_EQ(boxes["boxes"]["lo"][0], boxes["tall box"]["lo"][0]);
+    EXPECT_EQ(boxes["boxes"]["hi"][0], boxes["short box"]["hi"][0]);
+    EXPECT_NE(run("info room.gltf").out.find("  tall box\n"), std::string::npos);
+
+    const auto grid_of = [&](const std::string& bounds) {
+        return run_json("bake room.gltf -o a.vdb --dry-run --resolution 8 " + bounds)["grid"];
+    };
+    std::string numbers;
+    for (const char* end : {"lo", "hi"})
+        for (const json& number : boxes["boxes"][end])
+            numbers.append(numbers.empty() ? "" : ",").append(number.dump());
+    EXPECT_EQ(grid_of("--bounds boxes"), grid_of("--bounds=" + numbers));
+    EXPECT_EQ(grid_of("--bounds '* box'"), grid_of("--bounds boxes"));
+    EXPECT_NE(grid_of("--bounds 'tall*'"), grid_of("--bounds boxes"));
+    EXPECT_EQ(run_json("report room.gltf --dry-run --resolution 8 --solver sn --bounds 'tall*'")
+                  ["scenes"][0]["rows"][0]["dims"],
+              grid_of("--bounds 'tall*'")["dims"]);
+    expect_error("bake room.gltf -o a.vdb --bounds 'Tall*'", cmd::ExitCode::usage,
+                 "--bounds: no node with surfaces of the name 'Tall*'; there are 'boxes'");
+}
+
+TEST_F(SceneCli, BoundsThatAreGivenAreTheGrids) {
+    const auto cell_of = [&](const std::string& more) {
+        return run_json("bake \"$ROOM\" -o a.vdb --dry-run --resolution 8 " + more)["grid"]["cell"];
+    };
+    EXPECT_EQ(cell_of("--bounds=-1,0,-1,1,2,1"), 0.25);
+    EXPECT_EQ(cell_of("--bounds=-1,0,-1,1,2,1 --margin 1"), cell_of(""));
+    EXPECT_NEAR(cell_of("").get<double>(), 1.0 / 3, 1e-9);
+    const std::string config = run("bake --bounds=-1,0,-1,1,2,1 --print-config").out;
+    EXPECT_NE(config.find("# margin = 0\n"), std::string::npos) << config;
+}
+
+TEST_F(SceneCli, ASceneWithoutLightHasOneByDefaultWhereItIsAsked) {
+    const std::string dark = "\"$ROOM\" --no-scene-lights --no-emitters ";
+    expect_error("bake -o a.vdb " + dark, cmd::ExitCode::invalid,
+                 "no light and no emissive surface; add --default-light or light with --sun");
+    const CliResult lit = run("bake -o a.vdb --resolution 6 --default-light " + dark);
+    EXPECT_NE(lit.err.find("warning: "), std::string::npos);
+    EXPECT_NE(
+        lit.err.find("cornell_box.gltf: gives no light: it is lit by a white sky of 1000 nits"),
+        std::string::npos)
+        << lit.err;
+    const Volume volume = read_volume(folder_ / "a.vdb");
+    EXPECT_EQ(volume.metadata.at("default_light"), "a white sky of 1000 nits");
+    EXPECT_EQ(bake(dark + "--sky '#ffffff,1000'").sh, volume.sh);
+    const Volume own = bake("\"$ROOM\" --default-light");
+    EXPECT_EQ(own.metadata.count("default_light"), 0u);
+    EXPECT_EQ(own.sh, bake("\"$ROOM\"").sh);
+}
+
+} // namespace
+} // namespace lpvbake
