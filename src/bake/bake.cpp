@@ -119,9 +119,9 @@ Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
                    + counted(uint64_t(lit.bounces), "reflection"));
         if (lit.narrow > 0.05)
             stages.warn(
-                format("%.3g %% of the light of lamps and suns falls on less than a quarter "
-                       "of the patches it falls on, and counts as spread over them; a "
-                       "higher `resolution` cuts smaller ones",
+                format("%.3g %% of the light of lamps and suns falls on spots smaller than a "
+                       "quarter of a cell: cells show where its reflection comes from, but not "
+                       "the spots; a higher `resolution` does",
                        100.0 * lit.narrow));
         if (lit.lost > 0.001)
             stages.warn(

@@ -1,6 +1,7 @@
 #include "surface/flux.h"
 
 #include "colour/colour.h"
+#include "surface/narrow.h"
 
 #include <tbb/parallel_for.h>
 
@@ -100,10 +101,11 @@ double transmittance(const Source& source, const LitSurfaces& lit, uint32_t side
 }
 
 /// The flux of a side in closed form; 0 where the texels know better: where something hides a part
-/// of it, and where it is too small or too steeply lit.
+/// of it, and where it is too small or too steeply lit, as parts of patches are.
 double closed_form(const Source& source, const LitSurfaces& lit, const SideFlux& seen, bool veils) {
     const Patch& patch = lit.patches[seen.side / 2];
-    if (seen.edged || patch.crossed || !(seen.flux > 0.0))
+    const bool part = seen.side / 2 >= lit.patches.size() - lit.cut_from.size();
+    if (seen.edged || patch.crossed || part || !(seen.flux > 0.0))
         return 0;
     double exact = unhidden(source, patch);
     const double texels = seen.flux * exact / seen.squares; // that would fall on it
@@ -123,6 +125,10 @@ double closed_form(const Source& source, const LitSurfaces& lit, const SideFlux&
     return seen.flux >= (1.0 - noise) * exact ? exact : 0;
 }
 
+double brightness_of(const Light& light) {
+    return glm::dot(glm::dvec3(light.color), colour::rec709_luminance);
+}
+
 void add_light(const Source& source, const LightMap& map, const LitSurfaces& lit, bool veils,
                PunctualLight& result) {
     std::vector<double> exact(map.sides.size());
@@ -136,7 +142,7 @@ void add_light(const Source& source, const LightMap& map, const LitSurfaces& lit
         }
     const double factor = known > 0.0 ? seen / known : 1.0;
     const double square = source.frame.unit * source.frame.unit;
-    const double brightness = glm::dot(glm::dvec3(source.light.color), colour::rec709_luminance);
+    const double brightness = brightness_of(source.light);
     result.landed += brightness * map.power.landed;
     result.lost += brightness * map.power.lost;
     for (size_t i = 0; i < exact.size(); ++i) {
@@ -144,8 +150,6 @@ void add_light(const Source& source, const LightMap& map, const LitSurfaces& lit
         const Patch& patch = lit.patches[side.side / 2];
         const double flux = exact[i] > 0.0 ? factor * exact[i] : side.flux;
         const double share = flux / (double(patch.area) * double(patch.alpha) * square);
-        if (side.flux * side.flux < 0.25 * double(patch.area) * side.peak)
-            result.narrow += brightness * side.flux;
         // Exactly 1 where nothing was coloured.
         const glm::dvec3 tint = side.flux > 0.0 ? side.tinted / side.flux : glm::dvec3(1.0);
         result.lux[side.side] += source.light.color * float(share) * glm::vec3(tint);
@@ -169,7 +173,16 @@ void share_light(const LitSurfaces& lit, std::vector<glm::vec3>& lux) {
 
 } // namespace
 
-PunctualLight illuminate(const Scene& scene, std::span<const Light> lights, const LitSurfaces& lit,
+void PunctualLight::follow(const LitSurfaces& lit) {
+    if (lux.empty())
+        return;
+    const size_t uncut = lit.patches.size() - lit.cut_from.size();
+    for (size_t i = lux.size() / 2; i < lit.patches.size(); ++i)
+        for (const size_t side : {0, 1})
+            lux.push_back(lux[2 * lit.cut_from[i - uncut] + side]);
+}
+
+PunctualLight illuminate(const Scene& scene, std::span<const Light> lights, LitSurfaces& lit,
                          const scene::Frame& frame, uint32_t key, Progress& progress) {
     PunctualLight result;
     if (lights.empty())
@@ -178,7 +191,14 @@ PunctualLight illuminate(const Scene& scene, std::span<const Light> lights, cons
     LightMapper mapper(scene, lit, frame, lights);
     for (size_t i = 0; i < lights.size(); ++i) {
         progress.advance(0);
-        const LightMap map = mapper.draw(lights[i], key + uint32_t(i));
+        LightMap map = mapper.draw(lights[i], key + uint32_t(i));
+        for (const SideFlux& side : map.sides)
+            if (is_within(side, lit.patches[side.side / 2], 0.25))
+                result.narrow += side.flux * brightness_of(lights[i]);
+        if (cut_to_light(map, mapper, lit) > 0) {
+            result.follow(lit);
+            map = mapper.draw(lights[i], key + uint32_t(i));
+        }
         result.power.push_back(map.power);
         add_light(Source(lights[i], frame), map, lit, mapper.veiled(), result);
     }

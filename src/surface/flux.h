@@ -15,14 +15,17 @@ struct PunctualLight {
     double lost = 0;               ///< and what has no patch
     std::vector<LightPower> power; ///< a light
 
+    /// Patches that were cut since are as light as what they were part of.
+    void follow(const LitSurfaces& lit);
     glm::vec3 of(uint32_t side) const { return lux.empty() ? glm::vec3(0.0f) : lux[side]; }
 };
 
 /// Each light gives its power, but for what meets nothing or backs, to the sides that it sees
 /// (LightMapper). A side's share of it is what the texels on it hold. Sides that a light sees
 /// wholly, by enough texels, have their exact share instead, which has no noise: irradiance in
-/// closed form, times one factor a light that keeps the sum. `key`: another one gives other rays.
-PunctualLight illuminate(const Scene& scene, std::span<const Light> lights, const LitSurfaces& lit,
+/// closed form, times one factor a light that keeps the sum. Patches are cut where lights need
+/// smaller ones (cut_to_light). `key`: another one gives other rays.
+PunctualLight illuminate(const Scene& scene, std::span<const Light> lights, LitSurfaces& lit,
                          const scene::Frame& frame, uint32_t key, Progress& progress);
 
 } // namespace lpvbake::surface

@@ -186,6 +186,7 @@ struct Texel {
     std::array<uint32_t, 2> beyond{none, none}; ///< bins of neighbours that see other surfaces
     float edge = 0;                             ///< longest of patches there
     float on_surface = 0;                       ///< more, where the surface is oblique
+    float area = 0;                             ///< as that, however oblique it is
     visibility::Hit hit;
     glm::vec3 position{0};
     glm::vec3 normal{0}; ///< towards the light
@@ -334,6 +335,7 @@ private:
             texel.across = float(map_->across(texel.square, places_[i], double(hits_[i].t)));
             texel.on_surface =
                 texel.across / std::max(least_cosine, -glm::dot(texel.normal, direction));
+            texel.area = texel.across / std::max(1e-6f, -glm::dot(texel.normal, direction));
             texel.edge = mapper_.patch_edge(texel.position);
         }
     }
@@ -588,7 +590,7 @@ private:
     void give(TileFlux& result) {
         for (const Place& place : order_) {
             const Texel& texel = texels_[place.texel];
-            const double area = texel.missed() ? 0.0 : double(texel.on_surface);
+            const double area = texel.missed() ? 0.0 : double(texel.area);
             if (!mapper_.veiled() && (texel.edged || coarseness(texel) < 0.1f))
                 give(texel.hit, -texel.normal, texel.edged, double(texel.flux), area, result);
             else
@@ -630,6 +632,9 @@ private:
         to.tinted += flux * glm::dvec3(hit.tint);
         to.squares += flux * flux;
         to.peak += flux * flux / area;
+        const glm::dvec2 weights(hit.barycentric);
+        to.weights += flux * weights;
+        to.squared_weights += flux * glm::dvec3(weights * weights, weights.x * weights.y);
     }
 
     /// Gives the quarters of a texel to the patches that they lie on: by arithmetic where it and
@@ -777,7 +782,6 @@ LightMapper::LightMapper(const Scene& scene, const LitSurfaces& surfaces, const 
     : lit(surfaces),
       frame(in),
       scene_(scene),
-      place_(2 * surfaces.patches.size(), none),
       workers_(std::make_unique<Workers>(*this)) {
     double views = 0; // of all maps, about
     for (const Light& light : lights)
@@ -841,6 +845,7 @@ glm::dmat3 LightMapper::triangle(const visibility::Hit& hit) const {
 
 LightMap LightMapper::draw(const Light& light, uint32_t key) {
     LightMap result;
+    place_.resize(2 * lit.patches.size(), none);
     const std::vector<ViewMap> maps = maps_of(light, *this, base_, key, result.power);
     std::vector<Task> tasks;
     for (const ViewMap& map : maps)
@@ -876,6 +881,8 @@ LightMap LightMapper::draw(const Light& light, uint32_t key) {
                 to.tinted += from.tinted;
                 to.squares += from.squares;
                 to.peak += from.peak;
+                to.weights += from.weights;
+                to.squared_weights += from.squared_weights;
             }
         }
     }

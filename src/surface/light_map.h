@@ -19,6 +19,10 @@ struct SideFlux {
     glm::dvec3 tinted{0.0}; ///< what that left of it, a channel
     double squares = 0;     ///< sum of the squares of the texels' flux
     double peak = 0; ///< sum of those squares over the texels' areas on the surface, frame units
+    /// Sums of flux times what hits weigh the second and third corner of their triangles by, and
+    /// times the squares of these and their product.
+    glm::dvec2 weights{0.0};
+    glm::dvec3 squared_weights{0.0};
 };
 
 /// Where the power of a light goes, before what it passes colours it.
@@ -45,7 +49,8 @@ public:
                 std::span<const Light> lights);
     ~LightMapper();
 
-    /// The same bits for any number of threads. `key`: another one gives other rays.
+    /// The same bits for any number of threads. `key`: another one gives other rays. Patches may
+    /// have been added since the map before.
     LightMap draw(const Light& light, uint32_t key);
 
     /// The longest edge that patches have around a point, about: they grow outside the grid.

@@ -145,9 +145,9 @@ glm::vec3 sunlight(const Side& side, const std::vector<Sun>& suns,
 /// Illuminance by emitters, by rays aimed at them.
 template <class From>
 glm::vec3 aimed(const From& side, const EmitterSampling& emitters, int aimed_rays, int rays,
-                const visibility::Visibility& visibility) {
+                const visibility::Visibility& visibility, uint32_t purpose = 1) {
     glm::vec3 sum{0.0f};
-    const HaltonPoints points(side.index, 1);
+    const HaltonPoints points(side.index, purpose);
     for (uint32_t n = 0; n < uint32_t(aimed_rays); ++n) {
         const uint32_t i = side.first_ray * uint32_t(aimed_rays) / uint32_t(rays) + n;
         const auto [from, normal] = side.start(points(i, 0));
@@ -183,6 +183,77 @@ std::vector<glm::vec3> emission_of(const std::vector<Patch>& patches) {
     return emission;
 }
 
+/// A cosine-distributed ray of a side, and what it meets.
+struct Meeting {
+    uint32_t ray;
+    glm::vec3 from, direction;
+    float cosine; ///< to the side's normal
+    const visibility::Hit& hit;
+    uint32_t there; ///< the side that is met, or no_side
+
+    bool none() const { return hit.instance == visibility::no_hit; }
+};
+
+/// Where lamps light little of all surfaces: the light that is reflected there, which is found as
+/// that of emitters is. Rays in all directions would meet it by luck.
+struct Spots {
+    std::vector<glm::vec3> luminance; ///< a side; empty where there are none
+    EmitterSampling aim;
+
+    explicit Spots(const LitSurfaces& lit) : Spots(lit, sides_of(lit)) {}
+
+    /// With which rays are aimed at a side, per unit of area.
+    float density(const LitSurfaces& lit, uint32_t side) const {
+        Patch patch;
+        patch.emission = luminance[side] * lit.patches[side / 2].alpha;
+        return aim.density(patch);
+    }
+
+private:
+    Spots(const LitSurfaces& lit, const std::vector<uint32_t>& sides)
+        : luminance(sides.empty() ? 0 : lit.luminance.size(), glm::vec3(0.0f)),
+          aim(as_emitters(lit, sides)) {
+        for (const uint32_t side : sides)
+            luminance[side] = lit.luminance[side];
+    }
+    /// Much brighter than the mean of all sides; none where these have little of the light.
+    static std::vector<uint32_t> sides_of(const LitSurfaces& lit) {
+        double all = 0.0, area = 0.0, bright = 0.0;
+        const auto each = [&](const auto& take) {
+            for (size_t side = 0; side < lit.luminance.size(); ++side)
+                if (const Patch& patch = lit.patches[side / 2];
+                    patch.area > 0.0f && (side % 2 == 0 || patch.double_sided))
+                    take(side, covered_area(patch), double(greatest(lit.luminance[side])));
+        };
+        each([&](size_t, double covered, double luminance) {
+            all += covered * luminance;
+            area += covered;
+        });
+        std::vector<uint32_t> sides;
+        each([&](size_t side, double covered, double luminance) {
+            if (luminance * area <= 64.0 * all)
+                return;
+            sides.push_back(uint32_t(side));
+            bright += covered * luminance;
+        });
+        if (!(bright > 0.1 * all))
+            sides.clear();
+        return sides;
+    }
+    static std::vector<Patch> as_emitters(const LitSurfaces& lit,
+                                          const std::vector<uint32_t>& sides) {
+        std::vector<Patch> patches;
+        for (const uint32_t side : sides) {
+            Patch& patch = patches.emplace_back(lit.patches[side / 2]);
+            patch.emission = lit.luminance[side] * patch.alpha;
+            patch.double_sided = false;
+            if (side % 2 != 0)
+                patch.normal = -patch.normal;
+        }
+        return patches;
+    }
+};
+
 /// What lights a side without another reflection: suns, emitters and sky.
 struct DirectLight {
     const LitSurfaces& lit;
@@ -194,25 +265,19 @@ struct DirectLight {
     int rays;       ///< into the half-space of a side
     int aimed_rays; ///< towards emitters
 
-    /// Illuminance by the rays of a side, lux; `met` takes the sides that they hit, and `tints`
-    /// what they passed on the way, unless these are empty.
-    template <class From>
-    glm::vec3 by_rays(const From& side, std::span<uint32_t> met, std::span<glm::vec3> tints) const {
+    /// Illuminance by the rays of a side, lux. meet(Meeting) takes each ray.
+    template <class From, class Meet>
+    glm::vec3 by_rays(const From& side, const Meet& meet) const {
         glm::vec3 around{0.0f};
-        const glm::vec3 direct = emitted(side, [&](uint32_t i, const visibility::Ray& ray,
-                                                   const visibility::Hit& hit, uint32_t there) {
-            if (hit.instance == visibility::no_hit)
-                around += hit.tint * scene::sky_rest(sky, ray.direction);
-            if (!tints.empty())
-                tints[i] = hit.tint;
-            if (!met.empty() && there != LitSurfaces::no_side)
-                met[i] = there;
+        const glm::vec3 direct = emitted(side, [&](const Meeting& meeting) {
+            if (meeting.none())
+                around += meeting.hit.tint * scene::sky_rest(sky, meeting.direction);
+            meet(meeting);
         });
         return rays > 0 ? direct + around * (glm::pi<float>() / float(rays)) : direct;
     }
 
-    /// Illuminance by the emitters that the rays of a side hit, lux. meet(i, ray, hit, side) takes
-    /// each ray.
+    /// Illuminance by the emitters that the rays of a side hit, lux.
     template <class From, class Meet>
     glm::vec3 emitted(const From& side, const Meet& meet) const {
         const HaltonPoints points(side.index, 2);
@@ -220,24 +285,33 @@ struct DirectLight {
         for (uint32_t i = 0; i < uint32_t(rays); ++i) {
             const auto [from, normal] = side.start(points(side.first_ray + i, 1));
             const glm::vec3 direction = sample_cosine(normal, points(side.first_ray + i, 0));
-            const visibility::Ray ray{from, direction, 0.0f, HUGE_VALF};
-            const visibility::Hit hit = visibility.closest(ray);
-            const uint32_t there = hit.instance == visibility::no_hit ? LitSurfaces::no_side
-                                                                      : lit.side(hit, direction);
-            meet(i, ray, hit, there);
-            if (there == LitSurfaces::no_side)
-                continue;
-            if (!aim.empty() && emission[there] != glm::vec3(0.0f)) {
-                const float cosine = glm::dot(direction, normal) / glm::pi<float>();
-                const float slant = std::abs(glm::dot(direction, hit.normal));
-                const float aimed_density =
-                    aim.density(lit.patches[there / 2]) * hit.t * hit.t / slant;
-                seen += hit.tint * emission[there]
-                        * (float(rays) * cosine
-                           / (float(aimed_rays) * aimed_density + float(rays) * cosine));
-            }
+            const visibility::Hit hit = visibility.closest({from, direction, 0.0f, HUGE_VALF});
+            const Meeting meeting{
+                i,
+                from,
+                direction,
+                glm::dot(direction, normal),
+                hit,
+                hit.instance == visibility::no_hit ? LitSurfaces::no_side : lit.side(hit, direction)};
+            meet(meeting);
+            if (meeting.there != LitSurfaces::no_side && !aim.empty())
+                seen += by_chance(meeting, emission[meeting.there],
+                                  aim.density(lit.patches[meeting.there / 2]));
         }
         return rays > 0 ? seen * (glm::pi<float>() / float(rays)) : seen;
+    }
+
+    /// What a ray counts that meets an emitter, at which others are aimed with this density.
+    glm::vec3 by_chance(const Meeting& meeting, glm::vec3 luminance, float density) const {
+        if (luminance == glm::vec3(0.0f))
+            return luminance;
+        const visibility::Hit& hit = meeting.hit;
+        const float cosine = meeting.cosine / glm::pi<float>();
+        const float slant = std::abs(glm::dot(meeting.direction, hit.normal));
+        const float aimed_density = density * hit.t * hit.t / slant;
+        return hit.tint * luminance
+               * (float(rays) * cosine
+                  / (float(aimed_rays) * aimed_density + float(rays) * cosine));
     }
 };
 
@@ -266,18 +340,21 @@ private:
 
 /// What elements reflect.
 struct Reflection {
-    std::vector<glm::vec3> albedo; ///< mean of the covered part
-    std::vector<glm::vec3> direct; ///< luminance without light of other elements
-    std::vector<double> area;      ///< covered
-    std::vector<uint32_t> hits;    ///< sides that the rays of each meet, or `black`
-    std::vector<glm::vec3> tints;  ///< what these rays passed; empty where nothing tints
+    std::vector<glm::vec3> albedo;      ///< mean of the covered part
+    std::vector<glm::vec3> direct;      ///< luminance without light of other elements
+    std::vector<double> area;           ///< covered
+    std::vector<uint32_t> hits;         ///< sides that the rays of each meet, or `black`
+    std::vector<glm::vec3> tints;       ///< what these rays passed; empty where nothing tints
+    std::vector<glm::vec3> spots;       ///< what Spots add to the mean that they meet, nits
+    std::vector<glm::vec3> spots_there; ///< Spots::luminance, which their hits do not count again
 
     Reflection(size_t elements, size_t rays, bool tinted)
         : albedo(elements),
           direct(elements),
           area(elements),
           hits(elements * rays, black),
-          tints(tinted ? hits.size() : 0) {}
+          tints(tinted ? hits.size() : 0),
+          spots(elements, glm::vec3(0.0f)) {}
 };
 
 /// R = D + rho K R by its series, D + rho K D + ...: each order is added to the others, not taken
@@ -310,12 +387,16 @@ std::vector<glm::vec3> reflect_between(const Scene& scene, const scene::Frame& f
                 uint32_t& hit = of.hits[ray];
                 if (hit == black)
                     continue;
-                const glm::vec3 sent = order.empty() ? lit.luminance[hit] : order[hit];
+                glm::vec3 sent = order.empty() ? lit.luminance[hit] : order[hit];
+                if (order.empty() && !of.spots_there.empty())
+                    sent -= of.spots_there[hit];
                 sum += glm::dvec3(of.tints.empty() ? sent : of.tints[ray] * sent);
                 if (order.empty())
                     hit = elements.of_side[hit];
             }
             sum /= double(rays);
+            if (order.empty())
+                sum += glm::dvec3(of.spots[i]);
             next[i] = glm::vec3(glm::dvec3(of.albedo[i]) * sum);
             met[i] += sum;
         });
@@ -369,6 +450,7 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
         rays,     rays / 4};
     const bool between = settings.bounces != 1;
     Reflection reflection(count, between ? size_t(rays) : 0, visibility.is_tinted());
+    Spots spots(lit);
     progress.begin("lighting", count);
     constexpr size_t block = 8192;
     for (size_t first = 0; first < count; first += block) {
@@ -378,13 +460,25 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
             const std::span<uint32_t> met =
                 between ? std::span(reflection.hits).subspan(i * size_t(rays), size_t(rays))
                         : std::span<uint32_t>{};
-            const std::span<glm::vec3> tints =
-                reflection.tints.empty()
-                    ? std::span<glm::vec3>{}
-                    : std::span(reflection.tints).subspan(i * size_t(rays), size_t(rays));
-            glm::vec3 lux = light.by_rays(element, met, tints);
+            const bool spotted = between && !spots.aim.empty();
+            glm::vec3 by_spots{0.0f};
+            glm::vec3 lux = light.by_rays(element, [&](const Meeting& meeting) {
+                if (!reflection.tints.empty())
+                    reflection.tints[i * size_t(rays) + meeting.ray] = meeting.hit.tint;
+                if (met.empty() || meeting.there == LitSurfaces::no_side)
+                    return;
+                met[meeting.ray] = meeting.there;
+                if (spotted)
+                    by_spots += light.by_chance(meeting, spots.luminance[meeting.there],
+                                                spots.density(lit, meeting.there));
+            });
             if (!light.aim.empty())
                 lux += aimed(element, light.aim, light.aimed_rays, rays, visibility);
+            if (spotted)
+                reflection.spots[i] =
+                    by_spots / float(rays)
+                    + aimed(element, spots.aim, light.aimed_rays, rays, visibility, 3)
+                          / glm::pi<float>();
             for (uint32_t& there : met)
                 if (there != black && elements.of_side[there] == Elements::none)
                     there = black;
@@ -407,6 +501,7 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
     }
     if (!between)
         return;
+    reflection.spots_there = std::move(spots.luminance);
     const std::vector<glm::vec3> met =
         reflect_between(scene, frame, reflection, elements, settings, lit, progress);
     tbb::parallel_for(size_t(0), count, [&](size_t i) {
@@ -415,16 +510,30 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
     });
 }
 
-/// All light that is reflected becomes LitSurfaces::luminance.
-void reflect(const Scene& scene, const scene::Frame& frame, const LightingSettings& settings,
-             const std::vector<glm::vec3>& emission, LitSurfaces& lit, Progress& progress) {
-    const PunctualLight lamps = illuminate(scene, scene.lights, lit, frame, 0, progress);
-    const PunctualLight suns = illuminate(scene, scene::sky_suns(scene.sky), lit, frame,
-                                          uint32_t(scene.lights.size()), progress);
+/// Direct light of lamps and of suns of the sky.
+struct Direct {
+    PunctualLight lamps, suns;
+};
+
+Direct light_directly(const Scene& scene, const scene::Frame& frame, LitSurfaces& lit,
+                      Progress& progress) {
+    Direct direct{illuminate(scene, scene.lights, lit, frame, 0, progress), {}};
+    auto& [lamps, suns] = direct;
+    suns = illuminate(scene, scene::sky_suns(scene.sky), lit, frame, uint32_t(scene.lights.size()),
+                      progress);
+    lamps.follow(lit);
     if (const double landed = lamps.landed + suns.landed; landed > 0.0) {
         lit.narrow = (lamps.narrow + suns.narrow) / landed;
         lit.lost = (lamps.lost + suns.lost) / landed;
     }
+    return direct;
+}
+
+/// All light that is reflected becomes LitSurfaces::luminance.
+void reflect(const Scene& scene, const scene::Frame& frame, const LightingSettings& settings,
+             const std::vector<glm::vec3>& emission, const Direct& direct, LitSurfaces& lit,
+             Progress& progress) {
+    const PunctualLight &lamps = direct.lamps, &suns = direct.suns;
     const auto each_side = [&](const auto& set) {
         tbb::parallel_for(size_t(0), lit.luminance.size(), [&](size_t side) {
             const Patch& patch = lit.patches[side / 2];
@@ -457,14 +566,17 @@ LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& vis
         lit.patches = std::move(cover.patches);
         lit.tree = std::move(cover.tree);
     }
+    const Direct direct =
+        settings.bounces != 0 ? light_directly(scene, frame, lit, progress) : Direct{};
     lit.luminance.assign(2 * lit.patches.size(), glm::vec3(0.0f));
     const std::vector<glm::vec3> emission = settings.emitters && scene::has_emitters(scene)
                                                 ? emission_of(lit.patches)
                                                 : std::vector<glm::vec3>{};
     if (settings.bounces != 0)
-        reflect(scene, frame, settings, emission, lit, progress);
+        reflect(scene, frame, settings, emission, direct, lit, progress);
     for (size_t i = 0; i < emission.size(); ++i)
         lit.luminance[i] += emission[i];
+    lit.share();
     return lit;
 }
 
@@ -494,16 +606,19 @@ std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
             const Side side{point, mix_word(seed) + uint32_t(i), points[i].normal};
             std::vector<uint32_t> met(size_t(rays), black);
             std::vector<glm::vec3> through(met.size());
-            glm::vec3 lux =
-                sunlight(side, light.suns, visibility) + light.by_rays(side, met, through);
+            glm::vec3 lux = sunlight(side, light.suns, visibility)
+                            + light.by_rays(side, [&](const Meeting& meeting) {
+                                  through[meeting.ray] = meeting.hit.tint;
+                                  if (meeting.there != LitSurfaces::no_side)
+                                      met[meeting.ray] = meeting.there;
+                              });
             if (aims)
                 lux += aimed(side, light.aim, light.aimed_rays, rays, visibility);
             glm::vec3 reflected{0.0f};
             for (size_t k = 0; k < met.size(); ++k)
                 if (const uint32_t there = met[k]; there != black)
-                    reflected +=
-                        through[k]
-                        * (aims ? lit.luminance[there] - emission[there] : lit.luminance[there]);
+                    reflected += through[k]
+                                 * (aims ? lit.to_few(there) - emission[there] : lit.to_few(there));
             result[i] = lux + reflected * (glm::pi<float>() / float(rays));
         });
     }
@@ -549,22 +664,23 @@ std::vector<SideLight> shared_irradiance_at(const Scene& scene, const LitSurface
                 int backs = 0, open = 0;
                 at.irradiance =
                     sunlight(side, light.suns, visibility)
-                    + light.emitted(side, [&](uint32_t, const visibility::Ray& ray,
-                                              const visibility::Hit& hit, uint32_t there) {
-                          const bool none = hit.instance == visibility::no_hit;
+                    + light.emitted(side, [&](const Meeting& meeting) {
+                          const visibility::Hit& hit = meeting.hit;
+                          const uint32_t there = meeting.there;
+                          const bool none = meeting.none();
                           open += none || hit.t >= 1.0f;
                           backs += !none && hit.facing == visibility::Facing::back;
                           glm::vec3 luminance{0.0f};
                           if (none)
-                              luminance = scene::sky_rest(scene.sky, ray.direction);
+                              luminance = scene::sky_rest(scene.sky, meeting.direction);
                           else if (there != LitSurfaces::no_side)
-                              luminance = aims ? lit.luminance[there] - emission[there]
-                                               : lit.luminance[there];
+                              luminance =
+                                  aims ? lit.to_few(there) - emission[there] : lit.to_few(there);
                           luminance *= hit.tint;
                           if (luminance != glm::vec3(0.0f))
-                              shared.push_back(
-                                  {none ? ray.direction : ray.origin + hit.t * ray.direction,
-                                   none ? glm::vec3(0.0f) : hit.normal, luminance});
+                              shared.push_back({none ? meeting.direction
+                                                     : meeting.from + hit.t * meeting.direction,
+                                                none ? glm::vec3(0.0f) : hit.normal, luminance});
                       });
                 if (aims)
                     at.irradiance += aimed(side, aim, light.aimed_rays, own, visibility);
@@ -602,6 +718,40 @@ bool is_lit_as(const Patch& patch, const PatchTree::Node& node, bool back, glm::
 }
 
 } // namespace
+
+void LitSurfaces::share() {
+    if (cut_from.empty())
+        return;
+    const size_t uncut = patches.size() - cut_from.size();
+    std::vector<uint32_t> whole(cut_from.size()); // what was cut first
+    for (size_t i = 0; i < whole.size(); ++i)
+        whole[i] = cut_from[i] < uncut ? cut_from[i] : whole[cut_from[i] - uncut];
+    std::vector<double> areas(uncut, 0.0);
+    std::vector<glm::dvec3> sums(2 * uncut, glm::dvec3(0.0));
+    const auto add = [&](size_t patch, size_t to) {
+        const double area = covered_area(patches[patch]);
+        areas[to] += area;
+        for (const size_t side : {0, 1})
+            sums[2 * to + side] += area * glm::dvec3(luminance[2 * patch + side]);
+    };
+    for (size_t i = 0; i < whole.size(); ++i)
+        add(uncut + i, whole[i]);
+    shared = luminance;
+    for (size_t i = 0; i < whole.size(); ++i) {
+        const uint32_t first = whole[i];
+        if (areas[first] < 0.0)
+            continue;
+        add(first, first);
+        for (const size_t side : {0, 1})
+            shared[2 * first + side] = areas[first] > 0.0
+                                           ? glm::vec3(sums[2 * first + side] / areas[first])
+                                           : luminance[2 * first + side];
+        areas[first] = -1.0;
+    }
+    for (size_t i = 0; i < whole.size(); ++i)
+        for (const size_t side : {0, 1})
+            shared[2 * (uncut + i) + side] = shared[2 * size_t(whole[i]) + side];
+}
 
 uint32_t LitSurfaces::side(const visibility::Hit& hit, glm::vec3 direction) const {
     if (hit.facing == visibility::Facing::back)

@@ -30,6 +30,12 @@ struct LitSurfaces {
     /// luminance[2 * patch + side]: what leaves the covered part of the front (side 0) or the back
     /// (1), nits: emission and reflected light. Black for the back of a single-sided surface.
     std::vector<glm::vec3> luminance;
+    /// The patch that each of the last ones was a part of, before light that fell on little of it
+    /// cut it (narrow.h); that is itself another part of it now.
+    std::vector<uint32_t> cut_from;
+    /// As luminance, but parts of a patch share theirs: a few rays in all directions would meet
+    /// small bright ones by luck. Empty where none was cut.
+    std::vector<glm::vec3> shared;
     int bounces = 0;     ///< reflections that were summed
     double residual = 0; ///< estimated share of the light that is missing
     double narrow = 0; ///< share of the light of lamps that falls on less than a quarter of a patch
@@ -44,6 +50,12 @@ struct LitSurfaces {
     /// Luminance (nits) that a ray of this direction meets at its hit, Hit::tint not in it; 0 for
     /// no_hit.
     glm::vec3 leaving(const visibility::Hit& hit, glm::vec3 direction) const;
+    /// Luminance of a side for light that is summed from few rays.
+    glm::vec3 to_few(uint32_t side) const {
+        return shared.empty() ? luminance[side] : shared[side];
+    }
+    /// Sets `shared` by `luminance`.
+    void share();
 };
 
 /// What a luminance has above a limit, both by the mean of the channels; of the same colour.
@@ -56,8 +68,9 @@ inline glm::vec3 luminance_above(glm::vec3 luminance, float limit) {
 /// (flux.h). All other light is that of an element (elements.h): emitters by points on them and by
 /// cosine-distributed rays together (multiple importance sampling, balance heuristic: Veach and
 /// Guibas 1995), the sky by the latter. The same rays, their hits stored, carry light from element
-/// to element: R = D + rho K R, iterated. Throws Error (invalid) for all bounces in a closed scene
-/// of albedo 1.
+/// to element: R = D + rho K R, iterated; but what lamps light so brightly that they would meet it
+/// by luck, rays are aimed at, as at emitters. Throws Error (invalid) for all bounces in a closed
+/// scene of albedo 1.
 LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& visibility,
                            const scene::Frame& frame, const LightingSettings& settings,
                            Progress& progress);

@@ -8,6 +8,8 @@
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
+#include <sys/resource.h>
+
 #include <functional>
 #include <random>
 
@@ -177,6 +179,59 @@ TEST(Flux, ALightThatSeesNothing) {
         EXPECT_EQ(power.landed + power.lost, 0.0);
     }
     EXPECT_GT(lit.light.power[1].black, 0.5);
+}
+
+TEST(Flux, WhatOneFaceOfAMapAloneSees) {
+    // A tile straight ahead of each of the six faces of a lamp's cube of maps, and at the edges and
+    // the corners between them; all else is dark.
+    for (int z = -1; z <= 1; ++z)
+        for (int y = -1; y <= 1; ++y)
+            for (int x = -1; x <= 1; ++x) {
+                if (x == 0 && y == 0 && z == 0)
+                    continue;
+                const glm::vec3 out = glm::normalize(glm::vec3(x, y, z));
+                const glm::vec3 aside =
+                    std::abs(out.y) < 0.9f ? glm::vec3(0, 1, 0) : glm::vec3(1, 0, 0);
+                const glm::vec3 u = 0.2f * glm::normalize(glm::cross(aside, out));
+                const glm::vec3 v = glm::cross(u, out); // faces the lamp
+                Scene scene;
+                const int grey = scenes::add_material(scene, glm::vec3(0.5f));
+                scenes::add_quad(scene, grey, 3.0f * out - 0.5f * (u + v), u, v);
+                scene.lights.push_back(scenes::point_light({0, 0, 0}, 100.0));
+                const Lit lit(scene, cells_of(glm::dvec3(-3.3), glm::dvec3(3.3), 0.5));
+                const double half = 0.1, far = 3.0;
+                const double angle =
+                    4.0 * std::atan2(half * half, far * std::sqrt(2 * half * half + far * far));
+                EXPECT_NEAR(lit.power() / (100.0 * angle), 1.0, 0.01) << x << y << z;
+                const surface::LightPower& power = lit.light.power[0];
+                EXPECT_NEAR(power.sent / (400.0 * glm::pi<double>()), 1.0, 1e-4);
+                EXPECT_NEAR((power.landed + power.missed) / power.sent, 1.0, 1e-6);
+            }
+}
+
+TEST(Flux, AMapKeepsWhatItsSidesNeed) {
+    // A sun on a quarter of a million patches: a few rays each, and memory for what they hold, not
+    // for the texels.
+    Scene scene = scenes::floor_quad(250.0f, glm::vec3(0.5f));
+    scene.lights.push_back(scenes::sun({0.3, -1, 0.2}, 1.0));
+    const scene::Frame frame = cells_of({-125, 0, -125}, {125, 3, 125}, 1.0);
+    const visibility::Visibility visibility(scene, frame);
+    surface::LitSurfaces lit;
+    lit.visibility = &visibility;
+    surface::PatchCover cover = surface::cover_surfaces(scene, frame, visibility, 1.0f);
+    lit.patches = std::move(cover.patches);
+    lit.tree = std::move(cover.tree);
+    const size_t patches = lit.patches.size();
+    ASSERT_GT(patches, 200'000u);
+    rusage before, after;
+    getrusage(RUSAGE_SELF, &before);
+    surface::LightMapper mapper(scene, lit, frame, scene.lights);
+    const surface::LightMap map = mapper.draw(scene.lights[0], 0);
+    getrusage(RUSAGE_SELF, &after);
+    EXPECT_EQ(map.sides.size(), patches);
+    EXPECT_LT(map.rays, 12 * patches);
+    const double bytes = 1024.0 * double(after.ru_maxrss - before.ru_maxrss);
+    EXPECT_LT(bytes, 500.0 * double(patches) + 0x1p24);
 }
 
 TEST(Flux, ALampInAShade) {

@@ -1,0 +1,158 @@
+#include "surface/narrow.h"
+
+#include "surface/cutting.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+namespace lpvbake::surface {
+namespace {
+
+using Node = PatchTree::Node;
+
+constexpr double uneven = 0.5; ///< of a patch
+constexpr double enough = 0.1; ///< of a light, to draw it anew
+constexpr double least = 1.0 / 512.0;
+
+/// Where the light of a side falls.
+struct Spot {
+    glm::vec3 centre;
+    float radius; ///< root mean square
+};
+
+/// A node of the tree, which moves as the tree grows.
+struct Place {
+    bool root = false; ///< in PatchTree::pieces
+    size_t at = 0;
+
+    Node& in(PatchTree& tree) const { return root ? tree.pieces[at] : tree.nodes[at]; }
+};
+
+Place place_of(const Node* node, const PatchTree& tree) {
+    const auto first = std::less<>{}(node, tree.pieces.data());
+    if (!first && std::less<>{}(node, tree.pieces.data() + tree.pieces.size()))
+        return {true, size_t(node - tree.pieces.data())};
+    return {false, size_t(node - tree.nodes.data())};
+}
+
+float distance_to_segment(glm::vec3 point, glm::vec3 a, glm::vec3 b) {
+    const glm::vec3 way = b - a;
+    const float along = glm::dot(point - a, way) / std::max(glm::dot(way, way), 1e-30f);
+    return glm::distance(point, a + std::clamp(along, 0.0f, 1.0f) * way);
+}
+
+/// From a piece to a point in its plane.
+float distance_to(const Corners& piece, glm::vec3 normal, glm::vec3 point) {
+    float nearest = HUGE_VALF;
+    int inside = 0;
+    for (size_t i = 0; i < 3; ++i) {
+        const glm::vec3 a = piece[i], b = piece[(i + 1) % 3];
+        nearest = std::min(nearest, distance_to_segment(point, a, b));
+        inside += glm::dot(glm::cross(b - a, point - a), normal) >= 0.0f ? 1 : -1;
+    }
+    return std::abs(inside) == 3 ? 0.0f : nearest;
+}
+
+class NarrowCutter {
+public:
+    NarrowCutter(const LightMapper& mapper, LitSurfaces& lit)
+        : mapper_(mapper),
+          lit_(lit),
+          most_(lit.patches.size() - lit.cut_from.size()) {}
+
+    void cut(const SideFlux& side) {
+        const uint32_t index = side.side / 2;
+        const Patch whole = lit_.patches[index];
+        if (whole.crossed || lit_.cut_from.size() > most_ / 2 + 4096)
+            return;
+        const glm::dvec2 mean = side.weights / side.flux;
+        visibility::Hit hit;
+        hit.instance = whole.instance;
+        hit.triangle = whole.triangle;
+        hit.barycentric = mean;
+        glm::vec2 weights;
+        const Node* node = lit_.tree.leaf(hit, weights);
+        if (!node || node->at != index || node->halved)
+            return; // what lies beside the patch gave it light, or another light has cut it
+        const glm::dmat3 corners = mapper_.triangle(hit);
+        const glm::dvec3 u = corners[1] - corners[0], v = corners[2] - corners[0];
+        const glm::dvec3 squares = side.squared_weights / side.flux
+                                   - glm::dvec3(mean.x * mean.x, mean.y * mean.y, mean.x * mean.y);
+        const double square = squares.x * glm::dot(u, u) + squares.y * glm::dot(v, v)
+                              + 2.0 * squares.z * glm::dot(u, v);
+        halve(index, place_of(node, lit_.tree),
+              {whole.at(weights), float(std::sqrt(std::max(square, 0.0)))});
+    }
+
+private:
+    void halve(uint32_t index, Place root, const Spot& spot) {
+        const Patch whole = lit_.patches[index];
+        const float least_edge =
+            std::max(2.5f * spot.radius, 0.125f * mapper_.patch_edge(whole.position));
+        struct Open {
+            Corners corners;
+            Place place;
+        };
+        std::vector<Open> open{{{whole.at({0, 0}), whole.at({1, 0}), whole.at({0, 1})}, root}};
+        bool first = true;
+        PatchTree& tree = lit_.tree;
+        while (!open.empty()) {
+            const auto [corners, place] = open.back();
+            open.pop_back();
+            const auto [at, length] = longest_edge(corners);
+            if (length > least_edge
+                && distance_to(corners, whole.normal, spot.centre) < 2.0f * spot.radius + 1e-6f) {
+                const glm::vec3 a = corners[size_t(at)], b = corners[size_t(at + 1) % 3],
+                                c = corners[size_t(at + 2) % 3], middle = 0.5f * (a + b);
+                const size_t half = tree.nodes.size();
+                tree.nodes.insert(tree.nodes.end(), 2, Node{});
+                place.in(tree) = {uint32_t(half), true, uint8_t(at)};
+                open.push_back({{b, c, middle}, {false, half}});
+                open.push_back({{c, a, middle}, {false, half + 1}});
+                continue;
+            }
+            Patch piece = whole;
+            piece.position = (corners[0] + corners[1] + corners[2]) / 3.0f;
+            piece.edge_u = corners[1] - corners[0];
+            piece.edge_v = corners[2] - corners[0];
+            piece.area = 0.5f * glm::length(glm::cross(piece.edge_u, piece.edge_v));
+            place.in(tree) = {first ? index : uint32_t(lit_.patches.size())};
+            if (first) {
+                lit_.patches[index] = piece;
+                first = false;
+            } else {
+                lit_.patches.push_back(piece);
+                lit_.cut_from.push_back(index);
+            }
+        }
+    }
+
+    const LightMapper& mapper_;
+    LitSurfaces& lit_;
+    size_t most_; ///< patches before any was cut
+};
+
+} // namespace
+
+bool is_within(const SideFlux& side, const Patch& patch, double share) {
+    return side.flux * side.flux < share * double(patch.area) * side.peak;
+}
+
+size_t cut_to_light(const LightMap& map, const LightMapper& mapper, LitSurfaces& lit) {
+    double on_little = 0.0;
+    for (const SideFlux& side : map.sides)
+        if (is_within(side, lit.patches[side.side / 2], uneven))
+            on_little += side.flux;
+    if (!(on_little > enough * map.power.landed))
+        return 0;
+    const size_t before = lit.patches.size();
+    NarrowCutter cutter(mapper, lit);
+    for (const SideFlux& side : map.sides)
+        if (side.flux > least * map.power.landed
+            && is_within(side, lit.patches[side.side / 2], uneven))
+            cutter.cut(side);
+    return lit.patches.size() - before;
+}
+
+} // namespace lpvbake::surface
