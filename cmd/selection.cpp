@@ -19,7 +19,7 @@ bool fits(const std::string& names, const std::string& name) {
                                std::vector<std::string> known) {
     constexpr std::size_t most = 8;
     std::ranges::sort(known);
-    known.erase(std::ranges::unique(known).begin(), known.end());
+    known.erase(std::unique(known.begin(), known.end()), known.end());
     std::string text = what + " of " + (known.empty() ? "any name" : "the name '" + names + "'");
     for (std::size_t i = 0; i < std::min(known.size(), most); ++i)
         text += (i == 0 ? "; there are '" : ", '") + known[i] + "'";

@@ -225,16 +225,16 @@ private:
                     patch.area > 0.0f && (side % 2 == 0 || patch.double_sided))
                     take(side, covered_area(patch), double(greatest(lit.luminance[side])));
         };
-        each([&](size_t, double covered, double luminance) {
-            all += covered * luminance;
+        each([&](size_t, double covered, double light) {
+            all += covered * light;
             area += covered;
         });
         std::vector<uint32_t> sides;
-        each([&](size_t side, double covered, double luminance) {
-            if (luminance * area <= 64.0 * all)
+        each([&](size_t side, double covered, double light) {
+            if (light * area <= 64.0 * all)
                 return;
             sides.push_back(uint32_t(side));
-            bright += covered * luminance;
+            bright += covered * light;
         });
         if (!(bright > 0.1 * all))
             sides.clear();
