@@ -355,7 +355,8 @@ void add_isa_option(options::Options& options, RunOptions& o) {
     options
         .choice("--isa", o.isa, choices,
                 "Instruction set that rays are traced with, which rounds them: the same bytes on "
-                "several machines take one that all have; auto: the best of the processor")
+                "several machines take one that all have; auto: avx2, on older processors their "
+                "best")
         .record(options::Recorded::if_changed);
 }
 

@@ -45,8 +45,8 @@ struct BakeRequest {
     /// (see write_volume; "generic": read_irradiance with Reading::facing); empty: none, the volume
     /// is the field at the cells' centres.
     std::string fit;
-    /// Instruction set that rays are traced with: "sse2", "avx", "avx2" or "avx512"; empty: the
-    /// best that the processor has. Another one may round otherwise.
+    /// Instruction set that rays are traced with: "sse2", "avx", "avx2" or "avx512"; empty: avx2,
+    /// or what an older processor has. Another one may round otherwise.
     std::string isa;
 };
 

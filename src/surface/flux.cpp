@@ -1,6 +1,7 @@
 #include "surface/flux.h"
 
 #include "colour/colour.h"
+#include "surface/in_place.h"
 #include "surface/narrow.h"
 
 #include <tbb/parallel_for.h>
@@ -163,11 +164,9 @@ void share_light(const LitSurfaces& lit, std::vector<glm::vec3>& lux) {
         if (patch.area > 0.0f || (i % 2 != 0 && !patch.double_sided))
             return;
         const glm::vec3 normal = i % 2 != 0 ? -patch.normal : patch.normal;
-        const glm::vec3 lift = 2.0f * ray_offset(patch.position) * normal;
-        const visibility::Hit hit = lit.visibility->closest({patch.position + lift, -2.0f * lift});
-        const uint32_t above = lit.side(hit, -normal);
-        if (above != LitSurfaces::no_side && lit.patches[above / 2].area > 0.0f)
-            lux[i] = lux[above];
+        const uint32_t seen = seen_at(lit, patch.position, normal);
+        if (seen != LitSurfaces::no_side)
+            lux[i] = lux[seen];
     });
 }
 

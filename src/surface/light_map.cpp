@@ -3,6 +3,7 @@
 #include "mix_word.h"
 #include "scene/material.h"
 #include "surface/cutting.h"
+#include "surface/in_place.h"
 #include "visibility/tangents.h"
 
 #include <glm/gtc/constants.hpp>
@@ -811,16 +812,17 @@ uint32_t LightMapper::side_at(const visibility::Hit& hit, glm::vec3 direction) c
     const glm::vec3 position =
         corners
         * glm::dvec3(1.0 - double(hit.barycentric.x) - double(hit.barycentric.y), hit.barycentric);
+    if (const uint32_t side = seen_at(lit, position, normal); side != LitSurfaces::no_side)
+        return side;
     const float edge = patch_edge(position), offset = ray_offset(position);
     const float height = 0.02f * edge + 2.0f * offset;
     const glm::vec3 from = position + height * normal;
     const int around = 8;
-    for (int i = 0; i <= 3 * around; ++i) {
-        // First the place itself, where surfaces lie on each other.
-        const float radius = i == 0 ? 0.0f : 0.1f * edge * float(1 << ((i - 1) / around));
+    for (int i = 0; i < 3 * around; ++i) {
+        const float radius = 0.1f * edge * float(1 << (i / around));
         const float angle = glm::two_pi<float>() * float(i) / float(around);
         const glm::vec3 aside = radius * (std::cos(angle) * u + std::sin(angle) * v);
-        if (i > 0 && lit.visibility->transmittance({from, aside}) < 0.5f)
+        if (lit.visibility->transmittance({from, aside}) < 0.5f)
             continue;
         const visibility::Hit below =
             lit.visibility->closest({from + aside, -2.0f * height * normal});

@@ -4,6 +4,7 @@
 #include "scene/emission.h"
 #include "scene/material.h"
 #include "surface/cutting.h"
+#include "surface/in_place.h"
 
 #include <tbb/parallel_for.h>
 
@@ -303,20 +304,10 @@ private:
                             + " patches of surface lie in the grid; lower `resolution`");
         if (walls) {
             nodes[node] = {uint32_t(patches.size()), false, 0, above.crossed, above.cover};
-            if (is_hidden(patch))
+            if (patch.alpha >= 1.0f && is_hidden(*walls, patch))
                 patch.area = 0.0f;
         }
         patches.push_back(patch);
-    }
-
-    /// True if another surface lies on the patch.
-    bool is_hidden(const Patch& patch) const {
-        if (patch.alpha < 1.0f)
-            return false;
-        const glm::vec3 lift = 2.0f * ray_offset(patch.position) * patch.normal;
-        const visibility::Hit hit = walls->closest({patch.position + lift, -2.0f * lift});
-        return hit.instance != visibility::no_hit
-               && (hit.instance != patch.instance || hit.triangle != patch.triangle);
     }
 
     void shade(const Piece& piece, Patch& patch) const {

@@ -51,9 +51,9 @@ std::optional<Isa> isa_named(std::string_view name) {
 
 Isa available(Isa isa, bool (*has)(Isa)) {
     if (isa == Isa::automatic) {
-        for (const Isa best : {Isa::avx512, Isa::avx2, Isa::avx})
-            if (has(best))
-                return best;
+        for (const Isa most : {Isa::avx2, Isa::avx})
+            if (has(most))
+                return most;
         return Isa::sse2;
     }
     if (!has(isa))

@@ -7,7 +7,7 @@
 
 namespace lpvbake::visibility {
 
-/// `automatic`: the best that the processor has.
+/// `automatic`: avx2, which nearly all have, so that they round alike; or the best up to it.
 enum class Isa { automatic, sse2, avx, avx2, avx512 };
 inline constexpr std::array<Isa, 5> isas{Isa::automatic, Isa::sse2, Isa::avx, Isa::avx2,
                                          Isa::avx512};

@@ -19,6 +19,12 @@
 #include <functional>
 
 namespace lpvbake::visibility {
+
+float same_place(glm::vec3 point) {
+    const glm::vec3 size = glm::abs(point);
+    return 2.5e-5f + 1e-6f * std::max({size.x, size.y, size.z});
+}
+
 namespace {
 
 /// Where a triangle of the acceleration structure comes from.
@@ -201,6 +207,8 @@ RTCRayHit to_embree(const Ray& ray) {
     return r;
 }
 
+constexpr float slack = 1.0f + 1e-5f; ///< of radii, so that equally near ones are met
+
 constexpr size_t eight = 8;
 
 /// Eight rays of which some may be missing.
@@ -245,6 +253,65 @@ Hit to_hit(const Visibility::Impl& impl, glm::vec3 direction, float t, uint32_t 
 /// How far two places on a ray may lie apart by rounding.
 float rounding_at(float t) {
     return 1e-5f * std::max(1.0f, std::abs(t));
+}
+
+/// Whether a line meets a primitive, and where, in double precision.
+std::optional<Hit> sheet_at(const Visibility::Impl& impl, uint32_t primitive, glm::dvec3 point,
+                            glm::dvec3 along, double reach) {
+    constexpr double rim = 1e-12; // of its size: nothing slips through an edge
+    const glm::uvec3 v = impl.triangles[primitive];
+    const glm::dvec3 a = glm::dvec3(impl.positions[v.x]) - point;
+    const glm::dvec3 ab = glm::dvec3(impl.positions[v.y]) - point - a;
+    const glm::dvec3 ac = glm::dvec3(impl.positions[v.z]) - point - a;
+    const glm::dvec3 normal = glm::cross(ab, ac);
+    const double slope = glm::dot(along, normal);
+    const double height = glm::dot(a, normal) / slope;
+    if (!(std::abs(height) <= reach))
+        return std::nullopt;
+    const glm::dvec3 across = glm::cross(along, a);
+    const glm::dvec2 uv = glm::dvec2(-glm::dot(across, ac), glm::dot(across, ab)) / slope;
+    const glm::vec2 weights(uv);
+    if (!(uv.x >= -rim && uv.y >= -rim && uv.x + uv.y <= 1.0 + rim)
+        || impl.alpha(primitive, weights, slope < 0.0) < 0.5f)
+        return std::nullopt;
+    return to_hit(impl, glm::vec3(-along), float(height), primitive, weights,
+                  glm::vec3(glm::normalize(normal)));
+}
+
+/// As Visibility::sheets_at.
+void find_sheets(const Visibility::Impl& impl, glm::vec3 point, glm::vec3 normal, float reach,
+                 std::vector<Hit>& out) {
+    thread_local std::vector<uint32_t> near;
+    near.clear();
+    RTCPointQuery query{point.x, point.y, point.z, 0.0f, reach * slack};
+    RTCPointQueryContext context;
+    rtcInitPointQueryContext(&context);
+    const auto meet = [](RTCPointQueryFunctionArguments* args) {
+        static_cast<std::vector<uint32_t>*>(args->userPtr)->push_back(args->primID);
+        return false;
+    };
+    rtcPointQuery(impl.bvh, &query, &context, meet, &near);
+    std::ranges::sort(near);
+    out.clear();
+    for (const uint32_t primitive : near)
+        if (const auto sheet = sheet_at(impl, primitive, point, normal, double(reach)))
+            out.push_back(*sheet);
+}
+
+/// Where sheets lie on each other rounding tells which a ray meets: a front before a back.
+void turn_to_front(const Visibility::Impl& impl, const Ray& ray, Hit& hit) {
+    if (hit.instance == no_hit || hit.facing != Facing::back)
+        return;
+    thread_local std::vector<Hit> sheets;
+    const glm::vec3 point = ray.origin + hit.t * ray.direction;
+    find_sheets(impl, point, -hit.normal, same_place(point), sheets);
+    for (Hit& sheet : sheets)
+        if (sheet.facing != Facing::back) {
+            sheet.t = hit.t;
+            sheet.tint = hit.tint;
+            hit = sheet;
+            return;
+        }
 }
 
 /// All surfaces on a segment by rising t.
@@ -294,6 +361,7 @@ Hit nearest(const Visibility::Impl& impl, const Ray& ray, Seen seen) {
         hit = to_hit(impl, ray.direction, r.ray.tfar, r.hit.primID, {r.hit.u, r.hit.v},
                      {r.hit.Ng_x, r.hit.Ng_y, r.hit.Ng_z});
     look_back(query, ray, 0, hit);
+    turn_to_front(impl, ray, hit);
     return hit;
 }
 
@@ -450,8 +518,6 @@ glm::vec3 nearest_on(const Polygon& polygon, glm::vec3 normal) {
     return best;
 }
 
-constexpr float slack = 1.0f + 1e-5f; ///< of radii, so that equally near ones are met
-
 struct NearestQuery {
     const Visibility::Impl& impl;
     glm::vec3 point;
@@ -534,6 +600,11 @@ void Visibility::surfaces_near(glm::vec3 point, float radius, std::vector<NearSu
             {way, glm::normalize(glm::cross(impl_->positions[v.y] - a, impl_->positions[v.z] - a)),
              impl_->two_fronts[impl_->origins[primitive].instance] != 0});
     }
+}
+
+void Visibility::sheets_at(glm::vec3 point, glm::vec3 normal, float reach,
+                           std::vector<Hit>& out) const {
+    find_sheets(*impl_, point, normal, reach, out);
 }
 
 Capture Visibility::capture(glm::ivec3 cell) const {
@@ -646,6 +717,7 @@ void Visibility::closest_of_eights(std::span<const Ray> rays, Bundle bundle,
                     : to_hit(*impl_, some[i].direction, packet.r.ray.tfar[i], hit.primID[i],
                              {hit.u[i], hit.v[i]}, {hit.Ng_x[i], hit.Ng_y[i], hit.Ng_z[i]});
             look_back(query, some[i], unsigned(i), hits[first + i]);
+            turn_to_front(*impl_, some[i], hits[first + i]);
         }
     }
 }

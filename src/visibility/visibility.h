@@ -70,6 +70,10 @@ enum class Bundle {
     tight, ///< they start close together and go nearly the same way
 };
 
+/// How far apart (frame units) surfaces around a point may lie and are in one place: several times
+/// what positions are rounded by.
+float same_place(glm::vec3 point);
+
 class Visibility {
 public:
     /// Builds the acceleration structure over all placed triangles (zero-area ones are left out).
@@ -77,8 +81,9 @@ public:
     ~Visibility();
     Visibility(Visibility&&) noexcept;
 
-    /// Nearest surface. A blended one counts with probability alpha, drawn from the ray and the
-    /// surface, so that the same ray always gives the same answer.
+    /// Nearest surface; of those in one place a front before a back. A blended one counts with
+    /// probability alpha, drawn from the ray and the surface, so that the same ray always gives the
+    /// same answer.
     Hit closest(const Ray& ray) const;
     /// The same for an eye, to which the back of a single-sided surface is never there.
     Hit closest_front(const Ray& ray) const;
@@ -109,6 +114,12 @@ public:
     /// All triangles less than `radius` away from the point, of which nearest_point() has the
     /// nearest; in the scene's order.
     void surfaces_near(glm::vec3 point, float radius, std::vector<NearSurface>& out) const;
+    /// Surfaces in the place of a point of one of them: what a line through the point along the
+    /// unit vector `normal` meets at most `reach` away (frame units), by geometry, without a ray's
+    /// rounding; also by its edge, and in the scene's order. Each as a hit of a ray against
+    /// `normal`, but for t, which is how far before the point it lies. What covers less than half
+    /// there is none.
+    void sheets_at(glm::vec3 point, glm::vec3 normal, float reach, std::vector<Hit>& out) const;
     /// Where the light of a cell is taken, [i, i + 1] x ... in frame units, in the lattice or not.
     Capture capture(glm::ivec3 cell) const;
 
