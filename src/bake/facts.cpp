@@ -1,6 +1,9 @@
 #include "bake/facts.h"
 
 #include "lpvbake/error.h"
+#include "scene/material.h"
+
+#include <algorithm>
 
 namespace lpvbake::bake {
 
@@ -17,6 +20,9 @@ SceneFacts survey(const Scene& scene) {
     facts.lights = scene.lights;
     facts.emitters = scene::has_emitters(scene);
     facts.sky = scene::has_sky(scene);
+    facts.tinted = std::ranges::any_of(scene.instances, [&](const Instance& instance) {
+        return scene::is_tinting(scene, scene.meshes[size_t(instance.mesh)]);
+    });
     return facts;
 }
 

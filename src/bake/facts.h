@@ -20,6 +20,7 @@ struct SceneFacts {
     std::vector<Light> lights;
     bool emitters = false; ///< some surface emits
     bool sky = false;      ///< it is not black
+    bool tinted = false;   ///< some surface may colour what it lets through
 };
 
 /// Throws Error (invalid) where there is no triangle.

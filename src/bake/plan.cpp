@@ -108,6 +108,10 @@ void plan_lighting(const SceneFacts& scene, const surface::PatchCount& surfaces,
     const double rays = reflected && (plan.emitters || scene.sky || between)
                             ? std::clamp(wanted, 32.0 * elements, 256.0 * elements)
                             : 0.0;
+    if (between) // what they meet is kept
+        plan.host_bytes +=
+            uint64_t(rays)
+            * (solver::models::bytes::hit + (scene.tinted ? solver::models::bytes::tint : 0));
     std::string light = scene.lights.empty() || !reflected ? "" : "punctual lights";
     for (const auto& [there, what] : {std::pair{plan.emitters, "emitters"}, {scene.sky, "sky"}})
         if (there)

@@ -59,6 +59,8 @@ inline constexpr unsigned fixed = 64u << 20;
 inline constexpr unsigned triangle = 260;
 inline constexpr unsigned cell = 150; ///< beside the coefficients and walls of the volume
 inline constexpr unsigned fit_point = 700;
+inline constexpr unsigned hit = 4;   ///< of a ray between elements
+inline constexpr unsigned tint = 12; ///< and what it passed, where surfaces colour light
 
 } // namespace bytes
 

@@ -670,6 +670,21 @@ TEST_F(Bake, WhatLiesFarFromTheGridCostsAPlanLittle) {
     EXPECT_GT(far.seconds, near.seconds);
 }
 
+TEST_F(Bake, RaysThatKeepWhatTheyMeetAndPassAreInThePlan) {
+    const auto kept = [&](bool tinted) {
+        Scene scene = scenes::glass_room(true);
+        if (!tinted)
+            scene.materials.back().transmission = 0.0f;
+        bake::BakeSettings settings = coarse(16, "sn");
+        settings.bounces = 1;
+        const uint64_t none = plan_of(scene, settings).host_bytes;
+        settings.bounces = std::nullopt;
+        return plan_of(scene, settings).host_bytes - none;
+    };
+    EXPECT_GT(kept(false), 32u * sizeof(uint32_t));
+    EXPECT_EQ(kept(true), 4 * kept(false)); // a colour, too
+}
+
 TEST_F(Bake, WarnsOfEmptyBoundsAndOfBacks) {
     Scene town;
     const int material = scenes::add_material(town, glm::vec3(0.5f));
