@@ -110,8 +110,11 @@ int backs_around(const Visibility& visibility, glm::vec3 point, int both) {
     thread_local std::vector<Crossing> crossings;
     int backs = 0;
     for (int way = 0; way < 6; ++way) {
+        const int axis = way / 2;
         Ray ray{point, glm::vec3(0.0f), 0.0f, HUGE_VALF};
-        ray.direction[way / 2] = way % 2 ? -1.0f : 1.0f;
+        ray.origin[(axis + 1) % 3] += aside.x;
+        ray.origin[(axis + 2) % 3] += aside.y;
+        ray.direction[axis] = way % 2 ? -1.0f : 1.0f;
         visibility.crossings(ray, crossings);
         if (!crossings.empty())
             backs += backs_met(crossings, false, both);

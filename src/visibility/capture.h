@@ -23,6 +23,11 @@ namespace lpvbake::visibility {
 /// root of 3 margins.
 inline constexpr float farthest_capture = 4.0f * surface_margin;
 
+/// Cells: how far beside points of the lattice lines along its axes run, so that what lies along
+/// them, as edges of what is modelled on a lattice do, is on one side of a line by more than
+/// rounding. Two lengths, so that diagonals are none to it, and less than surface_margin.
+inline constexpr glm::vec2 aside{0.0031f, 0.0047f};
+
 /// Of a cell less than surface_margin from a surface; `centre` in frame units.
 Capture find_capture(const Visibility& visibility, glm::vec3 centre,
                      std::span<const NearSurface> near);
@@ -35,7 +40,7 @@ std::vector<size_t> cells_on_surfaces(const Visibility& visibility, glm::ivec3 d
 /// the first counts with it, a front before all: of sheets that lie on each other none is first.
 int backs_met(std::span<const Crossing> crossings, bool way_back = false, int both = 0);
 
-/// The sum over the six axis rays from a point.
+/// The sum over the six axis rays from a point, or a hair beside it.
 int backs_around(const Visibility& visibility, glm::vec3 point, int both);
 
 } // namespace lpvbake::visibility

@@ -8,12 +8,6 @@
 #include <algorithm>
 
 namespace lpvbake::visibility {
-namespace {
-
-/// Cells: two lengths, so that diagonals are none to it, and less than surface_margin.
-constexpr glm::vec2 aside{0.0031f, 0.0047f};
-
-} // namespace
 
 AxisLines::AxisLines(const Visibility& visibility, glm::ivec3 dims, int axis_)
     : axis(axis_),

@@ -22,8 +22,7 @@ public:
     void trace(int j, int k, glm::vec2 shift, float from, float to,
                std::vector<Crossing>& crossings) const;
     /// The same from and to beyond whatever the line meets near the lattice, and a hair beside the
-    /// centres, so that what lies along them, as edges of what is modelled on a lattice do, is on
-    /// one side of the line by more than rounding.
+    /// centres (capture.h).
     void trace(int j, int k, std::vector<Crossing>& crossings) const;
 
 private:

@@ -133,6 +133,7 @@ TEST_F(Bake, InstructionSetsAgreeButForRounding) {
         }
         EXPECT_LT(off / sum, 0.005) << visibility::name_of(isa);
         EXPECT_EQ(volume.validity, first->validity) << visibility::name_of(isa);
+        EXPECT_EQ(volume.walls, first->walls) << visibility::name_of(isa);
     }
 }
 

@@ -142,6 +142,68 @@ TEST(Capture, ValidityAndWallsAreTheSameHoweverRoundingFalls) {
     EXPECT_EQ(first[grid.index({1, 5, 5})], 1.0f); // in the room's corner
 }
 
+/// Validity and walls as each instruction set of the processor has them.
+void expect_alike(const Scene& scene, const Grid& grid, const char* what) {
+    std::vector<float> validity;
+    std::vector<std::vector<glm::vec3>> walls;
+    for (const visibility::Isa isa : visibility::isas) {
+        if (isa == visibility::Isa::automatic || !visibility::processor_has(isa))
+            continue;
+        const Visibility own(scene, scene::frame_of(grid), isa);
+        std::vector<float> valid = visibility::trace_validity(own, grid.dims);
+        auto around = visibility::find_walls(own, grid.dims, valid, most_walls, walls_reach);
+        if (validity.empty()) {
+            validity = std::move(valid);
+            walls = std::move(around);
+            continue;
+        }
+        EXPECT_EQ(valid, validity) << what << " " << visibility::name_of(isa);
+        EXPECT_TRUE(around == walls) << what << " " << visibility::name_of(isa);
+    }
+}
+
+TEST(Capture, InstructionSetsAgreeOnARoomWhoseWallsAreOnCentres) {
+    for (const int cells : {8, 16, 32, 48})
+        for (const double snap : snaps) {
+            if (cells > 16 && snap != 0.0)
+                continue; // a matter of seconds
+            const double cell = 4.0 / cells;
+            Scene scene;
+            const int white = scenes::add_material(scene, glm::vec3(0.5f));
+            scenes::add_box(scene, white, {-2, 0, -2}, {2, 3, 2}, scenes::Facing::inward);
+            scenes::add_box(scene, white, {-1, 0, -1.5f}, {0.5f, 1, 0}, scenes::Facing::outward);
+            const glm::dvec3 lo = glm::dvec3(-2, 0, -2) + (snap - 0.5) * cell;
+            expect_alike(scene, {lo, cell, glm::ivec3(cells + 1, 3 * cells / 4 + 1, cells + 1)},
+                         "room");
+        }
+}
+
+TEST(Capture, InstructionSetsAgreeOnStreetsAndFurniture) {
+    std::mt19937 random(3);
+    const auto at = [&](int from, int to) {
+        return float(std::uniform_int_distribution<int>(from, to)(random)) / 4.0f;
+    };
+    for (const double turn : {0.0, 0.25, 0.1})
+        for (const double snap : {0.0, 1e-6, 1e-4}) {
+            // Boxes on quarters of metres that stand on the ground, on and in each other.
+            Scene scene;
+            const glm::dmat4 there =
+                glm::rotate(glm::dmat4(1.0), turn * glm::pi<double>(), glm::dvec3(0, 1, 0));
+            const int brick = scenes::add_material(scene, glm::vec3(0.5f));
+            const int leaf = scenes::add_material(scene, glm::vec3(0.5f), glm::vec3(0.0f), true);
+            scenes::add_quad(scene, brick, {-6, 0, -6}, {0, 0, 12}, {12, 0, 0}, there);
+            for (int i = 0; i < 40; ++i) {
+                const glm::vec3 lo(at(-20, 16), i % 3 == 0 ? at(0, 8) : 0.0f, at(-20, 16));
+                scenes::add_box(scene, i % 4 == 0 ? leaf : brick, lo,
+                                lo + glm::vec3(at(1, 8), at(1, 8), at(1, 8)),
+                                scenes::Facing::outward, there);
+            }
+            expect_alike(scene,
+                         {glm::dvec3(-5.125 + snap, -0.625 + snap, -5.125), 0.25, {41, 20, 41}},
+                         "street");
+        }
+}
+
 TEST(Capture, ASlopeIsLeftByItsFront) {
     const Grid grid = lattice(glm::ivec3(8));
     for (const glm::dvec3 normal :
