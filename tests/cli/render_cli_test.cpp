@@ -1,12 +1,17 @@
 // `lpvbake render` from outside.
 #include "cli/run.h"
+#include "hard_cases/gltf_writer.h"
 #include "image/image.h"
 #include "io/io.h"
+#include "scenes.h"
 #include "volume/light_content.h"
 
 #include <nlohmann/json.hpp>
 
 #include <cmath>
+#include <iomanip>
+#include <numeric>
+#include <sstream>
 
 namespace lpvbake {
 namespace {
@@ -103,6 +108,47 @@ TEST_F(RenderCli, TellsHowFarItIsFromPaths) {
     EXPECT_GT(document["reference"]["flip"], 0.0);
     EXPECT_LT(document["reference"]["flip"], 0.5);
     EXPECT_NEAR(double(document["reference"]["ratio"]), 1, 0.1);
+}
+
+TEST_F(RenderCli, EnginesReadWhatPathsSeeOfAFloorWithCellsOnIt) {
+    Scene scene;
+    scenes::add_box(scene, scenes::add_material(scene, glm::vec3(0.7f)), {-2, 0, -2}, {2, 3, 2},
+                    scenes::Facing::inward);
+    scene.lights.push_back(scenes::point_light({0, 2.5, 0}, 100.0));
+    scenes::write_gltf(scene, folder_ / "room.gltf");
+    const auto mean = [&](const char* name) {
+        const image::Pixels picture = exr(name);
+        return std::accumulate(picture.samples.begin(), picture.samples.end(), 0.0)
+               / double(picture.samples.size());
+    };
+    // From below the lamp.
+    const std::string view = " --camera 0,2.4,0.01:0,0,0:60 --size 24x24 --show irradiance";
+    double by_paths = 0;
+    for (const int cells : {8, 16})
+        for (const double snap : {0.0, 1e-6, -1e-6, 1e-4, -1e-4, 1e-2, -1e-2})
+            for (const char* how : {" --solver sn", " --solver gather --dilate 2"}) {
+                if (cells > 8 && snap != 0.0)
+                    continue; // a matter of seconds
+                const double cell = 4.0 / cells, off = (snap - 0.5) * cell;
+                std::ostringstream bake;
+                bake << std::setprecision(12) << "bake room.gltf -o f.vdb --margin 0 --cell-size "
+                     << cell << " --bounds " << off - 2 << "," << off << "," << off - 2 << ","
+                     << off + 2 + cell << "," << off + 3 + cell << "," << off + 2 + cell << how;
+                const CliResult baked = run_lpvbake(folder_, bake.str());
+                ASSERT_EQ(baked.status, 0) << baked.err;
+                if (by_paths == 0) {
+                    ASSERT_EQ(run("room.gltf f.vdb -o a.exr" + view
+                                  + " --samples 1 --reference 400 --reference-output r.exr")
+                                  .status,
+                              0);
+                    by_paths = mean("r.exr");
+                    ASSERT_GT(by_paths, 30.0);
+                }
+                ASSERT_EQ(
+                    run("room.gltf f.vdb -o a.exr --samples 4 --sampler trilinear" + view).status,
+                    0);
+                EXPECT_NEAR(mean("a.exr") / by_paths, 1.0, 0.02) << bake.str();
+            }
 }
 
 TEST_F(RenderCli, DryRunDrawsNothing) {
