@@ -289,6 +289,7 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const bak
 void run(const BakeOptions& o, const std::string& settings) {
     check_options(o);
     const readers::Reader reader = reader_of(*o.outputs.target, o.fit);
+    tell("settings: " + settings);
     bake::BakeSettings base = to_settings(o, reader);
     const bake::Wish wish = wish_of(o);
     Run run(o, o, o.outputs.paths);
@@ -300,15 +301,17 @@ void run(const BakeOptions& o, const std::string& settings) {
                               + counted(scene.lights.size(), "light"));
     stop_if_signalled();
     const std::unique_ptr<gpu::Device> device = opening.get();
+    tell("device: " + device->info().name + ", " + device->info().driver);
     run.end_stage("open", "the device, opened while the scene was loaded");
 
     base.bounds = o.box_in(scene);
     const bake::Choice choice =
         bake::choose_settings(bake::survey(scene), base, wish, device->info());
     run.warn(choice.warnings);
+    tell("choice: " + choice.text);
     if (o.dry_run) {
         run.warn(choice.plan.warnings);
-        run.progress.clear();
+        run.progress.end();
         print_plan(o, device->info(), choice, run.progress.warnings());
         return;
     }
@@ -330,7 +333,7 @@ void run(const BakeOptions& o, const std::string& settings) {
         write_outputs(o.outputs, o.outputs.paths, baked.volume, run.progress);
     run.end_stage("write", counted(written.size(), "output"));
     device->check_validation();
-    run.progress.clear();
+    run.progress.end();
     print_result(o, device->info(), choice, baked.volume, written, run);
 }
 
@@ -382,7 +385,7 @@ options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<BakeOptions>();
     BakeOptions& o = *fields;
     add_scene_option(options, o);
-    options.texts("-o,--output", o.outputs.paths, "FILE", outputs_help());
+    options.texts("-o,--output", o.outputs.paths, "FILE", outputs_help()).keep_to_one_run();
     add_grid_options(options, o);
     add_light_options(options, o);
     add_solver_options(options, o);

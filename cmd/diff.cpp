@@ -99,7 +99,7 @@ void write_outputs(const DiffOptions& o, const Volume& a, const Volume& b,
                            {"subtrahend", base(o.b)}};
         for (const std::string& warning :
              io::write_volume(output, std::move(volume), Precision::full).warnings)
-            std::fprintf(stderr, "lpvbake: warning: %s\n", warning.c_str());
+            print_warning(warning);
     }
 }
 
@@ -109,10 +109,9 @@ std::string slice_text(const options::Slice& slice) {
 }
 
 /// Warns where both are known to hold light, or a quantity, that the other does not.
-void warn_of_light(const Volume& a, const Volume& b) {
-    const auto warn = [](const std::string& of_a, const std::string& of_b) {
-        std::fprintf(stderr, "lpvbake: warning: the two hold different light: %s against %s\n",
-                     of_a.c_str(), of_b.c_str());
+void warn_of_light(const DiffOptions& o, const Volume& a, const Volume& b) {
+    const auto warn = [&](const std::string& of_a, const std::string& of_b) {
+        print_warning(o.a + ": holds other light than " + o.b + ": " + of_a + " against " + of_b);
     };
     const auto light_a = volume::content_in(a.metadata), light_b = volume::content_in(b.metadata);
     if (light_a && light_b && *light_a != *light_b)
@@ -130,7 +129,7 @@ void run(const DiffOptions& o) {
         throw Error(ErrorKind::invalid,
                     both + " are not on one grid: " + *why
                         + "; bake both with the same --bounds, --resolution and --margin");
-    warn_of_light(a, b);
+    warn_of_light(o, a, b);
     const report::Difference difference{
         o.a,
         o.b,
@@ -167,8 +166,7 @@ void run(const DiffOptions& o) {
     if (const auto failed = report::failure(difference))
         throw Error(ErrorKind::difference, o.a + " differs from " + o.b + *failed);
     if (const auto warned = report::warning(difference))
-        std::fprintf(stderr, "lpvbake: warning: %s differs from %s: %s\n", o.a.c_str(), o.b.c_str(),
-                     warned->c_str());
+        print_warning(o.a + ": differs from " + o.b + ": " + *warned);
 }
 
 /// The three options of a threshold, which excuse a difference of values once one is given.

@@ -25,34 +25,36 @@ enum class ExitCode {
 struct ExitCodeMeaning {
     ExitCode code;
     std::optional<ErrorKind> error; ///< the kind of error that ends in it
+    const char* name;               ///< of that kind
     const char* meaning;
     bool again = false; ///< the same command may do another time
 };
 
 /// `lpvbake --help` prints this table.
 inline constexpr ExitCodeMeaning exit_codes[] = {
-    {ExitCode::ok, std::nullopt, "done"},
-    {ExitCode::usage, ErrorKind::argument, "the command line is wrong"},
-    {ExitCode::file, ErrorKind::file, "a file is not there, or is none"},
-    {ExitCode::invalid, ErrorKind::invalid, "the input is invalid"},
-    {ExitCode::failure, ErrorKind::failure, "something failed while running"},
-    {ExitCode::unsupported, ErrorKind::unsupported,
+    {ExitCode::ok, std::nullopt, "", "done"},
+    {ExitCode::usage, ErrorKind::argument, "argument", "the command line is wrong"},
+    {ExitCode::file, ErrorKind::file, "file", "a file is not there, or is none"},
+    {ExitCode::invalid, ErrorKind::invalid, "invalid", "the input is invalid"},
+    {ExitCode::failure, ErrorKind::failure, "failure", "something failed while running"},
+    {ExitCode::unsupported, ErrorKind::unsupported, "unsupported",
      "the input needs a feature that is not supported (it is named)"},
-    {ExitCode::io, ErrorKind::io,
+    {ExitCode::io, ErrorKind::io, "io",
      "the system does not read or write (no space, no permission, a fault)", true},
-    {ExitCode::difference, ErrorKind::difference, "a difference was found"},
-    {ExitCode::device, ErrorKind::device, "the Vulkan device is missing or was lost", true},
-    {ExitCode::memory, ErrorKind::memory, "out of memory; less is needed with a lower --resolution",
+    {ExitCode::difference, ErrorKind::difference, "difference", "a difference was found"},
+    {ExitCode::device, ErrorKind::device, "device", "the Vulkan device is missing or was lost",
      true},
-    {ExitCode::interrupted, ErrorKind::interrupted, "interrupted (SIGINT)", true},
-    {ExitCode::terminated, ErrorKind::terminated, "terminated (SIGTERM)", true},
+    {ExitCode::memory, ErrorKind::memory, "memory",
+     "out of memory; less is needed with a lower --resolution", true},
+    {ExitCode::interrupted, ErrorKind::interrupted, "interrupted", "interrupted (SIGINT)", true},
+    {ExitCode::terminated, ErrorKind::terminated, "terminated", "terminated (SIGTERM)", true},
 };
 
-constexpr ExitCode exit_code_of(ErrorKind kind) {
+constexpr const ExitCodeMeaning& meaning_of(ErrorKind kind) {
     for (const ExitCodeMeaning& row : exit_codes)
         if (row.error == kind)
-            return row.code;
-    return ExitCode::failure;
+            return row;
+    return meaning_of(ErrorKind::failure);
 }
 
 } // namespace lpvbake::cmd

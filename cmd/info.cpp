@@ -62,10 +62,8 @@ void run(const InfoOptions& o, const options::Options& options) {
         // What looks for every fault, or asks for every texel, needs them.
         settings.skip_colors = !o.load.strict && !o.hash;
         Scene scene = load_gltf(o.file, settings);
-        for (std::string& warning : scene.warnings) {
-            warning = options::in_options(warning);
-            std::fprintf(stderr, "lpvbake: warning: %s\n", on_one_line(warning).c_str());
-        }
+        for (std::string& warning : scene.warnings)
+            print_warning(warning = options::in_options(warning));
         const std::string hash = o.hash ? scene::scene_hash(scene) : "";
         o.format == Format::json ? print_json(report::scene_json(o.file, scene, hash))
                                  : print_text(report::scene_text(o.file, scene, hash));

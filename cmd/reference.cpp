@@ -96,6 +96,7 @@ void run(const ReferenceOptions& o, const std::string& settings) {
     if (o.outputs.paths.empty())
         throw Error(ErrorKind::argument, "no output: add -o FILE" + io::format_list(" or -o FILE"));
     (void)visibility::available(o.isa);
+    tell("settings: " + settings);
     Run run(o, o, outputs);
     const Scene scene = run.load();
     run.end_stage("load");
@@ -107,7 +108,7 @@ void run(const ReferenceOptions& o, const std::string& settings) {
         scene, volume::fit_grid(box.lo, box.hi, o.grid_settings()), to_settings(o), run.progress);
     run.warn(reference.warnings);
     if (volume::total_energy(reference.volume) == 0.0)
-        run.warn(std::vector{scene::why_dark(scene)});
+        run.warn(std::vector{about(scene.path, scene::why_dark(scene))});
     run.end_stage("trace");
 
     fill_metadata(o, scene, settings, reference.volume);
@@ -118,7 +119,7 @@ void run(const ReferenceOptions& o, const std::string& settings) {
         std::ranges::move(write_outputs(o.outputs, {o.error_output}, reference.error, run.progress),
                           std::back_inserter(written));
     run.end_stage("write");
-    run.progress.clear();
+    run.progress.end();
     print_result(o, scene, reference, written, run);
 }
 
@@ -126,9 +127,11 @@ options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<ReferenceOptions>();
     ReferenceOptions& o = *fields;
     add_scene_option(options, o);
-    options.texts("-o,--output", o.outputs.paths, "FILE", outputs_help());
-    options.text("-e,--error-output", o.error_output, "FILE",
-                 "Volume of the standard errors to write, " + io::format_list());
+    options.texts("-o,--output", o.outputs.paths, "FILE", outputs_help()).keep_to_one_run();
+    options
+        .text("-e,--error-output", o.error_output, "FILE",
+              "Volume of the standard errors to write, " + io::format_list())
+        .keep_to_one_run();
     add_grid_options(options, o);
     add_light_options(options, o);
 

@@ -443,7 +443,7 @@ void run(RenderOptions o) {
         run.end_stage("write");
     }
     device->check_validation();
-    run.progress.clear();
+    run.progress.end();
     if (o.format == Format::json)
         print_json_result(result, run);
     else
@@ -465,8 +465,9 @@ options::Action declare(options::Options& options) {
     RenderOptions& o = *fields;
     add_scene_option(options, o);
     options.text("volume", o.volume, "VOLUME", "Volume of bake or reference, " + io::format_list());
-    options.texts("-o,--output", o.outputs, "FILE",
-                  "Picture to write, .png or .exr; may be repeated");
+    options
+        .texts("-o,--output", o.outputs, "FILE", "Picture to write, .png or .exr; may be repeated")
+        .keep_to_one_run();
     add_light_options(options, o);
 
     options.group("View");
@@ -492,7 +493,8 @@ options::Action declare(options::Options& options) {
     options
         .texts("--reference-output", o.reference_outputs, "FILE",
                "Path-traced picture to write, .png or .exr; may be repeated")
-        .need("reference");
+        .need("reference")
+        .keep_to_one_run();
     add_device_option(options, o);
     options.flag("--validation", o.validation,
                  "Load Vulkan's validation layer; messages are errors");

@@ -272,11 +272,12 @@ void run(const ReportOptions& o, const options::Options& options) {
 
     watch_signals();
     TerminalProgress progress(o.progress);
-    progress.begin("load", 0);
     std::vector<Scene> scenes;
     for (const std::string& path : o.scenes) {
         SceneOptions one = o;
         one.scene = path;
+        progress.set_subject(path);
+        progress.begin("load", 0);
         probe_scene(one);
         scenes.push_back(load_scene(one, lights));
         for (const std::string& warning : scenes.back().warnings)
@@ -284,7 +285,7 @@ void run(const ReportOptions& o, const options::Options& options) {
     }
     const gpu::Device device({o.device, false});
     if (o.dry_run) {
-        progress.clear();
+        progress.end();
         print_plan(o, options, scenes, rows, device.info());
         return;
     }
@@ -294,6 +295,7 @@ void run(const ReportOptions& o, const options::Options& options) {
     report.threads = unsigned(tbb::this_task_arena::max_concurrency());
     report.settings = to_settings(o);
     for (std::size_t i = 0; i < scenes.size(); ++i) {
+        progress.set_subject(o.scenes[i]);
         report.scenes.push_back(report::measure_scene(scenes[i], rows_in(scenes[i], o, rows),
                                                       report.settings, device, progress));
         report::SceneReport& scene = report.scenes.back();
@@ -308,9 +310,10 @@ void run(const ReportOptions& o, const options::Options& options) {
             progress.warn(warning = options::in_options(warning));
     }
     report.seconds = seconds_since(begin);
+    progress.set_subject("");
     progress.begin("write", 0);
     write_outputs(o, report);
-    progress.clear();
+    progress.end();
     if (o.format == Format::json)
         print_json(report::report_json(report));
     else {
@@ -354,8 +357,10 @@ options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<ReportOptions>();
     ReportOptions& o = *fields;
     options.texts("scene", o.scenes, "FILE...", "glTF 2.0 files, .gltf or .glb");
-    options.texts("-o,--output", o.outputs, "FILE",
-                  "Report to write: .html, .svg, .csv or .json; may be repeated");
+    options
+        .texts("-o,--output", o.outputs, "FILE",
+               "Report to write: .html, .svg, .csv or .json; may be repeated")
+        .keep_to_one_run();
     options.group("Sweep");
     options.text("--sweep", o.sweep, "FILE", "TOML file of values: see below");
     add_axes(options, o);

@@ -84,8 +84,19 @@ void add_fit(const Volume& volume, report::Json& document) {
     }
 }
 
+namespace {
+
+bool json_printed = false;
+
+} // namespace
+
 void print_json(const report::Json& document) {
+    json_printed = true;
     std::cout << document.dump(2, ' ', false, report::Json::error_handler_t::replace) << '\n';
+}
+
+bool is_json_printed() {
+    return json_printed;
 }
 
 } // namespace lpvbake::cmd

@@ -36,7 +36,9 @@ void print_total(double seconds);
 /// Adds what metadata tell of a fit, as "fit"; nothing where there is none.
 void add_fit(const Volume& volume, report::Json& document);
 
+/// To standard output, once.
 void print_json(const report::Json& document);
+bool is_json_printed();
 void print_text(const std::string& text);
 
 } // namespace lpvbake::cmd

@@ -339,7 +339,14 @@ void add_output_options(options::Options& options, OutputOptions& o) {
 void add_format_option(options::Options& options, Format& format) {
     options.choice("--format", format,
                    options::Choices<Format>{{"text", Format::text}, {"json", Format::json}},
-                   "Form of the result");
+                   "Form of the result, and of an error");
+    options
+        .flag("-q,--quiet", verbosity.quiet,
+              "Nothing on standard error but errors: no progress, no warnings")
+        .exclude({"verbose"});
+    options.flag("-v,--verbose", verbosity.verbose,
+                 "Tell on standard error what is read and written and which settings hold; "
+                 "--progress auto is plain then");
 }
 
 void add_device_option(options::Options& options, RunOptions& o) {
@@ -373,16 +380,24 @@ void add_run_options(options::Options& options, RunOptions& o) {
                                                    {"bar", ProgressStyle::bar},
                                                    {"plain", ProgressStyle::plain},
                                                    {"none", ProgressStyle::none}},
-                   "On standard error; auto: a bar on a terminal");
-    options.text("--config", o.config, "FILE", "TOML file of options; the command line comes first")
+                   "On standard error; plain: lines of scene, stage, per cent and time; auto: a "
+                   "bar on a terminal");
+    options
+        .texts("--config", o.configs, "FILE",
+               "TOML file of options: keys before the first header are for all commands, those in "
+               "[bake] for bake, and so on; the command line comes first, then the last file; may "
+               "be repeated")
         .keep_out_of_files();
-    options.flag("--print-config", o.print_config, "Print every option as --config reads it")
+    options
+        .flag("--print-config", o.print_config,
+              "Print every option but scene and outputs as --config reads it")
         .keep_out_of_files();
 }
 
 std::vector<std::string> inputs_of(const SceneOptions& scene, const RunOptions& run) {
     std::vector<std::string> inputs = scene.light_files;
-    inputs.insert(inputs.end(), {scene.scene, run.config});
+    inputs.push_back(scene.scene);
+    inputs.insert(inputs.end(), run.configs.begin(), run.configs.end());
     if (const SkyPicture* picture = scene.sky_picture())
         inputs.push_back(picture->path);
     return inputs;
@@ -506,6 +521,8 @@ std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std
                  : io::write_for(storage, path, whole);
         for (const std::string& warning : report.warnings)
             progress.warn(warning);
+        for (const WriteReport::File& file : report.files)
+            tell("wrote " + file.path);
         written.push_back({path, report.files});
     }
     return written;
@@ -564,8 +581,8 @@ void limit_threads(int threads) {
     // that it could not start.
     const int wanted = threads > 0 ? threads : int(std::thread::hardware_concurrency());
     if (wanted > 1 && !can_start(2 * wanted + 6)) {
-        std::fprintf(stderr, "lpvbake: warning: too few threads can be started (ulimit -u, the "
-                             "container's limit of PIDs): computing on one\n");
+        print_warning("too few threads can be started (ulimit -u, the container's limit of PIDs): "
+                      "computing on one");
         threads = 1;
     }
     if (threads == 0)
@@ -579,7 +596,7 @@ void limit_threads(int threads) {
 }
 
 Run::Run(const SceneOptions& scene, const RunOptions& run, const std::vector<std::string>& outputs)
-    : progress(run.progress),
+    : progress(run.progress, scene.scene),
       scene_(scene),
       lights_(command_line_lights(scene)) {
     probe_outputs(outputs);
@@ -592,6 +609,7 @@ Run::Run(const SceneOptions& scene, const RunOptions& run, const std::vector<std
 
 Scene Run::load() {
     progress.begin("load", 0);
+    tell("reads " + scene_.scene);
     Scene scene = load_scene(scene_, lights_);
     warn(scene.warnings);
     return scene;

@@ -112,6 +112,7 @@ readers::Reader reader_of(const io::Target& target, const FitOptions& fit);
 void check_fit(const OutputOptions& o, const FitOptions& fit, int order);
 
 enum class Format { text, json };
+/// --format, and how much is said beside the result: -q and -v.
 void add_format_option(options::Options& options, Format& format);
 
 /// How a command that computes runs and reports.
@@ -123,7 +124,7 @@ struct RunOptions {
     int threads = 0;
     Format format = Format::text;
     ProgressStyle progress = ProgressStyle::automatic;
-    std::string config;
+    std::vector<std::string> configs;
     bool print_config = false;
 };
 /// Opens the group.
@@ -185,7 +186,7 @@ public:
     /// Throws Error (file; invalid: a light file).
     Run(const SceneOptions& scene, const RunOptions& run, const std::vector<std::string>& outputs);
 
-    /// Loads the scene and tells of its warnings. Throws Error.
+    /// Loads the scene and prints its warnings. Throws Error.
     Scene load();
     /// Ends a stage, which began where the last one ended.
     void end_stage(const char* name, const std::string& detail = "");

@@ -36,7 +36,7 @@ void run_suite(const SuiteRun& run, const RunOptions& o) {
     const bool text = o.format == Format::text;
     bool headed = false;
     const auto show = [&](const report::SuiteRow& row) {
-        progress.clear();
+        progress.erase();
         if (!text)
             return;
         if (!std::exchange(headed, true))
@@ -47,7 +47,7 @@ void run_suite(const SuiteRun& run, const RunOptions& o) {
     std::vector<report::SuiteRow> rows =
         report::run_suite(suite, run.selection, report::suite_solvers(device), progress, show);
     std::ranges::transform(rows, rows.begin(), worded);
-    progress.clear();
+    progress.end();
 
     const auto fails = [](const report::SuiteRow& row) { return !row.failures.empty(); };
     const auto failed = std::ranges::count_if(rows, fails);

@@ -4,6 +4,7 @@
 #include "options/wording.h"
 
 #include <algorithm>
+#include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
@@ -57,9 +58,27 @@ std::string on_one_line(std::string text) {
     return text;
 }
 
-TerminalProgress::TerminalProgress(ProgressStyle style) : style_(style) {
-    if (style != ProgressStyle::automatic)
+Verbosity verbosity;
+
+void print_warning(const std::string& text) {
+    if (!verbosity.quiet)
+        std::fprintf(stderr, "lpvbake: warning: %s\n", on_one_line(text).c_str());
+}
+
+void tell(const std::string& text) {
+    if (verbosity.verbose)
+        std::fprintf(stderr, "lpvbake: %s\n", on_one_line(text).c_str());
+}
+
+TerminalProgress::TerminalProgress(ProgressStyle style, const std::string& subject)
+    : style_(verbosity.quiet ? ProgressStyle::none : style),
+      subject_(subject) {
+    if (style_ != ProgressStyle::automatic)
         return;
+    if (verbosity.verbose) { // its lines and a bar would part each other
+        style_ = ProgressStyle::plain;
+        return;
+    }
     const char* terminal = std::getenv("TERM");
     const bool can_erase = terminal && std::strcmp(terminal, "dumb") != 0;
     style_ = isatty(STDERR_FILENO) == 0 ? ProgressStyle::none
@@ -69,31 +88,37 @@ TerminalProgress::TerminalProgress(ProgressStyle style) : style_(style) {
 
 void TerminalProgress::begin(std::string_view stage, uint64_t steps) {
     stop_if_signalled();
+    end_stage();
     stage_ = stage;
     steps_ = steps;
     begun_ = Clock::now();
-    drawn_ = {};
-    if (style_ == ProgressStyle::plain)
-        std::fprintf(stderr, "lpvbake: %s\n", stage_.c_str());
-    if (style_ == ProgressStyle::bar)
+    if (style_ != ProgressStyle::none)
         draw(0);
 }
 
 void TerminalProgress::advance(uint64_t done) {
     stop_if_signalled();
-    if (style_ == ProgressStyle::bar && Clock::now() - drawn_ >= std::chrono::milliseconds(100))
+    const auto pause = std::chrono::milliseconds(style_ == ProgressStyle::bar ? 100 : 1000);
+    if (style_ != ProgressStyle::none && Clock::now() - drawn_ >= pause)
         draw(done);
 }
 
 void TerminalProgress::draw(uint64_t done) {
-    constexpr int width = 24;
     drawn_ = Clock::now();
+    const double share = steps_ == 0 ? 0 : std::min(1.0, double(done) / double(steps_));
+    if (style_ == ProgressStyle::plain)
+        draw_line(share);
+    else
+        draw_bar(share);
+}
+
+void TerminalProgress::draw_bar(double share) {
+    constexpr int width = 24;
     visible_ = true;
     if (steps_ == 0) {
         std::fprintf(stderr, "\r\033[K%-12s", stage_.c_str());
         return;
     }
-    const double share = std::min(1.0, double(done) / double(steps_));
     std::string bar(std::size_t(width * share), '#');
     bar.resize(width, '.');
     std::fprintf(stderr, "\r\033[K%-12s [%s] %3.0f %%", stage_.c_str(), bar.c_str(), 100 * share);
@@ -102,7 +127,25 @@ void TerminalProgress::draw(uint64_t done) {
         std::fprintf(stderr, "  ETA %.0f s", elapsed * (1 - share) / share);
 }
 
-void TerminalProgress::clear() {
+void TerminalProgress::draw_line(double share) const {
+    const double seconds = std::chrono::duration<double>(Clock::now() - start_).count();
+    const std::string what = subject_.empty() ? stage_ : subject_ + ": " + stage_;
+    std::fprintf(stderr, "lpvbake: %s %.0f %%, %.1f s\n", on_one_line(what).c_str(),
+                 std::floor(100 * share), seconds);
+}
+
+void TerminalProgress::end_stage() {
+    if (style_ == ProgressStyle::plain && !stage_.empty())
+        draw_line(1);
+    stage_.clear();
+}
+
+void TerminalProgress::end() {
+    end_stage();
+    erase();
+}
+
+void TerminalProgress::erase() {
     if (visible_)
         std::fputs("\r\033[K", stderr);
     visible_ = false;
@@ -113,8 +156,8 @@ void TerminalProgress::warn(const std::string& said) {
     if (std::find(warnings_.begin(), warnings_.end(), text) != warnings_.end())
         return;
     warnings_.push_back(text);
-    clear();
-    std::fprintf(stderr, "lpvbake: warning: %s\n", on_one_line(text).c_str());
+    erase();
+    print_warning(text);
 }
 
 } // namespace lpvbake::cmd

@@ -23,28 +23,51 @@ void finish_stdout();
 /// that a terminal obeys.
 std::string on_one_line(std::string text);
 
+/// What -q and -v ask for.
+struct Verbosity {
+    bool quiet = false;   ///< neither warnings nor progress
+    bool verbose = false; ///< what is read and done, too
+};
+extern Verbosity verbosity;
+
+/// A line on standard error, unless --quiet says otherwise.
+void print_warning(const std::string& text);
+/// A line on standard error where --verbose asks for it.
+void tell(const std::string& text);
+
 /// How progress is shown on standard error; automatic is a bar on a terminal and nothing elsewhere.
 enum class ProgressStyle { automatic, bar, plain, none };
 
-/// Draws a bar with the stage's share and remaining time at most ten times a second, or prints a
-/// line a stage. Also where a bake learns of signals.
+/// Draws a bar with the stage's share and remaining time at most ten times a second, or prints
+/// lines "lpvbake: room.gltf: gather 40 %, 2.1 s": subject, stage, share, time since the program's
+/// start; one as a stage begins and ends, between them at most one a second. Also where a bake
+/// learns of signals.
 class TerminalProgress : public Progress {
 public:
-    explicit TerminalProgress(ProgressStyle style);
-    ~TerminalProgress() override { clear(); }
+    explicit TerminalProgress(ProgressStyle style, const std::string& subject = "");
+    ~TerminalProgress() override { erase(); }
+    /// Whose stages the next ones are.
+    void set_subject(const std::string& subject) { subject_ = subject; }
     void begin(std::string_view stage, uint64_t steps) override;
     void advance(uint64_t done) override;
     /// Takes the bar away.
-    void clear();
+    void erase();
+    /// Ends the last stage, too.
+    void end();
     /// Prints a warning of the library beside the bar, each text once.
     void warn(const std::string& said);
     const std::vector<std::string>& warnings() const { return warnings_; }
 
 private:
     void draw(uint64_t done);
+    void draw_bar(double share);
+    void draw_line(double share) const;
+    void end_stage();
 
     using Clock = std::chrono::steady_clock;
     ProgressStyle style_;
+    std::string subject_;
+    Clock::time_point start_ = Clock::now();
     std::string stage_;
     uint64_t steps_ = 0;
     Clock::time_point begun_{};

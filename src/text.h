@@ -22,4 +22,9 @@ inline std::string counted(uint64_t count, const std::string& one, const std::st
     return std::to_string(count) + " " + (count == 1 ? one : many.empty() ? one + "s" : many);
 }
 
+/// What is said of a file, with its name in front unless it stands there; empty: it has none.
+inline std::string about(const std::string& file, const std::string& text) {
+    return file.empty() || text.starts_with(file) ? text : file + ": " + text;
+}
+
 } // namespace lpvbake

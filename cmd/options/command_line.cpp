@@ -2,6 +2,7 @@
 
 #include "exit_code.h"
 #include "options/file.h"
+#include "options/wrapped.h"
 #include "terminal.h"
 
 #include <CLI/CLI.hpp>
@@ -99,21 +100,6 @@ std::string explain(const CLI::App& root, const CLI::ParseError& error,
 
 // ---------------------------------------------------------------- rows to CLI11's options
 
-/// The text in lines of at most `width` characters where it has spaces.
-std::string wrapped(const std::string& text, std::size_t width) {
-    std::string lines;
-    std::size_t used = 0;
-    for (const std::string& word : split(text, ' ')) {
-        if (used > 0 && used + 1 + word.size() > width) {
-            lines += '\n';
-            used = 0;
-        }
-        lines += (used > 0 ? " " : "") + word;
-        used += (used > 0) + word.size();
-    }
-    return lines;
-}
-
 void add_option(Option& row, CLI::App& app) {
     const std::string help = wrapped(row.help, 68);
     if (row.is_flag()) {
@@ -138,9 +124,31 @@ void add_option(Option& row, CLI::App& app) {
         option->default_str(row.usual);
 }
 
+/// What the words say of themselves, right or wrong.
+Asked first_look(const Commands& commands, const std::vector<std::string>& words) {
+    Asked asked;
+    if (!words.empty() && std::ranges::count(commands, words[0], &Command::name) > 0)
+        asked.command = words[0];
+    for (std::size_t i = 0; i < words.size(); ++i)
+        asked.json = asked.json || words[i] == "--format=json"
+                     || (words[i] == "json" && i > 0 && words[i - 1] == "--format");
+    return asked;
+}
+
+/// What the options say once they are read.
+void look_again(const Options& options, Asked& asked) {
+    asked.values.clear();
+    for (const Option& row : options.rows())
+        asked.values.insert(asked.values.end(), row.given.begin(), row.given.end());
+    if (const Option* format = options.find("format"); format && format->is_set())
+        asked.json = format->given.back() == "json";
+}
+
 } // namespace
 
-void run_command_line(const Commands& commands, const std::vector<std::string>& words) {
+void run_command_line(const Commands& commands, const std::vector<std::string>& words,
+                      Asked& asked) {
+    asked = first_look(commands, words);
     CLI::App root(summary, "lpvbake");
     root.require_subcommand(1);
     root.set_version_flag("--version", "lpvbake " LPVBAKE_VERSION);
@@ -150,12 +158,14 @@ void run_command_line(const Commands& commands, const std::vector<std::string>& 
         Action action;
     };
     std::deque<Declared> declared;
+    CommandOptions all;
     Declared* chosen = nullptr;
     for (const Command& command : commands) {
         CLI::App* app = root.add_subcommand(command.name, command.summary);
         app->footer(command.manual);
         Declared& own = declared.emplace_back();
         own.action = command.declare(own.options);
+        all[command.name] = &own.options;
         for (Option& row : own.options.rows())
             add_option(row, *app);
         app->callback([&own, &chosen] { chosen = &own; });
@@ -171,11 +181,14 @@ void run_command_line(const Commands& commands, const std::vector<std::string>& 
         fail(root, error.kind, error.what());
     }
     Options& options = chosen->options;
+    look_again(options, asked);
+    const std::string name = chosen_of(root)->get_name();
     if (const Option* config = options.find("config"); config && config->is_set())
-        read_options(config->given.back(), chosen_of(root)->get_name(), options);
+        read_options(config->given, name, all, options);
+    look_again(options, asked);
     options.check();
     if (const Option* print = options.find("print-config"); print && print->is_set())
-        std::fputs(options.config().c_str(), stdout);
+        std::fputs(options.config(name).c_str(), stdout);
     else
         chosen->action();
 }

@@ -13,7 +13,7 @@ namespace lpvbake::cmd::options {
 using Action = std::function<void()>;
 
 struct Command {
-    const char* name;
+    std::string name;
     const char* summary;
     const char* manual; ///< what --help says below the options
     /// Declares the options; the action sees what they were given, and keeps their fields.
@@ -21,9 +21,22 @@ struct Command {
 };
 using Commands = std::vector<Command>;
 
-/// Runs `lpvbake WORDS`; with an option "config" the command takes option files, with a flag
-/// "print-config" it prints one instead. Throws Error (argument: what is wrong with the words, and
-/// what to do; what read_options throws), and whatever the command throws.
-void run_command_line(const Commands& commands, const std::vector<std::string>& words);
+/// What is known of a command line, for those who tell of its failure.
+struct Asked {
+    std::string command;             ///< empty: none
+    bool json = false;               ///< the result's form, as far as it was read
+    std::vector<std::string> values; ///< that options were given, files among them
+};
+
+/// Runs `lpvbake WORDS`, and notes in `asked` what it learns of them; with an option "config" the
+/// command takes option files, with a flag "print-config" it prints one instead. Throws Error
+/// (argument: what is wrong with the words, and what to do; what read_options throws), and whatever
+/// the command throws.
+void run_command_line(const Commands& commands, const std::vector<std::string>& words,
+                      Asked& asked);
+inline void run_command_line(const Commands& commands, const std::vector<std::string>& words) {
+    Asked asked;
+    run_command_line(commands, words, asked);
+}
 
 } // namespace lpvbake::cmd::options

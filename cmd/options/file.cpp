@@ -23,6 +23,69 @@ std::size_t distance(const std::string& a, const std::string& b) {
     return row.back();
 }
 
+std::string place_of(const std::string& path, int line) {
+    return path + ":" + std::to_string(line) + ": ";
+}
+
+/// What is given, and what that excludes.
+std::set<std::string> settled_by(const Options& options) {
+    std::set<std::string> settled;
+    for (const Option& row : options.rows()) {
+        const auto excludes = [&](const std::string& name) {
+            const Option* other = options.find(name);
+            return other && !other->given.empty();
+        };
+        if (!row.given.empty()) {
+            settled.insert(row.name());
+            settled.insert(row.excludes.begin(), row.excludes.end());
+        } else if (std::ranges::any_of(row.excludes, excludes)) {
+            settled.insert(row.name());
+        }
+    }
+    return settled;
+}
+
+/// Throws Error (argument) unless the table is a command's, and its keys are options of that; of
+/// the one before the headers, of any.
+void check_table(const std::string& path, const ConfigTable& table, const std::string& command,
+                 const CommandOptions& commands) {
+    const std::string& whose = table.name.empty() ? command : table.name;
+    std::vector<std::string> names;
+    for (const auto& [name, options] : commands)
+        names.push_back(name);
+    if (!commands.contains(whose))
+        throw Error(ErrorKind::argument, place_of(path, table.line) + "[" + whose
+                                             + "] is no command" + did_you_mean(whose, names));
+    for (const ConfigEntry& entry : table.entries) {
+        const Option* row = commands.at(whose)->find(entry.key);
+        if (!row && table.name.empty())
+            for (const auto& [name, options] : commands)
+                row = row ? row : options->find(entry.key);
+        names.clear();
+        for (const Option& each : commands.at(whose)->rows())
+            names.push_back(each.name());
+        if (!row)
+            throw Error(ErrorKind::argument, place_of(path, entry.line) + "'" + entry.key
+                                                 + "' is not an option of " + whose
+                                                 + did_you_mean(entry.key, names));
+        if (!row->in_files)
+            throw Error(ErrorKind::argument,
+                        place_of(path, entry.line) + "'" + entry.key
+                            + "' belongs on the command line, not into a file");
+    }
+}
+
+void take(const std::string& path, const ConfigEntry& entry, Option& row) {
+    const bool apart = row.many && !entry.is_numbers;
+    for (const std::string& value : apart ? entry.values : std::vector{entry.whole})
+        if (!value.empty() || !row.usual.empty() || row.implied) // else as good as not given
+            try {
+                row.take(value);
+            } catch (const Error& error) {
+                throw Error(error.kind, place_of(path, entry.line) + error.what());
+            }
+}
+
 } // namespace
 
 std::string did_you_mean(const std::string& word, const std::vector<std::string>& known,
@@ -39,39 +102,24 @@ std::string did_you_mean(const std::string& word, const std::vector<std::string>
     return nearest.empty() ? "" : "; did you mean " + prefix + nearest + "?";
 }
 
-void read_options(const std::string& path, const std::string& command, Options& options) {
-    std::vector<std::string> kept; // by what the command line gave
-    std::vector<std::string> names;
-    for (const Option& row : options.rows()) {
-        names.push_back(row.name());
-        if (row.given.empty())
-            continue;
-        kept.push_back(row.name());
-        kept.insert(kept.end(), row.excludes.begin(), row.excludes.end());
-        for (const Option& other : options.rows())
-            if (std::ranges::count(other.excludes, row.name()) > 0)
-                kept.push_back(other.name());
-    }
-    for (const ConfigEntry& entry : read_config(path, command)) {
-        const std::string place = path + ":" + std::to_string(entry.line) + ": ";
-        Option* row = options.find(entry.key);
-        if (!row)
-            throw Error(ErrorKind::argument, place + "'" + entry.key + "' is not an option of "
-                                                 + command + did_you_mean(entry.key, names));
-        if (!row->in_files)
-            throw Error(ErrorKind::argument,
-                        place + "'" + entry.key + "' belongs on the command line, not into a file");
-        if (entry.values.size() != 1 && !row->many)
-            throw Error(ErrorKind::argument, place + entry.key + " takes one value");
-        if (std::ranges::count(kept, entry.key) > 0)
-            continue;
-        for (const std::string& value : entry.values)
-            if (!value.empty() || !row->usual.empty() || row->implied) // else as good as not given
-                try {
-                    row->take(value);
-                } catch (const Error& error) {
-                    throw Error(error.kind, place + error.what());
-                }
+void read_options(const std::vector<std::string>& paths, const std::string& command,
+                  const CommandOptions& commands, Options& options) {
+    std::set<std::string> settled = settled_by(options);
+    for (auto path = paths.rbegin(); path != paths.rend(); ++path) {
+        std::vector<ConfigTable> tables = read_config(*path);
+        for (const ConfigTable& table : tables)
+            check_table(*path, table, command, commands);
+        std::ranges::reverse(tables); // the one before the headers comes last
+        for (const ConfigTable& table : tables) {
+            if (!table.name.empty() && table.name != command)
+                continue;
+            for (const ConfigEntry& entry : table.entries)
+                if (Option* row = options.find(entry.key); row && !settled.contains(entry.key))
+                    take(*path, entry, *row);
+            for (const ConfigEntry& entry : table.entries)
+                settled.insert(entry.key); // an empty array, too
+            settled.merge(settled_by(options));
+        }
     }
 }
 

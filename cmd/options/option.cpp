@@ -2,6 +2,7 @@
 
 #include "lpvbake/error.h"
 #include "options/toml.h"
+#include "options/wrapped.h"
 
 #include <algorithm>
 
@@ -50,6 +51,11 @@ Option& Option::keep_out_of_files() {
     return *this;
 }
 
+Option& Option::keep_to_one_run() {
+    of_one_run = true;
+    return *this;
+}
+
 std::string Option::name() const {
     return is_positional() ? names : names.substr(names.rfind("--") + 2);
 }
@@ -76,7 +82,12 @@ std::string Option::toml() const {
     std::string value = given.empty() ? usual : given.back();
     if (given.empty() && implied)
         value = implied();
-    return quoted ? toml_string(value) : value;
+    return quoted ? toml_value(value) : value;
+}
+
+std::string Option::toml_form() const {
+    const std::string form = quoted ? toml_string(type) : type;
+    return many ? std::string("[").append(form).append("]") : form;
 }
 
 Option& Options::flag(const std::string& names, bool& field, const std::string& help) {
@@ -142,13 +153,22 @@ bool Options::is_replaced(const Option& option) const {
     });
 }
 
-std::string Options::config() const {
-    std::string text;
-    for (const Option& option : rows_)
-        if (const std::string value = option.toml();
-            option.in_files && !value.empty() && !is_replaced(option))
-            text += (option.given.empty() && option.implied ? "# " : "") + option.name() + " = "
-                    + value + "\n";
+std::string Options::config(const std::string& command) const {
+    std::string text("["), group;
+    text.append(command).append("]\n");
+    for (const Option& option : rows_) {
+        if (!option.in_files || option.of_one_run || option.is_positional())
+            continue;
+        if (option.group != group)
+            text.append("\n# ").append(option.group).append("\n");
+        group = option.group;
+        const bool known = !option.given.empty() || !option.usual.empty() || option.implied;
+        const bool holds =
+            known && !is_replaced(option) && (!option.given.empty() || !option.implied);
+        text.append("\n# ").append(wrapped(option.help, 98, "# "));
+        text.append(holds ? "\n" : "\n#").append(option.name()).append(" = ");
+        text.append(known ? option.toml() : option.toml_form()).append("\n");
+    }
     return text;
 }
 

@@ -32,11 +32,12 @@ struct Option {
     /// Sets the field from a text and returns the text of its value in one form. Throws Error
     /// (argument) that says what is wrong with it.
     std::function<std::string(const std::string& text)> read;
-    std::string usual;     ///< the default, as `read` returns it; empty: none
-    bool quoted = true;    ///< option files hold its values as strings
-    bool many = false;     ///< it may be repeated, and its values add up
-    bool required = false; ///< there is no command without it
-    bool in_files = true;  ///< option files may set it
+    std::string usual;       ///< the default, as `read` returns it; empty: none
+    bool quoted = true;      ///< option files hold its values as strings
+    bool many = false;       ///< it may be repeated, and its values add up
+    bool required = false;   ///< there is no command without it
+    bool in_files = true;    ///< option files may set it
+    bool of_one_run = false; ///< it names what one run reads or writes: --print-config has it not
     Recorded recorded = Recorded::never;
     /// What holds where it is not given and has no default of its own, for --print-config to tell.
     std::function<std::string()> implied;
@@ -51,6 +52,7 @@ struct Option {
     Option& need(const std::string& other);
     Option& require();
     Option& keep_out_of_files();
+    Option& keep_to_one_run();
 
     /// The long name without dashes.
     std::string name() const;
@@ -64,6 +66,8 @@ struct Option {
     void take(const std::string& text);
     /// What `--print-config` prints behind the equals sign; empty: it has no value.
     std::string toml() const;
+    /// The same where it has none: what stands for its value.
+    std::string toml_form() const;
 };
 
 /// The values that a choice has, by name.
@@ -204,8 +208,9 @@ public:
 
     /// What options say of each other. Throws Error (argument).
     void check() const;
-    /// As option files have them, one a line; those without effect as comments.
-    std::string config() const;
+    /// An option file: the table of the command with all of them, below what each is; those
+    /// without effect as comments.
+    std::string config(const std::string& command) const;
     /// As a volume's metadata have them.
     std::string recorded() const;
 

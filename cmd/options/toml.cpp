@@ -9,12 +9,33 @@
 #include <toml++/toml.h>
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
 #include <fstream>
+#include <optional>
 
 namespace lpvbake::cmd::options {
 namespace {
+
+/// 8.0 stays no whole number.
+std::string real_text(double value) {
+    const std::string text = number_text(value);
+    const bool looks_whole = std::isfinite(value) && text.find_first_of(".e") == std::string::npos;
+    return looks_whole ? text + ".0" : text;
+}
+
+/// Whether TOML reads a number that prints as this text.
+bool is_number(const std::string& text) {
+    int64_t whole = 0;
+    const char* const end = text.data() + text.size();
+    if (const auto [stop, error] = std::from_chars(text.data(), end, whole);
+        error == std::errc() && stop == end)
+        return std::to_string(whole) == text;
+    const std::optional<double> real = parse_number(text);
+    return real && real_text(*real) == text;
+}
 
 class File {
 public:
@@ -42,17 +63,17 @@ public:
                     path_ + ":" + std::to_string(place.begin.line) + ": " + text);
     }
 
-    /// The entries of a table in the order of the file, but for the one named `but`.
-    std::vector<ConfigEntry> entries(const toml::table& table, const std::string& but,
+    /// The entries of a table in the order of the file, but for those of which `is_table` is true.
+    std::vector<ConfigEntry> entries(const toml::table& table, const auto& is_table,
                                      const std::string& expected) const {
         std::vector<std::pair<toml::source_position, ConfigEntry>> found;
         for (const auto& [key, node] : table) {
-            if (key.str() == but)
+            if (is_table(key.str(), node))
                 continue;
             if (node.is_table() || is_array_of_tables(node))
                 fail(node.source(), "expected the table " + expected);
             found.push_back({key.source().begin,
-                             {std::string(key.str()), values(node), int(key.source().begin.line)}});
+                             entry(std::string(key.str()), node, int(key.source().begin.line))});
         }
         std::ranges::sort(found, {}, [](const auto& each) {
             return std::pair(each.first.line, each.first.column);
@@ -83,14 +104,30 @@ private:
         fail(error.source(), text);
     }
 
-    std::vector<std::string> values(const toml::node& node) const {
-        if (const toml::array* array = node.as_array()) {
-            std::vector<std::string> texts;
+    ConfigEntry entry(const std::string& key, const toml::node& node, int line) const {
+        ConfigEntry entry{key, {}, value(node, ','), false, line};
+        const toml::array* array = node.as_array();
+        if (!array)
+            entry.values = {entry.whole};
+        else
             for (const toml::node& each : *array)
-                texts.push_back(value(each));
-            return texts;
+                entry.values.push_back(value(each, ','));
+        entry.is_numbers = array && !array->empty() && array->front().is_number();
+        return entry;
+    }
+
+    /// Parts of an array stand between `separator`, of arrays in it between colons.
+    std::string value(const toml::node& node, char separator) const {
+        const toml::array* array = node.as_array();
+        if (!array)
+            return value(node);
+        std::string text;
+        for (const toml::node& each : *array) {
+            if (&each != &array->front())
+                text += separator;
+            text += value(each, ':');
         }
-        return {value(node)};
+        return text;
     }
 
     std::string value(const toml::node& node) const {
@@ -103,14 +140,8 @@ private:
             return flag->get() ? "true" : "false";
         if (const auto* whole = node.as_integer())
             return std::to_string(whole->get());
-        if (const auto* real = node.as_floating_point()) {
-            const std::string text = number_text(real->get());
-            // 8.0 stays no whole number.
-            return std::isfinite(real->get()) && std::floor(real->get()) == real->get()
-                           && text.find_first_of(".e") == std::string::npos
-                       ? text + ".0"
-                       : text;
-        }
+        if (const auto* real = node.as_floating_point())
+            return real_text(real->get());
         fail(node.source(), "expected a string, a number, true, false or an array of them");
     }
 
@@ -121,34 +152,30 @@ private:
 
 } // namespace
 
-std::vector<ConfigEntry> read_config(const std::string& path, const std::string& command) {
+std::vector<ConfigTable> read_config(const std::string& path) {
     const File file(path);
-    const std::string expected = "[" + command + "]";
-    std::vector<ConfigEntry> entries = file.entries(file.root(), command, expected);
-    const toml::node* own = file.root().get(command);
-    if (!own)
-        return entries;
-    if (!own->is_table())
-        file.fail(own->source(), "expected the table " + expected);
-    for (ConfigEntry& entry : file.entries(*own->as_table(), "", expected)) {
-        if (std::ranges::find(entries, entry.key, &ConfigEntry::key) != entries.end())
-            throw Error(ErrorKind::argument, path + ":" + std::to_string(entry.line) + ": "
-                                                 + entry.key + " is set twice");
-        entries.push_back(std::move(entry));
-    }
-    return entries;
+    const auto is_table = [](std::string_view, const toml::node& node) { return node.is_table(); };
+    const auto none = [](std::string_view, const toml::node&) { return false; };
+    std::vector<ConfigTable> tables{{"", file.entries(file.root(), is_table, "of a command"), 1}};
+    for (const auto& [key, node] : file.root())
+        if (const toml::table* table = node.as_table())
+            tables.push_back({std::string(key.str()), file.entries(*table, none, "of a command"),
+                              int(key.source().begin.line)});
+    return tables;
 }
 
 std::vector<std::vector<ConfigEntry>> read_config_tables(const std::string& path,
                                                          const std::string& name) {
     const File file(path);
     const std::string expected = "[[" + name + "]]";
-    std::vector<std::vector<ConfigEntry>> tables{file.entries(file.root(), name, expected)};
+    const auto is_own = [&](std::string_view key, const toml::node&) { return key == name; };
+    const auto none = [](std::string_view, const toml::node&) { return false; };
+    std::vector<std::vector<ConfigEntry>> tables{file.entries(file.root(), is_own, expected)};
     if (const toml::node* own = file.root().get(name)) {
         if (!File::is_array_of_tables(*own))
             file.fail(own->source(), "expected the table " + expected);
         for (const toml::node& each : *own->as_array())
-            tables.push_back(file.entries(*each.as_table(), "", expected));
+            tables.push_back(file.entries(*each.as_table(), none, expected));
     }
     std::erase_if(tables, [](const auto& table) { return table.empty(); });
     return tables;
@@ -172,10 +199,24 @@ std::string toml_string(const std::string& text) {
     return result + '"';
 }
 
+std::string toml_value(const std::string& text) {
+    const std::vector<std::string> parts = split(text, ',');
+    if (parts.size() == 1 || !std::all_of(parts.begin(), parts.end() - 1, is_number))
+        return toml_string(text);
+    std::string array;
+    for (const std::string& part : parts) {
+        array += array.empty() ? "[" : ", ";
+        array += is_number(part) ? part : toml_string(part);
+    }
+    return array + "]";
+}
+
 std::string toml_array(const std::vector<std::string>& values) {
     std::string text = "[";
-    for (const std::string& value : values)
-        text += (text.size() > 1 ? ", " : "") + toml_string(value);
+    for (const std::string& value : values) {
+        text += text.size() > 1 ? ", " : "";
+        text += toml_value(value);
+    }
     return text + "]";
 }
 

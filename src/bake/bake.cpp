@@ -100,7 +100,7 @@ Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
     baked.warnings = plan.warnings;
     Volume& volume = baked.volume;
     volume.grid = plan.grid;
-    solver::Stages stages(progress, baked.warnings);
+    solver::Stages stages(progress, baked.warnings, scene.path);
 
     const solver::SolverKind& kind = plan.settings.solver.kind();
     const std::unique_ptr<solver::Solver> solver =

@@ -116,15 +116,16 @@ Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const 
         std::ranges::any_of(choices, both) ? wish.error ? best(both, by_time) : best(both, by_error)
         : std::ranges::any_of(choices, fast) ? best(fast, by_error)
                                              : best([](const Choice&) { return true; }, by_time);
+    const auto warn = [&](const std::string& text) {
+        choice.warnings.push_back(about(scene.path, text));
+    };
     if (!accurate(choice))
-        choice.warnings.push_back(format("`error` %.3g %%: about %.2g %% is expected, the least%s; "
-                                         "taken is %s",
-                                         100 * *wish.error, 100 * choice.error,
-                                         wish.seconds ? " in that time" : "", choice.text.c_str()));
+        warn(format("`error` %.3g %%: about %.2g %% is expected, the least%s; taken is %s",
+                    100 * *wish.error, 100 * choice.error, wish.seconds ? " in that time" : "",
+                    choice.text.c_str()));
     if (!fast(choice))
-        choice.warnings.push_back(format("`time_budget` %.3g s: the fastest takes about %.2g s; "
-                                         "taken is %s",
-                                         *wish.seconds, choice.plan.seconds, choice.text.c_str()));
+        warn(format("`time_budget` %.3g s: the fastest takes about %.2g s; taken is %s",
+                    *wish.seconds, choice.plan.seconds, choice.text.c_str()));
     return choice;
 }
 

@@ -64,8 +64,9 @@ void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan)
         warn_of_empty_bounds(scene, plan.warnings);
     if (glm::any(glm::greaterThan(box.lo, hi)) || glm::any(glm::lessThan(box.hi, lo)))
         plan.warnings.push_back(
-            format("`bounds` do not meet the scene's, %.6g,%.6g,%.6g to %.6g,%.6g,%.6g", lo.x, lo.y,
-                   lo.z, hi.x, hi.y, hi.z));
+            about(scene.path, format("`bounds` do not meet the scene's, %.6g,%.6g,%.6g to "
+                                     "%.6g,%.6g,%.6g",
+                                     lo.x, lo.y, lo.z, hi.x, hi.y, hi.z)));
     plan.grid = volume::fit_grid(box.lo, box.hi, settings.grid);
     plan.frame = scene::frame_of(plan.grid);
     plan.device_bytes = solver.kind().device_bytes(plan.grid, solver);

@@ -2,6 +2,7 @@
 
 #include "lpvbake/error.h"
 #include "scene/lights.h"
+#include "text.h"
 #include "visibility/validity.h"
 #include "visibility/walls.h"
 #include "volume/compare.h"
@@ -293,15 +294,16 @@ std::vector<size_t> probe_cells(const Scene& scene, const std::vector<float>& va
     return cells;
 }
 
-std::vector<std::string> warnings_of(const ProbeField& field, const ReferenceSettings& settings,
-                                     size_t cells) {
+std::vector<std::string> warnings_of(const Scene& scene, const ProbeField& field,
+                                     const ReferenceSettings& settings, size_t cells) {
     std::vector<std::string> warnings;
     if (!field.converged)
-        warnings.push_back("the noise is still " + short_number(100.0 * field.noise) + " % after "
-                           + std::to_string(field.rays) + " rays a cell; raise `rays`");
+        warnings.push_back(about(
+            scene.path, "the noise is still " + short_number(100.0 * field.noise) + " % after "
+                            + std::to_string(field.rays) + " rays a cell; raise `rays`"));
     if (settings.probes > cells)
-        warnings.push_back("only " + std::to_string(cells)
-                           + " cells are valid; all of them are probes");
+        warnings.push_back(about(scene.path, "only " + std::to_string(cells)
+                                                 + " cells are valid; all of them are probes"));
     return warnings;
 }
 
@@ -384,7 +386,7 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
     reference.rays = field.rays;
     reference.traced = field.traced;
     reference.probes = cells.size();
-    reference.warnings = warnings_of(field, settings, cells.size());
+    reference.warnings = warnings_of(scene, field, settings, cells.size());
 
     Volume& volume = reference.volume;
     volume.grid = grid;

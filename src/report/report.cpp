@@ -520,10 +520,11 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
         Titled on_grid(progress, format("grid %zu/%zu: ", g + 1, report.grids.size()));
         const GridTruth truth = trace_grid(scene, grid, orders, settings, on_grid);
         if (!grid.converged)
-            report.warnings.push_back(format("the reference's noise on the grid of %d x %d x %d "
-                                             "is still %.3g %%; raise `rays`",
-                                             grid.grid.dims.x, grid.grid.dims.y, grid.grid.dims.z,
-                                             100 * grid.noise));
+            report.warnings.push_back(about(
+                scene.path,
+                format("the reference's noise on the grid of %d x %d x %d is still %.3g %%; raise "
+                       "`rays`",
+                       grid.grid.dims.x, grid.grid.dims.y, grid.grid.dims.z, 100 * grid.noise)));
         FitPoints fit_points(scene, *truth.place);
         std::optional<Volume> best;
         std::size_t best_row = 0;

@@ -2,9 +2,11 @@
 #pragma once
 
 #include "lpvbake/progress.h"
+#include "text.h"
 
 #include <chrono>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace lpvbake::solver {
@@ -18,15 +20,17 @@ struct SkippedStage {
 /// Names and times the stages of one bake, one after the other.
 class Stages {
 public:
-    /// Both outlive this.
-    Stages(Progress& progress, std::vector<std::string>& warnings)
+    /// The two outlive this. `scene` is its file.
+    Stages(Progress& progress, std::vector<std::string>& warnings, std::string scene)
         : progress_(progress),
-          warnings_(warnings) {}
+          warnings_(warnings),
+          scene_(std::move(scene)) {}
     /// A stage begins that consists of `steps` steps (0: unknown); `name` is a literal.
     void begin(const char* name, uint64_t steps = 0);
     /// It ends, with `detail` as StageReport has it.
     void end(std::string detail);
-    void warn(std::string text) { warnings_.push_back(std::move(text)); }
+    /// Of the scene, which it names.
+    void warn(const std::string& text) { warnings_.push_back(about(scene_, text)); }
     /// Where the current stage tells how far it is.
     Progress& progress() const { return progress_; }
     const std::vector<StageReport>& reports() const { return reports_; }
@@ -34,6 +38,7 @@ public:
 private:
     Progress& progress_;
     std::vector<std::string>& warnings_;
+    std::string scene_;
     std::vector<StageReport> reports_;
     const char* name_ = "";
     std::chrono::steady_clock::time_point start_;

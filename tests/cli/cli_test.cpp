@@ -19,6 +19,7 @@
 #include <fstream>
 #include <functional>
 #include <map>
+#include <regex>
 #include <sstream>
 #include <string>
 #include <thread>
@@ -370,7 +371,7 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
 
 TEST_F(Cli, PrintsNumbersAsShortAsTheyReadBack) {
     const Result result = run({"bake", "room.gltf", "--print-config"});
-    EXPECT_NE(result.out.find("# tolerance = 0.3\n"), std::string::npos) << result.out;
+    EXPECT_NE(result.out.find("\n#tolerance = 0.3\n"), std::string::npos) << result.out;
     EXPECT_NE(result.out.find("\nmax-albedo = 0.95\n"), std::string::npos) << result.out;
 }
 
@@ -455,8 +456,13 @@ TEST_F(Cli, ConfigFileRoundTrips) {
     const Result second = run({"bake", "--config", "a.toml", "--print-config"});
     EXPECT_EQ(second.status, 0) << second.err;
     EXPECT_EQ(second.out, first.out);
-    spill(folder_ / "b.toml", "# a comment\n[bake]\n\n" + first.out);
+    EXPECT_NE(first.out.find("\nbounds = [-1, 0, -1, 1, 2, 1]\n"), std::string::npos) << first.out;
+    // One file serves several commands.
+    spill(folder_ / "b.toml", "seed = 5\n" + first.out + "\n[reference]\nrays = 128\n");
     EXPECT_EQ(run({"bake", "--config", "b.toml", "--print-config"}).out, first.out);
+    const std::string other = run({"reference", "--config", "b.toml", "--print-config"}).out;
+    for (const char* line : {"\nrays = 128\n", "\nseed = 5\n", "\nresolution = 32\n"})
+        EXPECT_NE(other.find(line), std::string::npos) << other;
 
     // Every option of the help that is not about the file itself is in it.
     std::istringstream help(run({"bake", "--help"}).out);
@@ -466,11 +472,10 @@ TEST_F(Cli, ConfigFileRoundTrips) {
             continue;
         const std::string name = line.substr(at + 2, line.find_first_of(" =,", at) - at - 2);
         if (name == "help" || name == "config" || name == "print-config" || name == "dry-run"
-            || name == "resolution") // --cell-size took its place
+            || name == "output" || name == "scene") // --scene-name
             continue;
-        const std::string all = "\n" + first.out;
-        EXPECT_TRUE(all.find("\n" + name + " = ") != std::string::npos
-                    || all.find("\n# " + name + " = ") != std::string::npos)
+        EXPECT_TRUE(first.out.find("\n" + name + " = ") != std::string::npos
+                    || first.out.find("\n#" + name + " = ") != std::string::npos)
             << name;
     }
 
@@ -479,7 +484,7 @@ TEST_F(Cli, ConfigFileRoundTrips) {
         run({"bake", "--config", "a.toml", "--resolution", "9", "--margin", "3", "--print-config"});
     EXPECT_NE(changed.out.find("resolution = 9\n"), std::string::npos) << changed.out;
     EXPECT_NE(changed.out.find("margin = 3\n"), std::string::npos);
-    EXPECT_EQ(changed.out.find("cell-size"), std::string::npos);
+    EXPECT_NE(changed.out.find("\n#cell-size = X\n"), std::string::npos);
     EXPECT_NE(changed.out.find("rsm-size = 128\n"), std::string::npos);
 }
 
@@ -500,7 +505,8 @@ TEST_F(Cli, BrokenConfigFilesNameTheLine) {
     refused("device = \"llvm\n", "c.toml:1:");
     refused("device = \"\\q\"\n", "c.toml:1:");
     refused("sun = [\"1,2,3\"\n", "c.toml:");
-    refused("[info]\n", "c.toml:1: expected the table [bake]");
+    refused("[bakes]\n", "c.toml:1: [bakes] is no command; did you mean bake?");
+    refused("[info]\nrays = 1\n", "c.toml:2: 'rays' is not an option of info");
     refused("no-emitters = perhaps\n", "c.toml:1:");
     refused(std::string("\0\1\2", 3), "c.toml:1:");
 }
@@ -679,9 +685,13 @@ TEST_F(Cli, VolumesWithoutLightSayWhy) {
         const char* text;
     };
     for (const auto& [scene, options, text] :
-         {Case{"black.gltf", {}, "warning: the volume holds no light: all surfaces are black"},
+         {Case{"black.gltf",
+               {},
+               "warning: black.gltf: the volume holds no light: all surfaces are black"},
           Case{"room.gltf", {"--max-albedo", "0"}, "nothing reflects any with --max-albedo 0"},
-          Case{"far.gltf", {}, "warning: the volume holds no light: none reaches a surface"}}) {
+          Case{"far.gltf",
+               {},
+               "warning: far.gltf: the volume holds no light: none reaches a surface"}}) {
         for (const char* solver : {"gather", "sn", "lpv"}) {
             const Result result = run(std::vector<std::string>{"bake", scene, "--resolution", "6",
                                                                "--solver", solver, "-o", "a.vdb"}
@@ -712,7 +722,8 @@ TEST_F(Cli, WarningsOfLightFilesAreTold) {
     const json warnings = json::parse(result.out)["warnings"];
     ASSERT_EQ(warnings.size(), 1u) << warnings;
     EXPECT_NE(warnings[0].get<std::string>().find("hard edge"), std::string::npos);
-    expect_error(bake + std::vector<std::string>{"--strict"}, cmd::ExitCode::invalid,
+    const std::vector<std::string> as_text(bake.begin(), bake.end() - 2);
+    expect_error(as_text + std::vector<std::string>{"--strict"}, cmd::ExitCode::invalid,
                  "spot.json: lights[0].spot.innerConeAngle");
 }
 
@@ -997,7 +1008,7 @@ TEST_F(Cli, TargetsThatShadeSurfacesAreFittedUnlessToldOtherwise) {
     }
     EXPECT_TRUE(fits({"--target", "houdini", "--fit", "surfaces"}));
     EXPECT_NE(run(bake + std::vector<std::string>{"--target", "unity", "--print-config"})
-                  .out.find("# fit = \"surfaces\""),
+                  .out.find("#fit = \"surfaces\""),
               std::string::npos);
 
     // By hand or by itself: the same light; and without it what there was before.
@@ -1026,14 +1037,110 @@ TEST_F(Cli, ProgressGoesToStandardErrorInTheFormAskedFor) {
     const Result plain =
         run(quick + std::vector<std::string>{"-o", "a.vdb", "--progress", "plain"});
     EXPECT_EQ(plain.status, 0);
-    EXPECT_NE(plain.err.find("lpvbake: load\n"), std::string::npos) << plain.err;
-    EXPECT_NE(plain.err.find("lpvbake: write\n"), std::string::npos) << plain.err;
-    EXPECT_EQ(plain.err.find('\r'), std::string::npos);
+    std::istringstream lines(plain.err);
+    const std::regex form("lpvbake: room.gltf: \\w[^%]* (\\d+) %, \\d+\\.\\d s");
+    std::smatch match;
+    double last = 0;
+    for (std::string line; std::getline(lines, line);) {
+        ASSERT_TRUE(std::regex_match(line, match, form)) << plain.err;
+        last = std::stod(match[1]);
+    }
+    EXPECT_EQ(last, 100) << "the last stage ends";
+    EXPECT_NE(plain.err.find("lpvbake: room.gltf: load 0 %, 0.0 s\n"), std::string::npos)
+        << plain.err;
+    EXPECT_NE(plain.err.find("lpvbake: room.gltf: write 100 %"), std::string::npos) << plain.err;
     const Result bar = run(quick + std::vector<std::string>{"-o", "a.vdb", "--progress", "bar"});
     EXPECT_EQ(bar.status, 0);
     EXPECT_NE(bar.err.find("\r\033[K"), std::string::npos);
     EXPECT_EQ(bar.err.substr(bar.err.size() - 4), "\r\033[K") << "the bar is taken away at the end";
     EXPECT_EQ(run(quick + std::vector<std::string>{"-o", "a.vdb", "--progress", "none"}).err, "");
+}
+
+TEST_F(Cli, WarningsNameTheirFileAndQuietLeavesThemToTheDocument) {
+    need_device();
+    const std::vector<std::string> hasty =
+        quick + std::vector<std::string>{"-o",  "a.vdb",    "--format", "json", "--time-budget",
+                                         "1ms", "--dry-run"};
+    const std::string start = "room.gltf: --time-budget 0.001 s: ";
+    const Result usual = run(hasty);
+    EXPECT_EQ(usual.err.find("lpvbake: warning: " + start), 0u) << usual.err;
+    const Result quiet = run(hasty + std::vector<std::string>{"-q", "--progress", "plain"});
+    EXPECT_EQ(quiet.status, 0);
+    EXPECT_EQ(quiet.err, "");
+    const json warnings = json::parse(quiet.out)["warnings"];
+    ASSERT_EQ(warnings.size(), 1u);
+    EXPECT_EQ(warnings[0].get<std::string>().find(start), 0u) << warnings[0];
+    EXPECT_EQ(run({"bake", "none.gltf", "-o", "a.vdb", "--quiet"}).err,
+              "lpvbake: error: none.gltf: No such file or directory\n");
+    expect_error({"devices", "-q", "-v"}, cmd::ExitCode::usage, "exclude each other");
+}
+
+TEST_F(Cli, VerboseTellsWhatIsReadAndDone) {
+    need_device();
+    const Result result = run(quick + std::vector<std::string>{"-o", "a.vdb", "-v"});
+    EXPECT_EQ(result.status, 0);
+    for (const char* text : {"lpvbake: settings: resolution = 8; ", "lpvbake: reads room.gltf\n",
+                             "lpvbake: device: ", "lpvbake: choice: ", "lpvbake: wrote a.vdb\n",
+                             "lpvbake: room.gltf: load 100 %"})
+        EXPECT_NE(result.err.find(text), std::string::npos) << text << result.err;
+}
+
+TEST_F(Cli, ErrorsAreJsonWhereResultsAre) {
+    spill(folder_ / "broken.gltf", "{}");
+    spill(folder_ / "a.toml", "format = \"json\"\nresolution = 0\n");
+    spill(folder_ / "b.toml", "format = \"json\"\n");
+    struct Case {
+        std::vector<std::string> arguments;
+        const char *command, *kind, *file;
+    };
+    for (const Case& c : std::vector<Case>{
+             {{"bake", "none.gltf", "-o", "a.vdb", "--format", "json"},
+              "bake",
+              "file",
+              "none.gltf"},
+             {{"bake", "none.gltf", "-o", "a.vdb", "--config", "b.toml"},
+              "bake",
+              "file",
+              "none.gltf"},
+             {{"bake", "broken.gltf", "-o", "a.vdb", "--format=json"},
+              "bake",
+              "invalid",
+              "broken.gltf"},
+             {{"info", "none.vdb", "--format", "json"}, "info", "file", "none.vdb"},
+             {{"bake", "room.gltf", "-o", "none/a.vdb", "--format", "json"},
+              "bake",
+              "file",
+              "none/a.vdb"},
+             {{"bake", "--format=json", "--config", "a.toml"}, "bake", "argument", "a.toml"},
+             {{"bake", "--format=json", "--resolution=0"}, "bake", "argument", ""},
+             {{"devices", "--format=json", "--resolution=0"}, "devices", "argument", ""},
+             {{"bakes", "--format=json"}, "", "argument", ""}}) {
+        const Result result = run(c.arguments);
+        EXPECT_EQ(result.err.find("lpvbake: error: "), 0u) << result.err;
+        const json document = json::parse(result.out);
+        EXPECT_EQ(document["command"], *c.command ? json(c.command) : json(nullptr));
+        const json& error = document["error"];
+        EXPECT_EQ(error["kind"], c.kind) << document;
+        EXPECT_EQ(error["exit_code"], result.status);
+        EXPECT_EQ("lpvbake: error: " + error["message"].get<std::string>() + "\n", result.err);
+        EXPECT_EQ(error["file"], *c.file ? json(c.file) : json(nullptr)) << document;
+        EXPECT_EQ(error["retry"], false);
+    }
+    const json lost = json::parse(run({"devices", "--format", "json"},
+                                      {{"VK_DRIVER_FILES", "/none"}, {"VK_ICD_FILENAMES", "/none"}})
+                                      .out);
+    EXPECT_EQ(lost["error"]["kind"], "device");
+    EXPECT_EQ(lost["error"]["retry"], true);
+    // A result that is there already is the only document.
+    ASSERT_EQ(run({"reference", "room.gltf", "-o", "a.vdb", "--resolution=4", "--rays=64"}).status,
+              0);
+    ASSERT_EQ(
+        run({"reference", "room.gltf", "-o", "b.vdb", "--resolution=4", "--rays=64", "--seed=2"})
+            .status,
+        0);
+    const Result differs = run({"diff", "a.vdb", "b.vdb", "--format", "json"});
+    EXPECT_EQ(differs.status, int(cmd::ExitCode::difference));
+    EXPECT_EQ(json::parse(differs.out)["command"], "diff");
 }
 
 TEST_F(Cli, ValidationLayerIsSilent) {
@@ -1049,7 +1156,7 @@ TEST_F(Cli, ConfigFileBakesTheSameBytes) {
         quick + std::vector<std::string>{"--sun", "30,40,1000,#ff8000", "--occlusion", "sh"};
     ASSERT_EQ(run(arguments + std::vector<std::string>{"-o", "a.vdb"}).status, 0);
     spill(folder_ / "a.toml", run(arguments + std::vector<std::string>{"--print-config"}).out);
-    const Result result = run({"bake", "--config", "a.toml", "-o", "b.vdb"});
+    const Result result = run({"bake", "room.gltf", "--config", "a.toml", "-o", "b.vdb"});
     ASSERT_EQ(result.status, 0) << result.err;
     EXPECT_EQ(slurp(folder_ / "a.vdb"), slurp(folder_ / "b.vdb"));
 }

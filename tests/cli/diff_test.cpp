@@ -304,7 +304,7 @@ TEST_F(Diff, WarnsWhereLightIsKnownToBeOfOtherSources) {
     write("a.vdb", a);
     write("b.vdb", b);
     EXPECT_NE(run("a.vdb b.vdb")
-                  .err.find("hold different light: punctual lights after one "
+                  .err.find("holds other light than b.vdb: punctual lights after one "
                             "reflection; emitters direct and after one reflection "
                             "against punctual lights after one reflection\n"),
               std::string::npos);

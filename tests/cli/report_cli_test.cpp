@@ -160,7 +160,7 @@ TEST_F(ReportCli, CommandsOfRowsRepeatThem) {
     EXPECT_EQ(repeated.status, 0) << repeated.err;
     for (const char* line :
          {"no-emitters = true\n", "margin = 2\n", "resolution = 7\n", "occlusion = \"sh\"\n",
-          "point = [\"0,1,0,5,#ff8000\"]\n", "scene-name = \"0\"\n", "max-memory = \"1G\"\n",
+          "point = [[0, 1, 0, 5, \"#ff8000\"]]\n", "scene-name = \"0\"\n", "max-memory = \"1G\"\n",
           "strict = true\n", "allow-external = true\n", "sky = \"1:1:1,2\"\n",
           "metallic = \"black\"\n", "threads = 1\n"})
         EXPECT_NE(repeated.out.find(line), std::string::npos) << line << repeated.out;
@@ -193,7 +193,7 @@ TEST_F(ReportCli, ConfigFileRoundTrips) {
     const CliResult second = run("--config a.toml --print-config");
     EXPECT_EQ(second.err, "");
     EXPECT_EQ(second.out, slurp(folder_ / "a.toml"));
-    for (const char* line : {"noise = 0.02\n", "resolution = \"5,6\"\n", "no-peer = true\n"})
+    for (const char* line : {"noise = 0.02\n", "resolution = [5, 6]\n", "no-peer = true\n"})
         EXPECT_NE(second.out.find(line), std::string::npos) << line << second.out;
 }
 

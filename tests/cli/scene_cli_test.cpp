@@ -146,7 +146,7 @@ TEST_F(SceneCli, BoundsThatAreGivenAreTheGrids) {
     EXPECT_EQ(cell_of("--bounds=-1,0,-1,1,2,1 --margin 1"), cell_of(""));
     EXPECT_NEAR(cell_of("").get<double>(), 1.0 / 3, 1e-9);
     const std::string config = run("bake --bounds=-1,0,-1,1,2,1 --print-config").out;
-    EXPECT_NE(config.find("# margin = 0\n"), std::string::npos) << config;
+    EXPECT_NE(config.find("\n#margin = 0\n"), std::string::npos) << config;
 }
 
 TEST_F(SceneCli, ASceneWithoutLightHasOneByDefaultWhereItIsAsked) {

@@ -31,7 +31,7 @@ void try_options(const std::string& path) {
     Fields o;
     cmd::options::Options options;
     o.declare(options);
-    lpvbake::cmd::options::read_options(path, "bake", options);
+    cmd::options::read_options({path}, "bake", {{"bake", &options}}, options);
     options.check();
 
     fuzz::require(o.grid.resolution >= 3 && o.grid.resolution <= 65536,
@@ -43,8 +43,8 @@ void try_options(const std::string& path) {
     fuzz::require(bounces >= 0 && bounces <= 10'000, "and the bounces");
     fuzz::require(!o.load.time || std::isfinite(*o.load.time), "a time is finite");
     fuzz::require(o.load.max_memory < 1ull << 62, "a size does not overflow");
-    if (o.bounds)
-        fuzz::accepts([&] { volume::fit_grid(o.bounds->lo, o.bounds->hi, o.grid); });
+    if (const auto* box = std::get_if<Bounds>(&o.bounds))
+        fuzz::accepts([&] { volume::fit_grid(box->lo, box->hi, o.grid_settings()); });
     o.light_files.clear();
     fuzz::accepts([&] { cmd::command_line_lights(o); });
     fuzz::accepts([&] {
@@ -56,13 +56,13 @@ void try_options(const std::string& path) {
     });
 
     // What is printed reads back the same.
-    const std::string text = options.config();
+    const std::string text = options.config("bake");
     Fields again;
     cmd::options::Options read;
     again.declare(read);
-    lpvbake::cmd::options::read_options(fuzz::Folder::own().write("again.toml", text), "bake",
-                                        read);
-    fuzz::require(read.config() == text, "what is printed reads back");
+    cmd::options::read_options({fuzz::Folder::own().write("again.toml", text)}, "bake",
+                               {{"bake", &read}}, read);
+    fuzz::require(read.config("bake") == text, "what is printed reads back");
 }
 
 } // namespace

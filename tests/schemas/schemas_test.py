@@ -100,6 +100,8 @@ class Documents(unittest.TestCase):
         run("report", *report, "--no-peer")
         run("report_dry_run", *report, "--dry-run")
         run("report_suite", "report", "--suite", "suite.json", "--threads", "1")
+        run("error", "bake", "none.gltf", "-o", "none.vdb", status=2)
+        run("error", "bakes", status=1)
 
     def test_every_schema_is_one_and_has_its_document(self):
         self.assertEqual({schema for schema, _, _ in self.documents} | {"parts"}, set(LOADED))

@@ -19,7 +19,7 @@ struct Toy {
     std::vector<std::string> extra;
     std::optional<int> depth;
     bool loud = false;
-    std::string config;
+    std::vector<std::string> configs;
     bool print_config = false;
 };
 
@@ -37,7 +37,7 @@ cmd::options::Action declare_toy(cmd::options::Options& options) {
         .implies("3")
         .record(cmd::options::Recorded::if_changed);
     options.flag("--loud", o.loud, "Say it").exclude({"depth"});
-    options.text("--config", o.config, "FILE", "Option file").keep_out_of_files();
+    options.texts("--config", o.configs, "FILE", "Option file").keep_out_of_files();
     options.flag("--print-config", o.print_config, "Print them").keep_out_of_files();
     return [fields, &options] {
         last = *fields;
@@ -45,7 +45,15 @@ cmd::options::Action declare_toy(cmd::options::Options& options) {
     };
 }
 
-const cmd::options::Commands toys{{"toy", "Glows.", "Examples:\n  lpvbake toy", declare_toy}};
+/// Another command, to share option files with.
+cmd::options::Action declare_bell(cmd::options::Options& options) {
+    const auto pitch = std::make_shared<double>(440);
+    options.number("--pitch", *pitch, 0, 1e5, "Of its tone, Hz");
+    return [pitch] {};
+}
+
+const cmd::options::Commands toys{{"toy", "Glows.", "Examples:\n  lpvbake toy", declare_toy},
+                                  {"bell", "Rings.", "Examples:\n  lpvbake bell", declare_bell}};
 
 /// The complaint, empty if there is none.
 std::string complaint(const std::vector<std::string>& words) {
@@ -92,9 +100,12 @@ TEST(Options, ARowIsInOptionFilesAndPrintsIntoThem) {
     EXPECT_EQ(last.depth, std::nullopt) << "and what it excludes is left out";
     EXPECT_TRUE(last.loud);
 
-    const std::string text = printed({"toy", "--glow=6", "--extra=\"\t\x1b", "--print-config"});
-    EXPECT_EQ(text, "from = \"\"\nglow = 6\nextra = [\"\\\"\\t\\u001B\"]\n# depth = 3\n"
-                    "loud = false\n");
+    const std::string text = printed(
+        {"toy", "a.gltf", "--glow=6", "--extra=\"\t\x1b", "--extra=1,2.5,#ff", "--print-config"});
+    EXPECT_EQ(text, "[toy]\n\n# Toy\n\n# How much it glows\nglow = 6\n\n# More of it\n"
+                    "extra = [\"\\\"\\t\\u001B\", [1, 2.5, \"#ff\"]]\n\n# How deep\n#depth = 3\n\n"
+                    "# Say it\nloud = false\n")
+        << "all but what it works on";
     spill(path, text);
     EXPECT_EQ(printed({"toy", "--config", path, "--print-config"}), text);
 
@@ -106,13 +117,51 @@ TEST(Options, ARowIsInOptionFilesAndPrintsIntoThem) {
     refused("\nglow = 11\n", ":2: --glow: '11' is not");
     refused("glov = 1\n", ":1: 'glov' is not an option of toy; did you mean glow?");
     refused("glow = 1\n\nglow = 2\n", ":3: glow is set twice");
-    refused("glow = 1\n[toy]\nglow = 2\n", ":3: glow is set twice");
+    refused("pitch = 1\n[toy]\npitch = 2\n", ":3: 'pitch' is not an option of toy");
+    refused("[bell]\nglow = 2\n", ":2: 'glow' is not an option of bell");
     refused("depth = 2.0\n", ":1: --depth: '2.0' is not a whole number");
-    refused("glow = [1, 2]\n", ":1: glow takes one value");
+    refused("glow = [1, 2]\n", ":1: --glow: '1,2' is not a number");
     refused("glow = 1979-05-27\n", ":1: expected a string, a number");
     refused("from = \"a\\u0000b\"\n", ":1: a string holds a NUL character");
-    refused("[cook]\n", ":1: expected the table [toy]");
+    refused("[cook]\n", ":1: [cook] is no command");
     refused("config = \"b.toml\"\n", ":1: 'config' belongs on the command line");
+}
+
+TEST(Options, FilesServeSeveralCommandsAndTheLaterOnesWin) {
+    const TemporaryFolder folder;
+    const std::string first = folder / "a.toml", second = folder / "b.toml";
+    spill(first,
+          "pitch = 880\nglow = 1\nextra = [\"a\", \"b\"]\n[bell]\npitch = 220\n[toy]\nglow = 2\n");
+    spill(second, "depth = 5\n[toy]\nextra = []\n");
+    cmd::options::run_command_line(toys, {"toy", "--config", first});
+    EXPECT_EQ(last.glow, 2) << "the command's own table comes before the shared one";
+    EXPECT_EQ(last.extra.size(), 2u);
+    cmd::options::run_command_line(toys, {"toy", "--config", first, "--config", second});
+    EXPECT_EQ(last.glow, 2);
+    EXPECT_EQ(last.depth, 5);
+    EXPECT_EQ(last.extra.size(), 0u) << "an empty array is a value";
+    spill(second, "glow = 3\nloud = true\n");
+    spill(first, "depth = 4\n[toy]\nglow = 2\n");
+    cmd::options::run_command_line(toys, {"toy", "--config", first, "--config", second});
+    EXPECT_EQ(last.glow, 3) << "a later file wins, whatever the table";
+    EXPECT_EQ(last.depth, std::nullopt) << "and what it excludes is left out";
+}
+
+TEST(Options, ArraysAreAsTomlHasThem) {
+    const TemporaryFolder folder;
+    const std::string path = folder / "a.toml";
+    const auto extra = [&](const std::string& text) {
+        spill(path, "extra = " + text + "\n");
+        cmd::options::run_command_line(toys, {"toy", "--config", path});
+        return last.extra;
+    };
+    using Texts = std::vector<std::string>;
+    EXPECT_EQ(extra("\"1,2\""), Texts{"1,2"});
+    EXPECT_EQ(extra("[30, 5.0, 1e5, \"#ff\"]"), Texts{"30,5.0,1e+05,#ff"});
+    EXPECT_EQ(extra("[[1, 2, [0.5, 1, 1]], \"3,4\"]"), (Texts{"1,2,0.5:1:1", "3,4"}));
+    spill(path, "from = [1, [2, 3]]\n");
+    cmd::options::run_command_line(toys, {"toy", "--config", path});
+    EXPECT_EQ(last.from, "1,2:3");
 }
 
 TEST(Options, ARowIsAmongTheSettingsThatAreRecorded) {
