@@ -15,6 +15,7 @@ SceneFacts survey(const Scene& scene) {
     if (facts.triangles == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to light");
     facts.surfaces = surface::sample_triangles(scene);
+    facts.cuts = std::make_shared<surface::CutTrial>(scene);
     facts.bounds = bounds_of(scene);
     facts.crowd = scene::trimmed_bounds(scene, 0.01);
     facts.lights = scene.lights;

@@ -4,6 +4,7 @@
 #include "scene/scene.h"
 #include "surface/patch_count.h"
 
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -12,10 +13,11 @@ namespace lpvbake::bake {
 /// A scene, surveyed once for any number of plans.
 struct SceneFacts {
     std::string path;
-    std::vector<std::string> warnings; ///< the scene's
-    uint64_t triangles = 0;            ///< placed, at least one
-    surface::TriangleSample surfaces;  ///< some of them
-    Bounds bounds;                     ///< of them all
+    std::vector<std::string> warnings;             ///< the scene's
+    uint64_t triangles = 0;                        ///< placed, at least one
+    surface::TriangleSample surfaces;              ///< some of them
+    std::shared_ptr<const surface::CutTrial> cuts; ///< what stands on them
+    Bounds bounds;                                 ///< of them all
     Bounds crowd; ///< what is left of that without 1 % of them on each side: see trimmed_bounds
     std::vector<Light> lights;
     bool emitters = false; ///< some surface emits
@@ -23,7 +25,7 @@ struct SceneFacts {
     bool tinted = false;   ///< some surface may colour what it lets through
 };
 
-/// Throws Error (invalid) where there is no triangle.
+/// The scene outlives the facts. Throws Error (invalid) where there is no triangle.
 SceneFacts survey(const Scene& scene);
 
 } // namespace lpvbake::bake

@@ -211,7 +211,8 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     const int map_size = solver.kind().map_size(plan.grid, solver);
     plan.lit = map_size == 0 || settings.bounces != 1 || plan.emitters || scene.sky;
 
-    const surface::PatchCount surfaces = surface::count_patches(scene.surfaces, plan.frame, 1.0f);
+    const surface::PatchCount surfaces =
+        surface::count_patches(scene.surfaces, plan.frame, 1.0f, scene.cuts.get());
     const double patches = surfaces.patches;
     const double cells = double(plan.grid.size());
     plan_light(scene, plan);

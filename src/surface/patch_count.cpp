@@ -4,20 +4,32 @@
 
 #include <tbb/parallel_for.h>
 
+#include <cmath>
+#include <numeric>
+
 namespace lpvbake::surface {
 namespace {
 
 template <class Take>
 void for_each_triangle(const Scene& scene, const Take& take) {
-    for (const Instance& instance : scene.instances) {
+    for (uint32_t i = 0; i < scene.instances.size(); ++i) {
+        const Instance& instance = scene.instances[i];
         const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
         const glm::dmat3 turn(instance.to_world);
         const glm::dvec3 offset(instance.to_world[3]);
-        for (const glm::uvec3& t : mesh.triangles)
-            take(std::array{turn * glm::dvec3(mesh.positions[t.x]) + offset,
-                            turn * glm::dvec3(mesh.positions[t.y]) + offset,
-                            turn * glm::dvec3(mesh.positions[t.z]) + offset});
+        for (uint32_t j = 0; j < mesh.triangles.size(); ++j) {
+            const glm::uvec3 t = mesh.triangles[j];
+            take(TriangleSample::Triangle{{turn * glm::dvec3(mesh.positions[t.x]) + offset,
+                                           turn * glm::dvec3(mesh.positions[t.y]) + offset,
+                                           turn * glm::dvec3(mesh.positions[t.z]) + offset},
+                                          i,
+                                          j});
+        }
     }
+}
+
+bool is_flat(const std::array<glm::dvec3, 3>& t) {
+    return !(glm::length(glm::cross(t[1] - t[0], t[2] - t[0])) > 0.0);
 }
 
 double half_way_around(const std::array<glm::dvec3, 3>& t) {
@@ -70,46 +82,113 @@ double count_halves(const Corners& piece, double limit) {
     return count;
 }
 
-PatchCount count_triangle(const Corners& triangle, glm::vec3 extent, float max_edge) {
-    PatchCount count;
-    std::vector<Corners> stack{triangle};
+TrialPiece whole(const TriangleSample::Triangle& triangle, const scene::Frame& frame) {
+    TrialPiece piece{triangle.instance, triangle.triangle, {}, {{{0, 0}, {1, 0}, {0, 1}}}};
+    for (size_t i = 0; i < 3; ++i)
+        piece.corners[i] = glm::vec3(frame.from_world(triangle.corners[i]));
+    return piece;
+}
+
+/// One half of a piece, whose edge from corner `at` on is halved.
+TrialPiece half(TrialPiece piece, int at, bool second) {
+    const size_t a = size_t(at), b = (a + 1) % 3, moved = second ? b : a;
+    piece.corners[moved] = 0.5f * (piece.corners[a] + piece.corners[b]);
+    piece.weights[moved] = 0.5f * (piece.weights[a] + piece.weights[b]);
+    return piece;
+}
+
+/// Halves a triangle until all patches of a piece may be of one size, and takes each with how many
+/// these are.
+template <class Take>
+void for_each_even_piece(const TrialPiece& triangle, glm::vec3 extent, float max_edge,
+                         const Take& take) {
+    std::vector<TrialPiece> stack{triangle};
     while (!stack.empty()) {
-        const Corners piece = stack.back();
+        const TrialPiece piece = stack.back();
         stack.pop_back();
-        const auto [at, length] = longest_edge(piece);
-        const auto add = [&](double patches) {
-            count.patches += patches;
-            const glm::vec3 centroid = (piece[0] + piece[1] + piece[2]) / 3.0f;
-            const float away = distance_to_box(centroid, extent);
-            const double area =
-                0.5 * double(glm::length(glm::cross(piece[1] - piece[0], piece[2] - piece[0])));
-            if (away == 0.0f)
-                count.inside += area;
-            const double edge = double(graded(max_edge, away));
-            count.faces += area / (edge * edge);
-        };
-        if (!(length > edge_limit(piece, extent, max_edge))) {
-            add(1.0);
+        const Corners& corners = piece.corners;
+        const auto [at, length] = longest_edge(corners);
+        if (!(length > edge_limit(corners, extent, max_edge))) {
+            take(piece, 1.0);
             continue;
         }
         // All points of the piece lie between these distances.
         float farthest = 0.0f;
-        for (const glm::vec3& corner : piece)
+        for (const glm::vec3& corner : corners)
             farthest = std::max(farthest, distance_to_box(corner, extent));
-        const glm::vec3 lo = glm::min(piece[0], glm::min(piece[1], piece[2]));
-        const glm::vec3 hi = glm::max(piece[0], glm::max(piece[1], piece[2]));
+        const glm::vec3 lo = glm::min(corners[0], glm::min(corners[1], corners[2]));
+        const glm::vec3 hi = glm::max(corners[0], glm::max(corners[1], corners[2]));
         const float nearest = glm::length(glm::max(glm::max(lo - extent, -hi), glm::vec3(0.0f)));
         const float shortest = graded(max_edge, nearest), longest = graded(max_edge, farthest);
         if (longest < 1.01f * shortest) {
-            add(count_halves(piece, double(0.5f * (shortest + longest))));
+            take(piece, count_halves(corners, double(0.5f * (shortest + longest))));
             continue;
         }
-        const size_t a = size_t(at), b = (a + 1) % 3, c = (a + 2) % 3;
-        const glm::vec3 middle = 0.5f * (piece[a] + piece[b]);
-        stack.push_back({middle, piece[b], piece[c]});
-        stack.push_back({piece[a], middle, piece[c]});
+        stack.push_back(half(piece, at, false));
+        stack.push_back(half(piece, at, true));
     }
+}
+
+PatchCount count_triangle(const TrialPiece& triangle, glm::vec3 extent, float max_edge) {
+    PatchCount count;
+    for_each_even_piece(triangle, extent, max_edge, [&](const TrialPiece& piece, double patches) {
+        const auto& [a, b, c] = piece.corners;
+        count.patches += patches;
+        const float away = distance_to_box((a + b + c) / 3.0f, extent);
+        const double area = 0.5 * double(glm::length(glm::cross(b - a, c - a)));
+        if (away == 0.0f)
+            count.inside += area;
+        const double edge = double(graded(max_edge, away));
+        count.faces += area / (edge * edge);
+    });
     return count;
+}
+
+/// How many patches a piece of `patches` equal ones would give if all of it were cut as at a place
+/// of it, [0, 1).
+double try_at(double place, TrialPiece piece, double patches, const scene::Frame& frame,
+              float max_edge, const CutTrial& trial) {
+    double pieces = 1.0;
+    for (;;) {
+        const auto [at, length] = longest_edge(piece.corners);
+        if (!(length > edge_limit(piece.corners, glm::vec3(frame.extent), max_edge)))
+            return double(trial.count(piece, frame, max_edge)) * pieces / patches;
+        pieces *= 2.0;
+        place *= 2.0;
+        piece = half(piece, at, place >= 1.0);
+        place -= std::floor(place);
+    }
+}
+
+/// How many patches there are for one that halving alone makes, of which there are `patches`.
+double cut_further(const TriangleSample& sample, const std::vector<PatchCount>& counts,
+                   double patches, const scene::Frame& frame, float max_edge,
+                   const CutTrial& trial) {
+    constexpr double number = 4096;
+    std::vector<double> begins; // of a triangle among all, in what is drawn
+    double up_to = 0.0;
+    for (size_t i = 0; i < counts.size(); ++i) {
+        begins.push_back(up_to);
+        up_to += counts[i].patches * sample.triangles[i].stands_for * number / patches;
+    }
+    begins.push_back(up_to);
+    std::vector<double> sums(counts.size());
+    tbb::parallel_for(size_t(0), counts.size(), [&](size_t i) {
+        double next = std::ceil(begins[i] - 0.5) + 0.5; // of those at a half
+        if (!(next < begins[i + 1]))
+            return;
+        const double width = (begins[i + 1] - begins[i]) / counts[i].patches; // of a patch
+        double begin = begins[i];
+        for_each_even_piece(whole(sample.triangles[i], frame), glm::vec3(frame.extent), max_edge,
+                            [&](const TrialPiece& piece, double inside) {
+                                const double end = begin + inside * width;
+                                for (; next < end; next += 1.0)
+                                    sums[i] += try_at((next - begin) / (end - begin), piece, inside,
+                                                      frame, max_edge, trial);
+                                begin = end;
+                            });
+    });
+    return std::accumulate(sums.begin(), sums.end(), 0.0) / number;
 }
 
 } // namespace
@@ -118,40 +197,42 @@ TriangleSample sample_triangles(const Scene& scene, size_t most) {
     TriangleSample sample;
     size_t number = 0;
     double length = 0.0;
-    for_each_triangle(scene, [&](const std::array<glm::dvec3, 3>& corners) {
-        if (!(glm::length(glm::cross(corners[1] - corners[0], corners[2] - corners[0])) > 0.0))
+    for_each_triangle(scene, [&](const TriangleSample::Triangle& triangle) {
+        if (is_flat(triangle.corners))
             return;
         ++number;
-        length += half_way_around(corners);
+        length += half_way_around(triangle.corners);
         if (number <= most)
-            sample.triangles.push_back({corners, 1.0});
+            sample.triangles.push_back(triangle);
     });
     if (number <= most)
         return sample;
     sample.triangles.clear();
     double up_to = 0.0, next = 0.5;
-    for_each_triangle(scene, [&](const std::array<glm::dvec3, 3>& corners) {
-        if (!(glm::length(glm::cross(corners[1] - corners[0], corners[2] - corners[0])) > 0.0))
+    for_each_triangle(scene, [&](const TriangleSample::Triangle& triangle) {
+        if (is_flat(triangle.corners))
             return;
-        const double share = 0.5 / double(number) + 0.5 * half_way_around(corners) / length;
+        const double share =
+            0.5 / double(number) + 0.5 * half_way_around(triangle.corners) / length;
         const double steps = double(most) * share;
         up_to += steps;
         double met = 0.0;
         for (; next < up_to; next += 1.0)
             met += 1.0;
-        if (met > 0.0)
-            sample.triangles.push_back({corners, met / steps});
+        if (met > 0.0) {
+            sample.triangles.push_back(triangle);
+            sample.triangles.back().stands_for = met / steps;
+        }
     });
     return sample;
 }
 
-PatchCount count_patches(const TriangleSample& sample, const scene::Frame& frame, float max_edge) {
+PatchCount count_patches(const TriangleSample& sample, const scene::Frame& frame, float max_edge,
+                         const CutTrial* trial) {
     std::vector<PatchCount> counts(sample.triangles.size());
     tbb::parallel_for(size_t(0), counts.size(), [&](size_t i) {
-        Corners corners;
-        for (size_t k = 0; k < 3; ++k)
-            corners[k] = glm::vec3(frame.from_world(sample.triangles[i].corners[k]));
-        counts[i] = count_triangle(corners, glm::vec3(frame.extent), max_edge);
+        counts[i] =
+            count_triangle(whole(sample.triangles[i], frame), glm::vec3(frame.extent), max_edge);
     });
     PatchCount sum;
     for (size_t i = 0; i < counts.size(); ++i) {
@@ -159,6 +240,8 @@ PatchCount count_patches(const TriangleSample& sample, const scene::Frame& frame
         sum.inside += counts[i].inside * sample.triangles[i].stands_for;
         sum.faces += counts[i].faces * sample.triangles[i].stands_for;
     }
+    if (trial && sum.patches > 0.0)
+        sum.patches *= cut_further(sample, counts, sum.patches, frame, max_edge, *trial);
     return sum;
 }
 

@@ -55,6 +55,14 @@ Corners corners_of(const Piece& piece) {
     return {piece[0].position, piece[1].position, piece[2].position};
 }
 
+/// None of what has no area.
+std::optional<glm::vec3> normal_of(glm::vec3 a, glm::vec3 b, glm::vec3 c) {
+    const glm::dvec3 normal =
+        glm::cross(glm::dvec3(b) - glm::dvec3(a), glm::dvec3(c) - glm::dvec3(a));
+    const double length = glm::length(normal);
+    return length > 0.0 ? std::optional(glm::vec3(normal / length)) : std::nullopt;
+}
+
 /// Triangles are cut in runs of this many, so that threads share a large mesh.
 constexpr size_t run_length = 256;
 
@@ -68,6 +76,29 @@ constexpr float cover_reach = 0.5f;
 /// The box of a mesh that glows, frame units.
 struct LampBox {
     glm::vec3 lo{HUGE_VALF}, hi{-HUGE_VALF};
+};
+
+/// The way from a point to what lies close above it, on this side of a surface.
+constexpr glm::vec3 cover_way(glm::vec3 normal) {
+    return cover_reach * normal;
+}
+
+/// What rays of the cutter's frame meet, which may be placed in another one.
+struct Walls {
+    const visibility::Visibility& visibility;
+    float scale = 1.0f;     ///< units of that one in one of the cutter's
+    glm::vec3 origin{0.0f}; ///< of the cutter's, there
+    bool on_trial = false;  ///< patches are but counted
+
+    glm::vec3 place(glm::vec3 point) const { return scale * point + origin; }
+    visibility::Ray ray(glm::vec3 from, glm::vec3 way) const { return {place(from), scale * way}; }
+    bool block(glm::vec3 from, glm::vec3 way) const {
+        return visibility.transmittance(ray(from, way)) < 0.5f;
+    }
+    /// As ray_offset, by the coarser of both frames.
+    float offset(glm::vec3 point) const {
+        return std::max(ray_offset(point), ray_offset(place(point)) / scale);
+    }
 };
 
 /// What stands on a piece, or close above a part of it.
@@ -100,7 +131,7 @@ public:
     const Mesh& mesh;
     const glm::vec3 extent;
     const float max_edge;
-    const visibility::Visibility* walls; ///< none: only what lies in the grid, and no tree
+    const Walls* walls; ///< none: only what lies in the grid, and no tree
     const bool textured;
     const bool tinting;                  ///< what covers nothing is there all the same
     const scene::EmissionMaps* emission; ///< none: nothing emits
@@ -192,9 +223,9 @@ private:
         for (const float side : {1.0f, -1.0f}) {
             if (side < 0.0f && !source.double_sided)
                 continue;
-            const glm::vec3 from = centroid + side * ray_offset(centroid) * source.normal;
+            const glm::vec3 from = centroid + side * walls->offset(centroid) * source.normal;
             for (const Corner& corner : piece)
-                if (walls->transmittance({from, 0.96f * (corner.position - centroid)}) < 0.5f)
+                if (walls->block(from, 0.96f * (corner.position - centroid)))
                     return true;
         }
         return false;
@@ -215,8 +246,8 @@ private:
     /// cut until it is no larger than the gap between them, which tells how fast the light fades.
     Standing lamps_above(const Piece& piece) const {
         const auto [a, b, c] = corners_of(piece);
-        const glm::vec3 lo = glm::min(a, glm::min(b, c)) - cover_reach;
-        const glm::vec3 hi = glm::max(a, glm::max(b, c)) + cover_reach;
+        const glm::vec3 lo = walls->place(glm::min(a, glm::min(b, c)) - cover_reach);
+        const glm::vec3 hi = walls->place(glm::max(a, glm::max(b, c)) + cover_reach);
         if (std::ranges::none_of(lamps, [&](const LampBox& lamp) {
                 return glm::all(glm::lessThan(lamp.lo, hi))
                        && glm::all(glm::greaterThan(lamp.hi, lo));
@@ -243,9 +274,9 @@ private:
             std::array<visibility::Hit, points.size()> hits;
             for (size_t i = 0; i < points.size(); ++i) {
                 const glm::vec3 p = a + points[i].x * (b - a) + points[i].y * (c - a);
-                rays[i] = {p + ray_offset(p) * normal, cover_reach * normal};
+                rays[i] = walls->ray(p + walls->offset(p) * normal, cover_way(normal));
             }
-            walls->closest_of_eights(rays, visibility::Bundle::tight, hits);
+            walls->visibility.closest_of_eights(rays, visibility::Bundle::tight, hits);
             size_t covered = 0;
             float nearest = HUGE_VALF;
             for (const visibility::Hit& hit : hits)
@@ -259,7 +290,8 @@ private:
             gap = std::min(gap, nearest);
             standing.crossed = true;
             standing.cover |= uint8_t(1u << side);
-            if (is_covered(*walls, (a + b + c) / 3.0f, normal))
+            const glm::vec3 centroid = (a + b + c) / 3.0f;
+            if (walls->block(centroid + walls->offset(centroid) * normal, cover_way(normal)))
                 standing.cover |= uint8_t(4u << side);
         }
         if (standing.crossed)
@@ -304,7 +336,7 @@ private:
                             + " patches of surface lie in the grid; lower `resolution`");
         if (walls) {
             nodes[node] = {uint32_t(patches.size()), false, 0, above.crossed, above.cover};
-            if (patch.alpha >= 1.0f && is_hidden(*walls, patch))
+            if (!walls->on_trial && patch.alpha >= 1.0f && is_hidden(walls->visibility, patch))
                 patch.area = 0.0f;
         }
         patches.push_back(patch);
@@ -327,19 +359,15 @@ private:
     }
 };
 
-/// The pieces of an instance, by runs.
-std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const scene::Frame& frame,
-                                 float max_edge, const visibility::Visibility* walls,
-                                 const scene::EmissionMaps* emission,
-                                 const std::vector<LampBox>& lamps, std::atomic<uint64_t>& made) {
-    const Instance& instance = scene.instances[index];
-    const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
+/// Of an instance, before any of its triangles.
+Cutter blank_cutter(const Scene& scene, uint32_t index, glm::vec3 extent, float max_edge,
+                    const Walls* walls, const scene::EmissionMaps* emission,
+                    const std::vector<LampBox>& lamps, std::atomic<uint64_t>& made) {
+    const Mesh& mesh = scene.meshes[size_t(scene.instances[index].mesh)];
     const Material& material = scene.materials[size_t(mesh.material)];
-    const std::vector<glm::vec3> placed = scene::positions_in_frame(scene, instance, frame);
-    const float side = scene::is_mirrored(instance) ? -1.0f : 1.0f;
     Cutter blank{scene,
                  mesh,
-                 glm::vec3(frame.extent),
+                 extent,
                  max_edge,
                  walls,
                  scene::is_partly_clear(material) || material.emission_texture >= 0
@@ -359,6 +387,20 @@ std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const scene
         blank.source.albedo = scene::sample_surface(scene, mesh, 0, glm::vec2(1.0f / 3.0f)).albedo;
         blank.source.emission = material.emission;
     }
+    return blank;
+}
+
+/// The pieces of an instance, by runs.
+std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const scene::Frame& frame,
+                                 float max_edge, const Walls* walls,
+                                 const scene::EmissionMaps* emission,
+                                 const std::vector<LampBox>& lamps, std::atomic<uint64_t>& made) {
+    const Instance& instance = scene.instances[index];
+    const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
+    const std::vector<glm::vec3> placed = scene::positions_in_frame(scene, instance, frame);
+    const float side = scene::is_mirrored(instance) ? -1.0f : 1.0f;
+    const Cutter blank =
+        blank_cutter(scene, index, glm::vec3(frame.extent), max_edge, walls, emission, lamps, made);
     std::vector<Cutter> runs((mesh.triangles.size() + run_length - 1) / run_length, blank);
     tbb::parallel_for(size_t(0), runs.size(), [&](size_t run) {
         Cutter& cutter = runs[run];
@@ -366,15 +408,13 @@ std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const scene
         for (size_t t = run * run_length; t < end; ++t) {
             const glm::uvec3 v = mesh.triangles[t];
             const glm::vec3 a = placed[v.x], b = placed[v.y], c = placed[v.z];
-            const glm::dvec3 normal =
-                glm::cross(glm::dvec3(b) - glm::dvec3(a), glm::dvec3(c) - glm::dvec3(a));
-            const double length = glm::length(normal);
-            if (!(length > 0.0)) {
+            const std::optional<glm::vec3> normal = normal_of(a, b, c);
+            if (!normal) {
                 cutter.roots.emplace_back();
                 continue;
             }
             cutter.source.triangle = uint32_t(t);
-            cutter.source.normal = side * glm::vec3(normal / length);
+            cutter.source.normal = side * *normal;
             cutter.cut({Corner{a, {0, 0}}, Corner{b, {1, 0}}, Corner{c, {0, 1}}});
         }
     });
@@ -382,7 +422,7 @@ std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const scene
 }
 
 std::vector<std::vector<Cutter>> cut_scene(const Scene& scene, const scene::Frame& frame,
-                                           float max_edge, const visibility::Visibility* walls) {
+                                           float max_edge, const Walls* walls) {
     std::vector<std::vector<Cutter>> parts(scene.instances.size());
     std::atomic<uint64_t> made = 0;
     // What does not light is asked for its cover alone.
@@ -399,8 +439,7 @@ std::vector<std::vector<Cutter>> cut_scene(const Scene& scene, const scene::Fram
 } // namespace
 
 bool is_covered(const visibility::Visibility& visibility, glm::vec3 point, glm::vec3 normal) {
-    return visibility.transmittance({point + ray_offset(point) * normal, cover_reach * normal})
-           < 0.5f;
+    return Walls{visibility}.block(point + ray_offset(point) * normal, cover_way(normal));
 }
 
 std::vector<Patch> make_patches(const Scene& scene, const scene::Frame& frame, float max_edge) {
@@ -413,7 +452,8 @@ std::vector<Patch> make_patches(const Scene& scene, const scene::Frame& frame, f
 
 PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,
                           const visibility::Visibility& visibility, float max_edge) {
-    std::vector<std::vector<Cutter>> parts = cut_scene(scene, frame, max_edge, &visibility);
+    const Walls walls{visibility};
+    std::vector<std::vector<Cutter>> parts = cut_scene(scene, frame, max_edge, &walls);
     PatchCover cover;
     PatchTree& tree = cover.tree;
     struct Run {
@@ -456,6 +496,50 @@ PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,
         std::ranges::copy(cut.patches, cover.patches.data() + run.patch);
     });
     return cover;
+}
+
+/// The whole scene has a frame of 64 units, the few far triangles beside.
+struct CutTrial::Impl {
+    const Scene& scene;
+    scene::Frame frame;
+    visibility::Visibility visibility;
+    scene::EmissionMaps emission;
+    std::vector<LampBox> lamps;
+
+    explicit Impl(const Scene& of)
+        : scene(of),
+          frame(frame_of(scene::trimmed_bounds(of, 0.01))),
+          visibility(of, frame),
+          emission(of),
+          lamps(lamp_boxes(of, frame)) {}
+
+    static scene::Frame frame_of(const Bounds& box) {
+        const glm::dvec3 size = box.hi - box.lo;
+        const double unit = std::max({size.x, size.y, size.z, 1e-6}) / 64.0;
+        return {box.lo, unit, size / unit};
+    }
+};
+
+CutTrial::CutTrial(const Scene& scene) : impl_(std::make_unique<Impl>(scene)) {}
+CutTrial::~CutTrial() = default;
+
+uint64_t CutTrial::count(const TrialPiece& piece, const scene::Frame& frame, float max_edge) const {
+    const Scene& scene = impl_->scene;
+    const Walls walls{impl_->visibility, float(frame.unit / impl_->frame.unit),
+                      glm::vec3(impl_->frame.from_world(frame.origin)), true};
+    std::atomic<uint64_t> made = 0;
+    Cutter cutter = blank_cutter(scene, piece.instance, glm::vec3(frame.extent), max_edge, &walls,
+                                 &impl_->emission, impl_->lamps, made);
+    const Corners& at = piece.corners;
+    const float side = scene::is_mirrored(scene.instances[piece.instance]) ? -1.0f : 1.0f;
+    const std::optional<glm::vec3> normal = normal_of(at[0], at[1], at[2]);
+    if (!normal)
+        return 0;
+    cutter.source.triangle = piece.triangle;
+    cutter.source.normal = side * *normal;
+    cutter.cut({Corner{at[0], piece.weights[0]}, Corner{at[1], piece.weights[1]},
+                Corner{at[2], piece.weights[2]}});
+    return made;
 }
 
 namespace {

@@ -4,6 +4,8 @@
 #include "scene/frame.h"
 #include "visibility/visibility.h"
 
+#include <array>
+#include <memory>
 #include <vector>
 
 namespace lpvbake::surface {
@@ -77,6 +79,29 @@ struct PatchTree {
     }
     /// Its node; null for no_hit.
     const Node* leaf(const visibility::Hit& hit, glm::vec2& weights) const;
+};
+
+/// A piece of a placed triangle.
+struct TrialPiece {
+    uint32_t instance = 0, triangle = 0;
+    std::array<glm::vec3, 3> corners; ///< frame units
+    std::array<glm::vec2, 3> weights; ///< of the triangle's second and third vertex
+};
+
+/// Cuts pieces of a scene as cover_surfaces does, whatever the grid, to know how many patches they
+/// make: what stands on them it sees by rays in a frame of its own, which is as fine as the scene
+/// is large.
+class CutTrial {
+public:
+    /// The scene outlives it.
+    explicit CutTrial(const Scene& scene);
+    ~CutTrial();
+
+    uint64_t count(const TrialPiece& piece, const scene::Frame& frame, float max_edge) const;
+
+private:
+    struct Impl;
+    std::unique_ptr<Impl> impl_;
 };
 
 /// Whether anything lies less than half a cell above a point of a surface, on this side of it.

@@ -11,11 +11,15 @@
 namespace lpvbake {
 namespace {
 
-/// Counted over made.
-double ratio(const Scene& scene, const scene::Frame& cells, size_t most = 1 << 16) {
+/// Counted over made; with what stands on surfaces, or by halving alone.
+double ratio(const Scene& scene, const scene::Frame& cells, size_t most = 1 << 16,
+             bool on_trial = true) {
     const visibility::Visibility visibility(scene, cells);
     const size_t made = surface::cover_surfaces(scene, cells, visibility, 1.0f).patches.size();
-    return surface::count_patches(surface::sample_triangles(scene, most), cells, 1.0f).patches
+    const surface::CutTrial trial(scene);
+    return surface::count_patches(surface::sample_triangles(scene, most), cells, 1.0f,
+                                  on_trial ? &trial : nullptr)
+               .patches
            / double(made);
 }
 
@@ -37,13 +41,47 @@ TEST(PatchCount, CountsWhatIsMade) {
 }
 
 TEST(PatchCount, WhatStandsOnOthersMakesMore) {
-    // Not counted: it takes rays to know. The less it is, the finer the grid.
-    const auto of = [](double cell) {
-        return ratio(scenes::cornell_box(), around({-1.1, -0.1, -1.1}, {1.1, 2.1, 1.1}, cell));
+    for (const double cell : {0.21, 0.1, 0.0417})
+        EXPECT_NEAR(ratio(scenes::cornell_box(), around({-1.1, -0.1, -1.1}, {1.1, 2.1, 1.1}, cell)),
+                    1.0, 0.05)
+            << cell;
+    // Many boxes on a plain, larger than the grid: most of the patches, and more than twice as many
+    // as without them.
+    Scene town = scenes::floor_quad(60.0f, glm::vec3(0.5f));
+    std::mt19937 random(8);
+    std::uniform_real_distribution<float> place(-25.0f, 25.0f), size(0.3f, 1.5f);
+    for (int i = 0; i < 400; ++i) {
+        const glm::vec3 half(size(random), size(random), size(random));
+        scenes::add_box(
+            town, 0, -half, half, scenes::Facing::outward,
+            glm::translate(glm::dmat4(1.0), glm::dvec3(place(random), 0.2, place(random))));
+    }
+    const scene::Frame cells = around({-8, -1, -8}, {12, 3, 12}, 0.5);
+    EXPECT_NEAR(ratio(town, cells), 1.0, 0.05);
+    const auto count = [&](const surface::CutTrial* trial) {
+        return surface::count_patches(surface::sample_triangles(town), cells, 1.0f, trial).patches;
     };
-    EXPECT_GT(of(0.1), 0.75);
-    EXPECT_GT(of(0.0417), 0.9);
-    EXPECT_LT(of(0.0417), 1.0);
+    const surface::CutTrial trial(town);
+    EXPECT_GT(count(&trial), 2.0 * count(nullptr));
+}
+
+TEST(PatchCount, LampsMakeMore) {
+    Scene scene = scenes::floor_quad(8.0f, glm::vec3(0.5f));
+    const int glow = scenes::add_material(scene, glm::vec3(0.5f), glm::vec3(100.0f));
+    for (int i = 0; i < 6; ++i)
+        scenes::add_quad(scene, glow, {float(i) - 3.0f, 0.02f, 0.3f}, {0.5f, 0, 0}, {0, 0, 0.6f});
+    EXPECT_NEAR(ratio(scene, around({-4, -1, -4}, {4, 3, 4}, 0.25)), 1.0, 0.05);
+    EXPECT_NEAR(ratio(scene, around({-1, -1, -1}, {2, 1, 1}, 0.1)), 1.0, 0.05);
+}
+
+TEST(PatchCount, WhatHasNoAreaInTheGridsUnitsIsNone) {
+    Scene scene = scenes::floor_quad(8.0f, glm::vec3(0.5f));
+    Mesh& mesh = scene.meshes.front();
+    const uint32_t first = uint32_t(mesh.positions.size());
+    for (const float x : {0.0f, 1e-7f, 2e-7f}) // a triangle of these is one in metres
+        mesh.positions.push_back({3.0f + x, 0.1f, 3.0f + x * x * 1e6f});
+    mesh.triangles.push_back({first, first + 1, first + 2});
+    EXPECT_NEAR(ratio(scene, around({-4, -1, -4}, {4, 3, 4}, 0.25)), 1.0, 0.01);
 }
 
 TEST(PatchCount, FarSurfacesHaveLargePatches) {
@@ -77,7 +115,7 @@ TEST(PatchCount, ASampleStandsForAll) {
     scene.meshes.push_back(grass);
     const scene::Frame cells = around({-20, -0.5, -20}, {20, 8, 20}, 0.6);
     EXPECT_LT(surface::sample_triangles(scene, 2000).triangles.size(), 2001u);
-    EXPECT_NEAR(ratio(scene, cells, 2000), ratio(scene, cells), 0.04);
+    EXPECT_NEAR(ratio(scene, cells, 2000, false), ratio(scene, cells, 1 << 16, false), 0.04);
 }
 
 TEST(PatchCount, IsCheapWhereThereAreMany) {
