@@ -294,17 +294,17 @@ struct DirectLight {
                 hit,
                 hit.instance == visibility::no_hit ? LitSurfaces::no_side : lit.side(hit, direction)};
             meet(meeting);
-            if (meeting.there != LitSurfaces::no_side && !aim.empty())
-                seen += by_chance(meeting, emission[meeting.there],
-                                  aim.density(lit.patches[meeting.there / 2]));
+            if (meeting.there == LitSurfaces::no_side || aim.empty())
+                continue;
+            // Most of what is met is dark: its patch need not be loaded.
+            if (const glm::vec3 luminance = emission[meeting.there]; luminance != glm::vec3(0.0f))
+                seen += by_chance(meeting, luminance, aim.density(lit.patches[meeting.there / 2]));
         }
         return rays > 0 ? seen * (glm::pi<float>() / float(rays)) : seen;
     }
 
     /// What a ray counts that meets an emitter, at which others are aimed with this density.
     glm::vec3 by_chance(const Meeting& meeting, glm::vec3 luminance, float density) const {
-        if (luminance == glm::vec3(0.0f))
-            return luminance;
         const visibility::Hit& hit = meeting.hit;
         const float cosine = meeting.cosine / glm::pi<float>();
         const float slant = std::abs(glm::dot(meeting.direction, hit.normal));
@@ -468,7 +468,7 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
                 if (met.empty() || meeting.there == LitSurfaces::no_side)
                     return;
                 met[meeting.ray] = meeting.there;
-                if (spotted)
+                if (spotted && spots.luminance[meeting.there] != glm::vec3(0.0f))
                     by_spots += light.by_chance(meeting, spots.luminance[meeting.there],
                                                 spots.density(lit, meeting.there));
             });
