@@ -296,6 +296,39 @@ TEST_F(Gather, OfTwoSheetsOneBehindTheOtherOnlyTheNearerIsSeen) {
     EXPECT_NEAR(sum_below(true) / sum_below(false), 1.0, 1e-2);
 }
 
+TEST_F(Gather, WhatStandsBesideACellShadesIt) {
+    // A small lamp above a black box, whose walls go through centres of cells or between them.
+    for (const float off : {0.0f, 0.5f}) {
+        const glm::vec3 lo(4.5f + off, 0.5f, 4.5f + off), hi(12.5f + off, 8.5f + off, 12.5f + off);
+        Scene scene;
+        scenes::add_box(scene, scenes::add_material(scene, glm::vec3(0.0f)), lo, hi,
+                        scenes::Facing::outward);
+        scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.0f), glm::vec3(100.0f)),
+                         {8.5f, 20.0f, 8.5f}, {1, 0, 0}, {0, 0, 1});
+        const Setting setting(scene, {glm::dvec3(0.0), 1.0, {25, 17, 25}});
+        Volume volume = setting.volume();
+        run(setting, light(setting, 0), volume, everywhere(2));
+        int shaded = 0, lit = 0;
+        for (size_t i = 0; i < volume.grid.size(); ++i) {
+            const glm::vec3 from = setting.visibility.capture(volume.grid.cell_at(i)).point;
+            const auto is_shaded = [&](glm::vec3 at) { // it enters the box before it leaves it
+                const glm::vec3 a = (lo - from) / (at - from), b = (hi - from) / (at - from);
+                const glm::vec3 in = glm::min(a, b), out = glm::max(a, b);
+                return std::max({in.x, in.y, in.z, 0.0f}) < std::min({out.x, out.y, out.z});
+            };
+            if (volume.validity[i] > 0.0f && is_shaded({8.5f, 20, 8.5f})
+                && is_shaded({9.5f, 20, 8.5f}) && is_shaded({8.5f, 20, 9.5f})
+                && is_shaded({9.5f, 20, 9.5f})) {
+                ++shaded;
+                lit += volume.sh[0][i] != glm::vec3(0.0f);
+            }
+        }
+        EXPECT_GT(shaded, 200);
+        EXPECT_LT(lit, shaded / 10); // at its edges; a third where cells ask those before them
+        EXPECT_GT(volume.sh[0][volume.grid.index({8, 12, 8})].x, 0.0f);
+    }
+}
+
 TEST_F(Gather, LightComesThroughADoor) {
     const Scene scene = two_rooms(0.6f);
     const Setting setting(scene, fit(scene, 24));

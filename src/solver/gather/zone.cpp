@@ -238,6 +238,7 @@ const uint64_t* Zone::bits(glm::ivec3 point) {
         };
         const glm::vec3 from = crossed ? captured(point) : glm::vec3(0.0f);
         std::vector<uint64_t> all(words, ~uint64_t(0)), any(words, 0);
+        glm::ivec3 least(lo + edge), most(lo); // of those corners
         for (int i = 0; i < 8; ++i) {
             const glm::ivec3 corner = lo + edge * glm::ivec3(i & 1, i >> 1 & 1, i >> 2);
             if (!usable(corner))
@@ -252,9 +253,14 @@ const uint64_t* Zone::bits(glm::ivec3 point) {
                 all[w] &= theirs[w];
                 any[w] |= theirs[w];
             }
+            least = glm::min(least, corner);
+            most = glm::max(most, corner);
             ++count;
         }
-        if (count >= fewest_corners)
+        // What stands beside the cell shades it alone, unless it lies between them.
+        const bool between =
+            glm::all(glm::lessThanEqual(least, point)) && glm::all(glm::lessThanEqual(point, most));
+        if (count >= fewest_corners && between)
             for (size_t w = 0; w < words_; ++w) {
                 open[w] = 0;
                 for (size_t channel = 0; channel < channels_; ++channel)
