@@ -7,9 +7,14 @@
 #include "lpvbake/error.h"
 #include "options/wording.h"
 #include "readers/readers.h"
+#include "render/display.h"
+#include "report/describe.h"
+#include "scene/sky.h"
 #include "scene_options.h"
 #include "text.h"
 #include "volume/dilate.h"
+
+#include <glm/gtc/constants.hpp>
 
 #include <algorithm>
 #include <cstdio>
@@ -134,7 +139,7 @@ void add_parameters(options::Options& options, BakeOptions& o) {
         if (is_choice) {
             type.clear();
             for (const char* choice : all.front()->choices)
-                type += (type.empty() ? "" : "|") + std::string(choice);
+                type.append(type.empty() ? "" : "|").append(choice);
         }
         options::Option& option = options.add("--" + name, type, help);
         option.quoted = is_choice;
@@ -231,12 +236,24 @@ void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice) {
                 choice.text.c_str(), 100 * choice.error, choice.plan.seconds);
 }
 
+/// The files that the bake will leave.
+std::vector<Written> planned_outputs(const BakeOptions& o, const bake::BakePlan& plan) {
+    std::vector<Written> outputs;
+    for (const std::string& path : o.outputs.paths) {
+        Written& output = outputs.emplace_back(Written{path, {}});
+        for (const std::string& file :
+             io::files_for(o.outputs.storage(), path, bake::grids_of(plan)))
+            output.files.push_back({file, 0});
+    }
+    return outputs;
+}
+
 void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const bake::Choice& choice,
                 const std::vector<std::string>& warnings) {
     const bake::BakePlan& plan = choice.plan;
     if (o.format == Format::json) {
         report::Json document = describe(o, device, choice, plan.triangles, plan.grid);
-        document["outputs"] = outputs_json(o.outputs.paths);
+        document["outputs"] = planned_json(planned_outputs(o, plan));
         document["stages"] = stages_json(plan.stages);
         document["warnings"] = warnings;
         document["seconds"] = plan.seconds;
@@ -260,8 +277,9 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const bake:
     for (const solver::SkippedStage& skipped : plan.skipped)
         std::printf("skipped       %s: %s\n", skipped.name.c_str(),
                     options::in_options(skipped.why).c_str());
-    for (const std::string& output : o.outputs.paths)
-        std::printf("output        %s\n", output.c_str());
+    for (const Written& output : planned_outputs(o, plan))
+        for (const WriteReport::File& file : output.files)
+            std::printf("writes        %s\n", file.path.c_str());
 }
 
 void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const bake::Choice& choice,
@@ -285,6 +303,16 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const bak
 }
 
 // ---------------------------------------------------------------- running
+
+/// What a program that shows the scene beside the volume has to know: its lights, the mean of its
+/// sky, nits, and an exposure for both.
+void add_light(const Scene& scene, Volume& volume) {
+    const glm::dvec3 sky = scene::sky_mean(scene.sky, -1, 1, 0, 2 * glm::pi<double>());
+    volume.metadata["lights"] =
+        report::lights_json(scene).dump(-1, ' ', false, report::Json::error_handler_t::replace);
+    volume.metadata["sky"] = format("%.6g,%.6g,%.6g", sky.r, sky.g, sky.b);
+    volume.metadata["exposure"] = format("%.1f", render::automatic_exposure(volume));
+}
 
 void run(const BakeOptions& o, const std::string& settings) {
     check_options(o);
@@ -327,6 +355,7 @@ void run(const BakeOptions& o, const std::string& settings) {
     }
     baked.volume.metadata["choice"] = choice.text;
     fill_metadata(o, scene, settings, baked.volume);
+    add_light(scene, baked.volume);
 
     run.begin_stage();
     const std::vector<Written> written =
@@ -409,7 +438,8 @@ options::Action declare(options::Options& options) {
     options.flag("--validation", o.validation,
                  "Load Vulkan's validation layer; messages are errors");
     add_isa_option(options, o);
-    add_dry_run_option(options, o, "Print grid, memory, outputs and an estimate of the time");
+    add_dry_run_option(options, o,
+                       "Print grid, memory, the files that will exist and an estimate of the time");
     add_run_options(options, o);
     return [fields, &options] { run(*fields, options.recorded()); };
 }

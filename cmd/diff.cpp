@@ -1,6 +1,8 @@
 // lpvbake diff: how far one volume is from another, and where.
 
+#include "colour/colour.h"
 #include "commands.h"
+#include "io/chart.h"
 #include "io/io.h"
 #include "io/slice.h"
 #include "lpvbake/error.h"
@@ -55,8 +57,29 @@ void check_options(const DiffOptions& o) {
 
 // ---------------------------------------------------------------- outputs
 
+/// Gives cells that are not valid what the nearest valid one has, at most three cells away in the
+/// layer.
+void spread(Volume& layer) {
+    constexpr int reach = 3;
+    const Volume known = layer;
+    const Grid& grid = layer.grid;
+    for (std::size_t i = 0; i < known.validity.size(); ++i) {
+        int nearest = reach * reach + 1;
+        for (std::size_t j = 0; j < known.validity.size() && known.validity[i] == 0; ++j) {
+            const glm::ivec3 way = grid.cell_at(j) - grid.cell_at(i);
+            const int distance = way.x * way.x + way.y * way.y + way.z * way.z;
+            if (known.validity[j] == 0 || distance >= nearest)
+                continue;
+            nearest = distance;
+            layer.sh[0][i] = known.sh[0][j];
+            layer.validity[i] = 1;
+        }
+    }
+}
+
 /// The error of one layer of cells as a volume of that layer alone, whose mean luminance is the
-/// false colour, white at `white`; that is chosen where it is 0.
+/// false colour, white at `white`; that is chosen where it is 0. Where few cells are valid in both,
+/// as of probes, each is spread over those around it.
 Volume false_colours(const Volume& a, const Volume& b, const std::vector<float>& cell_error,
                      options::Slice slice, double& white) {
     Volume layer;
@@ -64,7 +87,7 @@ Volume false_colours(const Volume& a, const Volume& b, const std::vector<float>&
     layer.grid.dims[slice.axis] = 1;
     layer.sh_order = 0;
     layer.sh.resize(1);
-    std::vector<float> errors;
+    std::vector<float> errors, valid;
     glm::ivec3 cell;
     for (cell.z = 0; cell.z < a.grid.dims.z; ++cell.z)
         for (cell.y = 0; cell.y < a.grid.dims.y; ++cell.y)
@@ -72,12 +95,21 @@ Volume false_colours(const Volume& a, const Volume& b, const std::vector<float>&
                 if (cell[slice.axis] == slice.index) {
                     errors.push_back(cell_error[a.grid.index(cell)]);
                     layer.validity.push_back(volume::valid_in_both(a, b, a.grid.index(cell)));
+                    if (layer.validity.back() != 0)
+                        valid.push_back(errors.back());
                 }
     if (white == 0)
-        white = io::error_white(errors);
+        white = io::error_white(valid);
     for (const float error : errors)
         layer.sh[0].push_back(io::false_colour(error / white) / volume::sh_y0);
+    if (10 * valid.size() < errors.size())
+        spread(layer);
     return layer;
+}
+
+/// As --slice has it.
+std::string slice_text(const options::Slice& slice) {
+    return std::string(1, "xyz"[slice.axis]) + "=" + std::to_string(slice.index);
 }
 
 /// Writes what was asked for, and puts the picture's scale into `white`.
@@ -90,7 +122,17 @@ void write_outputs(const DiffOptions& o, const Volume& a, const Volume& b,
     for (const std::string& output : o.outputs) {
         if (options::has_extension(output, ".png")) {
             const Volume layer = false_colours(a, b, comparison.cell_error, *o.slice, white);
-            io::write_png(output, io::slice_picture(layer, o.slice->axis, 0, 1.0f));
+            const io::Legend legend{slice_text(*o.slice) + ", % of mean",
+                                    [](double share) {
+                                        const glm::vec3 linear = io::false_colour(share);
+                                        return glm::vec3(colour::linear_to_srgb(linear.r),
+                                                         colour::linear_to_srgb(linear.g),
+                                                         colour::linear_to_srgb(linear.b));
+                                    },
+                                    [&white](double share) { return 100 * white * share; }};
+            io::write_png(output,
+                          io::chart(io::slice_picture(layer, o.slice->axis, 0, io::SliceScale{}),
+                                    a.grid, o.slice->axis, legend));
             continue;
         }
         Volume volume = volume::difference(a, b);
@@ -101,11 +143,6 @@ void write_outputs(const DiffOptions& o, const Volume& a, const Volume& b,
              io::write_volume(output, std::move(volume), Precision::full).warnings)
             print_warning(warning);
     }
-}
-
-/// As --slice has it.
-std::string slice_text(const options::Slice& slice) {
-    return std::string(1, "xyz"[slice.axis]) + "=" + std::to_string(slice.index);
 }
 
 /// Warns where both are known to hold light, or a quantity, that the other does not.

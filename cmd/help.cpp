@@ -3,6 +3,7 @@
 #include "commands.h"
 #include "lpvbake/error.h"
 #include "options/file.h"
+#include "options/help_text.h"
 #include "options/reference.h"
 #include "result.h"
 
@@ -23,23 +24,38 @@ struct HelpOptions {
     HelpFormat format = HelpFormat::text;
 };
 
+const char documents_of_all[] = "json";
+
+void print_documents(const options::Commands& commands) {
+    for (const options::Command& command : commands)
+        if (const std::string text = options::documents_of(command); !text.empty())
+            std::printf("%slpvbake %s\n\n%s", &command == &commands.front() ? "" : "\n",
+                        command.name.c_str(), text.c_str());
+}
+
+void print_text(const options::Commands& commands, const std::string& command) {
+    if (command == documents_of_all)
+        print_documents(commands);
+    else if (command.empty())
+        options::run_command_line(commands, {"--help"});
+    else
+        options::run_command_line(commands, {command, "--help"});
+}
+
 void run(const HelpOptions& o) {
     options::Commands commands = all_commands();
-    if (!o.command.empty())
+    if (!o.command.empty() && o.command != documents_of_all)
         std::erase_if(commands,
                       [&](const options::Command& each) { return each.name != o.command; });
     if (commands.empty()) {
-        std::vector<std::string> names;
+        std::vector<std::string> names{documents_of_all};
         for (const options::Command& each : all_commands())
             names.push_back(each.name);
         throw Error(ErrorKind::argument, "help: there is no command '" + o.command + "'"
                                              + options::did_you_mean(o.command, names));
     }
     if (o.format == HelpFormat::text) {
-        std::vector<std::string> words{"--help"};
-        if (!o.command.empty())
-            words.insert(words.begin(), o.command);
-        options::run_command_line(commands, words);
+        print_text(commands, o.command);
     } else if (o.format == HelpFormat::json) {
         report::Json document{
             {"command", "help"}, {"version", LPVBAKE_VERSION}, {"commands", report::Json::array()}};
@@ -63,7 +79,8 @@ void run(const HelpOptions& o) {
 
 options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<HelpOptions>();
-    options.text("command", fields->command, "COMMAND", "Of one command alone; default: of all");
+    options.text("command", fields->command, "COMMAND|json",
+                 "Of one command alone; json: the documents of --format json; default: of all");
     options.choice("--format", fields->format,
                    options::Choices<HelpFormat>{{"text", HelpFormat::text},
                                                 {"markdown", HelpFormat::markdown},

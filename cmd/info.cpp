@@ -1,12 +1,14 @@
 // lpvbake info: what a scene or a volume holds.
 
 #include "commands.h"
+#include "io/chart.h"
 #include "io/slice.h"
 #include "lpvbake/error.h"
 #include "options/wording.h"
 #include "report/describe.h"
 #include "scene/scene_hash.h"
 #include "scene_options.h"
+#include "text.h"
 
 #include <cstdio>
 #include <memory>
@@ -29,9 +31,18 @@ struct InfoOptions {
     Format format = Format::text;
 };
 
-void draw_slice(const InfoOptions& o, const Volume& volume) {
+/// Returns by which scale.
+io::SliceScale draw_slice(const InfoOptions& o, const Volume& volume) {
     options::check_slice(*o.slice, volume.grid);
-    io::write_png(o.output, io::slice_picture(volume, o.slice->axis, o.slice->index, o.white));
+    const auto [axis, index] = *o.slice;
+    const io::SliceScale scale =
+        o.white ? io::SliceScale{*o.white} : io::slice_scale(volume, axis, index);
+    const io::Legend legend{std::string(1, "xyz"[axis]) + " = " + std::to_string(index) + ", nits",
+                            [](double share) { return glm::vec3(float(share)); },
+                            [&scale](double share) { return scale.luminance_at(share); }};
+    io::write_png(o.output, io::chart(io::slice_picture(volume, axis, index, scale), volume.grid,
+                                      axis, legend));
+    return scale;
 }
 
 /// Throws Error (argument) for options that a volume has no use for.
@@ -70,15 +81,19 @@ void run(const InfoOptions& o, const options::Options& options) {
     } else if (io::readable_format(o.file)) {
         refuse_scene_options(o.file, options);
         const Volume volume = read_volume(o.file);
-        if (o.slice)
-            draw_slice(o, volume);
+        const io::SliceScale scale = o.slice ? draw_slice(o, volume) : io::SliceScale{};
         if (o.format == Format::json) {
             report::Json document = report::volume_json(o.file, volume);
-            document["slice"] = o.output.empty() ? report::Json(nullptr) : report::Json(o.output);
+            document["slice"] = nullptr;
+            if (o.slice)
+                document["slice"] = {
+                    {"output", o.output}, {"white", scale.white}, {"exponent", scale.exponent}};
             print_json(document);
         } else {
             print_text(report::volume_text(o.file, volume)
-                       + (o.output.empty() ? "" : "wrote      " + o.output + "\n"));
+                       + (o.slice ? "wrote      " + o.output + ", white is "
+                                        + format("%.4g nits\n", scale.white)
+                                  : ""));
         }
     } else {
         throw Error(ErrorKind::argument, o.file + ": neither a scene (.gltf, .glb) nor a volume ("
@@ -95,8 +110,8 @@ options::Action declare(options::Options& options) {
                   "Layer of cells to draw, such as z=16; needs -o");
     options
         .number("--white", o.white, 1e-12, 1e12,
-                "Mean luminance drawn white, nits; default: the slice's 99th percentile, at most "
-                "ten times its median")
+                "Mean luminance drawn white, nits; default: the 99th percentile of what is lit in "
+                "the slice; where most of that is dark, it is lifted")
         .need("slice");
     options.text("-o,--output", o.output, "FILE", "PNG to write");
     add_format_option(options, o.format);

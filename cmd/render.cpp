@@ -327,7 +327,13 @@ void print_json_result(const RenderResult& r, const Run& run) {
                 {"noise", r.reference->noise},
                 {"rays", r.reference->rays}};
     }
-    document["outputs"] = o.dry_run ? outputs_json(all_outputs(o)) : outputs_json(r.outputs);
+    document["outputs"] = outputs_json(r.outputs);
+    if (o.dry_run) {
+        std::vector<Written> planned;
+        for (const std::string& path : all_outputs(o))
+            planned.push_back({path, {{path, 0}}});
+        document["outputs"] = planned_json(planned);
+    }
     document["stages"] = stages_json(run.stages);
     document["seconds"] = run.seconds();
     document["peak_memory"] = peak_memory();

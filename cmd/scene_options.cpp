@@ -542,10 +542,13 @@ report::Json outputs_json(const std::vector<Written>& outputs) {
     return list;
 }
 
-report::Json outputs_json(const std::vector<std::string>& paths) {
-    report::Json list = report::Json::array();
-    for (const std::string& path : paths)
-        list.push_back({{"path", path}});
+report::Json planned_json(const std::vector<Written>& outputs) {
+    report::Json list = outputs_json(outputs);
+    for (report::Json& output : list) {
+        output.erase("bytes");
+        for (report::Json& file : output["files"])
+            file.erase("bytes");
+    }
     return list;
 }
 

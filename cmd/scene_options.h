@@ -139,8 +139,8 @@ struct Written {
     std::vector<WriteReport::File> files;
 };
 report::Json outputs_json(const std::vector<Written>& outputs);
-/// Of a dry run.
-report::Json outputs_json(const std::vector<std::string>& paths);
+/// What a dry run says of them: without bytes.
+report::Json planned_json(const std::vector<Written>& outputs);
 void print_outputs(const std::vector<Written>& outputs);
 
 /// The files that these options read.

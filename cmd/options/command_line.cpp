@@ -1,9 +1,8 @@
 #include "options/command_line.h"
 
-#include "exit_code.h"
+#include "lpvbake/error.h"
 #include "options/file.h"
-#include "options/wrapped.h"
-#include "terminal.h"
+#include "options/help_text.h"
 
 #include <CLI/CLI.hpp>
 
@@ -12,21 +11,6 @@
 
 namespace lpvbake::cmd::options {
 namespace {
-
-const char summary[] =
-    "Bakes the indirect light of a glTF scene into a grid of spherical harmonics, on Vulkan.\n"
-    "Results go to standard output, everything else to standard error.\n";
-
-std::string exit_code_table() {
-    std::string table = "Exit codes (*: the same command may do another time):";
-    for (const ExitCodeMeaning& row : exit_codes) {
-        char line[128];
-        std::snprintf(line, sizeof line, "\n  %3d%c %s", int(row.code), row.again ? '*' : ' ',
-                      row.meaning);
-        table += line;
-    }
-    return table;
-}
 
 // ---------------------------------------------------------------- what is wrong with the words
 
@@ -101,11 +85,9 @@ std::string explain(const CLI::App& root, const CLI::ParseError& error,
 // ---------------------------------------------------------------- rows to CLI11's options
 
 void add_option(Option& row, CLI::App& app) {
-    const std::string help = wrapped(row.help, 68);
     if (row.is_flag()) {
         // What follows "=" is ours to judge.
-        app.add_flag(row.names, help)
-            ->group(row.group)
+        app.add_flag(row.names)
             ->multi_option_policy(CLI::MultiOptionPolicy::Throw)
             ->each([&row](const std::string& text) { row.take(text); });
         return;
@@ -115,13 +97,11 @@ void add_option(Option& row, CLI::App& app) {
             row.take(text);
         return true;
     };
-    CLI::Option* option = app.add_option(row.names, take, help);
-    option->type_name(row.type)->group(row.group)->required(row.required);
+    CLI::Option* option = app.add_option(row.names, take);
+    option->type_name(row.type)->required(row.required);
     if (row.many)
         option->expected(1, CLI::detail::expected_max_vector_size)
             ->allow_extra_args(row.is_positional());
-    if (!row.usual.empty() && !row.implied)
-        option->default_str(row.usual);
 }
 
 /// What the words say of themselves, right or wrong.
@@ -149,10 +129,9 @@ void look_again(const Options& options, Asked& asked) {
 void run_command_line(const Commands& commands, const std::vector<std::string>& words,
                       Asked& asked) {
     asked = first_look(commands, words);
-    CLI::App root(summary, "lpvbake");
+    CLI::App root("", "lpvbake");
     root.require_subcommand(1);
-    root.set_version_flag("--version", "lpvbake " LPVBAKE_VERSION);
-    root.footer("lpvbake COMMAND --help explains a command.\n\n" + exit_code_table());
+    root.set_version_flag("-V,--version", "lpvbake " LPVBAKE_VERSION);
     struct Declared {
         Options options;
         Action action;
@@ -161,8 +140,7 @@ void run_command_line(const Commands& commands, const std::vector<std::string>& 
     CommandOptions all;
     Declared* chosen = nullptr;
     for (const Command& command : commands) {
-        CLI::App* app = root.add_subcommand(command.name, command.summary);
-        app->footer(command.manual);
+        CLI::App* app = root.add_subcommand(command.name);
         Declared& own = declared.emplace_back();
         own.action = command.declare(own.options);
         all[command.name] = &own.options;
@@ -172,7 +150,15 @@ void run_command_line(const Commands& commands, const std::vector<std::string>& 
     }
     try {
         root.parse(std::vector<std::string>(words.rbegin(), words.rend()));
-    } catch (const CLI::Success& wish) { // --help, --version
+    } catch (const CLI::CallForHelp&) {
+        const CLI::App* app = chosen_of(root);
+        const auto command =
+            std::ranges::find(commands, app ? app->get_name() : "", &Command::name);
+        const std::string text = app ? help_text(*command, *all.at(command->name), help_width())
+                                     : overview_text(commands, help_width());
+        std::fputs(text.c_str(), stdout);
+        return;
+    } catch (const CLI::Success& wish) { // --version
         root.exit(wish);
         return;
     } catch (const CLI::ParseError& error) {

@@ -241,4 +241,17 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     return plan;
 }
 
+Volume grids_of(const BakePlan& plan) {
+    Volume grids;
+    grids.grid.dims = glm::ivec3(1);
+    grids.sh_order = plan.settings.solver.order();
+    grids.sh.assign(std::size_t(volume::sh_count(grids.sh_order)), {glm::vec3(0)});
+    if (solver::find_parameter(plan.settings.solver.kind(), "occlusion")
+        && plan.settings.solver["occlusion"] != 0)
+        grids.occlusion.assign(4, {0.0f});
+    grids.validity = {1.0f};
+    grids.walls.assign(most_walls, {glm::vec3(0)});
+    return grids;
+}
+
 } // namespace lpvbake::bake

@@ -4,6 +4,7 @@
 #include "bake/facts.h"
 #include "bake/settings.h"
 #include "gpu/gpu.h"
+#include "lpvbake/volume.h"
 #include "scene/frame.h"
 
 #include <string>
@@ -31,5 +32,8 @@ struct BakePlan {
 /// set), invalid (no light), memory (names the largest resolution that fits).
 BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                    const gpu::DeviceInfo& device);
+
+/// A volume of one cell with the grids that the bake's will have.
+Volume grids_of(const BakePlan& plan);
 
 } // namespace lpvbake::bake

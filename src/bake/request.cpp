@@ -1,5 +1,6 @@
 // lpvbake/bake.h over the driver.
 #include "bake/bake.h"
+#include "io/target.h"
 #include "lpvbake/error.h"
 #include "readers/readers.h"
 
@@ -89,6 +90,8 @@ BakeSettings settings_of(const BakeRequest& request, const solver::SolverKind& k
         settings.fit = readers::reader_named(request.fit == "generic" ? "lpvbake" : request.fit);
         if (!settings.fit)
             throw Error(ErrorKind::argument, "`fit` " + request.fit + ": there is no such target");
+        if (const io::Target* target = io::target_named(request.fit))
+            settings.dering = target->dering; // as the program does for its files
     }
     if (!request.isa.empty()) {
         const std::optional<visibility::Isa> isa = visibility::isa_named(request.isa);

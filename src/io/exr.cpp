@@ -255,6 +255,15 @@ std::vector<Texture> textures_of(const Volume& volume, Packing packing,
     return textures;
 }
 
+/// Of the pictures, then of the sidecar.
+std::vector<std::string> names_of(const std::string& path, const std::vector<Texture>& textures) {
+    std::vector<std::string> names;
+    for (const Texture& texture : textures)
+        names.push_back(stem_of(path) + "_" + texture.suffix + ".exr");
+    names.push_back(stem_of(path) + ".json");
+    return names;
+}
+
 image::Pixels picture_of(const Texture& texture, glm::ivec3 cells, const Stack& stack,
                          const Layout& layout) {
     const size_t n = texture.blocks[0].size();
@@ -589,11 +598,22 @@ std::vector<const char*> packing_names() {
     return {std::begin(names_of_packings), std::end(names_of_packings)};
 }
 
+namespace {
+
+std::vector<std::string> files_of(const std::string& path, const Volume& volume,
+                                  const Pictures& pictures, volume::ShConvention convention) {
+    check_packing(volume, pictures.packing, convention, path);
+    return names_of(path, textures_of(volume, pictures.packing, convention));
+}
+
+} // namespace
+
 constexpr VolumeFormat exr_format{.extension = ".exr",
                                   .sidecar = ".json",
                                   .help =
                                       "NAME.exr, which becomes NAME_sh_l0.exr, ... and NAME.json",
                                   .has_pictures = true,
+                                  .files = files_of,
                                   .write = write_exr,
                                   .read = read_exr};
 
@@ -613,19 +633,16 @@ WriteReport write_exr(const std::string& path, const Stored& stored, Precision w
 
     Json json = sidecar(stored, packing, stack, layout, report.precision);
     const Header common = common_header(stored, json);
-    const std::string stem = stem_of(path);
     std::deque<AtomicFile> files; // they do not move
-    std::vector<Header> headers;
-    for (const Texture& texture : textures) {
-        files.emplace_back(stem + "_" + texture.suffix + ".exr");
-        report.files.push_back({stem + "_" + texture.suffix + ".exr", 0});
-        headers.push_back(common);
-        describe(texture, quantity_in(texture, packing, stored), report.files.back().path,
-                 headers.back(), json["files"].emplace_back());
+    for (const std::string& name : names_of(path, textures)) {
+        files.emplace_back(name);
+        report.files.push_back({name, 0});
     }
+    std::vector<Header> headers(textures.size(), common);
+    for (size_t t = 0; t < textures.size(); ++t)
+        describe(textures[t], quantity_in(textures[t], packing, stored), report.files[t].path,
+                 headers[t], json["files"].emplace_back());
     json["metadata"] = metadata_of(volume);
-    files.emplace_back(stem + ".json");
-    report.files.push_back({stem + ".json", 0});
     // Names and metadata may come from anywhere; what is not UTF-8 is replaced.
     files.back().write(json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 

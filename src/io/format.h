@@ -9,6 +9,7 @@
 
 #include <span>
 #include <string>
+#include <vector>
 
 namespace lpvbake::io {
 
@@ -20,6 +21,11 @@ struct VolumeFormat {
     const char* help; ///< what is written for NAME, as "NAME.vdb"
     /// It stores cells as Pictures says, for programs that are told how by the notes of a Target.
     bool has_pictures = false;
+    /// The files of a volume with these grids, in the order in which `write` lists them; null: the
+    /// path's alone.
+    std::vector<std::string> (*files)(const std::string& path, const Volume& grids,
+                                      const Pictures& pictures,
+                                      volume::ShConvention convention) = nullptr;
     /// Writes all grids of the volume, atomically. Throws Error: file; unsupported (it has no form
     /// for such a volume).
     WriteReport (*write)(const std::string& path, const Stored& stored, Precision precision,

@@ -1,6 +1,7 @@
 #include "io/slice.h"
 
 #include "colour/colour.h"
+#include "colour/metering.h"
 #include "io/atomic_file.h"
 #include "lpvbake/error.h"
 #include "volume/sh.h"
@@ -11,23 +12,6 @@
 
 namespace lpvbake::io {
 namespace {
-
-/// What is drawn as white: the 99th percentile of the luminances above zero, but at most ten times
-/// their median, so that a bright spot by the lamp leaves the rest visible. 1 if there are none.
-float white_point(const std::vector<glm::vec3>& colours) {
-    std::vector<float> lit;
-    for (const glm::vec3& colour : colours)
-        if (const double y = glm::dot(glm::dvec3(colour), colour::rec709_luminance); y > 0)
-            lit.push_back(float(y));
-    if (lit.empty())
-        return 1;
-    const auto quantile = [&](size_t percent) {
-        const auto rank = lit.begin() + std::ptrdiff_t((lit.size() - 1) * percent / 100);
-        std::nth_element(lit.begin(), rank, lit.end());
-        return *rank;
-    };
-    return std::min(quantile(99), 10 * quantile(50));
-}
 
 /// The cells of a slice by rows from the top left: mean luminance, and whether inside geometry.
 struct Layer {
@@ -59,24 +43,40 @@ Layer layer_of(const Volume& volume, int axis, int index) {
     return layer;
 }
 
-float white_of(const Layer& layer) {
-    std::vector<glm::vec3> outside;
+SliceScale scale_of(const Layer& layer) {
+    std::vector<float> luminances;
     for (size_t i = 0; i < layer.colours.size(); ++i)
         if (!layer.inside[i])
-            outside.push_back(layer.colours[i]);
-    return white_point(outside);
+            luminances.push_back(
+                float(glm::dot(glm::dvec3(layer.colours[i]), colour::rec709_luminance)));
+    const std::vector<float> lit = colour::lit_of(std::move(luminances));
+    if (lit.empty())
+        return {};
+    const float white = lit[(lit.size() - 1) * 99 / 100], median = lit[(lit.size() - 1) / 2];
+    return {white, white > 10 * median ? 1 / std::log10(white / median) : 1};
 }
 
 } // namespace
 
-float slice_white(const Volume& volume, int axis, int index) {
-    return white_of(layer_of(volume, axis, index));
+double SliceScale::luminance_at(double grey) const {
+    return white * std::pow(colour::srgb_to_linear(grey), 1 / exponent);
 }
 
-image::Pixels slice_picture(const Volume& volume, int axis, int index, std::optional<float> white) {
+SliceScale slice_scale(const Volume& volume, int axis, int index) {
+    return scale_of(layer_of(volume, axis, index));
+}
+
+image::Pixels slice_picture(const Volume& volume, int axis, int index,
+                            std::optional<SliceScale> scale) {
     const Layer layer = layer_of(volume, axis, index);
     const auto& [width, height, colours, inside] = layer;
-    const float exposure = 1 / (white ? *white : white_of(layer));
+    const auto [white, exponent] = scale.value_or(scale_of(layer));
+    // The curve is that of luminance, so that colours keep their hue.
+    const auto shown = [white = white, exponent = exponent](glm::vec3 light) {
+        const auto share = float(glm::dot(glm::dvec3(light), colour::rec709_luminance)) / white;
+        return exponent == 1 || !(share > 0) ? light / white
+                                             : light / white * std::pow(share, exponent - 1);
+    };
 
     const int block = std::max(1, (255 + std::max(width, height)) / std::max(width, height));
     const int stripe = std::max(1, block / 4);
@@ -86,7 +86,7 @@ image::Pixels slice_picture(const Volume& volume, int axis, int index, std::opti
         for (int x = 0; x < picture.width; ++x) {
             const size_t cell = size_t(y / block) * size_t(width) + size_t(x / block);
             const bool hatched = inside[cell] && (x + y) / stripe % 2 == 0;
-            const glm::vec3 colour = exposure * colours[cell];
+            const glm::vec3 colour = shown(colours[cell]);
             for (int c = 0; c < 3; ++c)
                 picture.samples.push_back(
                     hatched ? (c == 1 ? 0.0f : 0.3f)

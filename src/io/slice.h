@@ -10,20 +10,29 @@
 
 namespace lpvbake::io {
 
+/// How luminance becomes grey: (luminance / white)^exponent, clipped, is what a screen shows.
+struct SliceScale {
+    float white = 1;    ///< nits
+    float exponent = 1; ///< below 1 it lifts what is dark
+
+    /// Luminance that shows as this sRGB-encoded grey, 0 to 1.
+    double luminance_at(double grey) const;
+};
+
+/// By what is lit of the slice's cells outside geometry (colour/metering.h): white is the 99th
+/// percentile; where that is above ten times the median, the exponent shows the median as a tenth.
+/// Throws Error (argument) for a slice that does not exist.
+SliceScale slice_scale(const Volume& volume, int axis, int index);
+
 /// Draws the cells with index `index` along `axis` (0 x, 1 y, 2 z): the mean luminance over all
-/// directions (c_0 / (2 sqrt(pi)), nits), colour by colour, divided by `white`, clipped and
-/// sRGB-encoded. Without `white` it is the 99th percentile of the luminances above zero
-/// of the slice's cells outside geometry, at most ten times their median.
-/// Every cell is a square of equal pixels, as large as it takes for a longer side of 256 pixels.
-/// Cells inside geometry are hatched in dark magenta.
+/// directions (c_0 / (2 sqrt(pi)), nits) in its colour, sRGB-encoded; without a scale by
+/// slice_scale. Every cell is a square of equal pixels, as large as it takes for a longer side of
+/// 256 pixels. Cells inside geometry are hatched in dark magenta.
 ///
 /// z slices show x to the right and y up; y slices x to the right and z down, as seen from above;
 /// x slices z to the right and y up. RGB. Throws Error (argument) for a slice that does not exist.
 image::Pixels slice_picture(const Volume& volume, int axis, int index,
-                            std::optional<float> white = {});
-
-/// What slice_picture without `white` draws as white, nits. Throws Error (argument) as it does.
-float slice_white(const Volume& volume, int axis, int index);
+                            std::optional<SliceScale> scale = {});
 
 /// Error as colour: black at 0, over red and yellow to white at 1 and above.
 glm::vec3 false_colour(double share);

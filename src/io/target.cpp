@@ -191,6 +191,32 @@ Json bevy_notes(const Grid& grid, const WriteReport& report) {
     };
 }
 
+/// What their name has before its extension.
+const char* kind_of(Notes notes) {
+    switch (notes) {
+    case Notes::none:
+        break;
+    case Notes::godot:
+        return "godot";
+    case Notes::unity:
+        return "unity";
+    case Notes::unreal:
+        return "unreal";
+    case Notes::bevy:
+        return "bevy";
+    }
+    return "";
+}
+
+std::string import_name(const std::string& picture) {
+    return picture + ".import";
+}
+
+/// STEM.unity.json of STEM.exr.
+std::string note_name(const std::string& path, const std::string& kind) {
+    return fs::path(path).replace_extension().string() + "." + kind + ".json";
+}
+
 void write_notes(const Target& target, const std::string& path, const Grid& baked,
                  const std::string& evaluation, WriteReport& report) {
     const Grid grid = volume::turned_grid(baked, volume::from_gltf(target.encoding.axes));
@@ -200,7 +226,7 @@ void write_notes(const Target& target, const std::string& path, const Grid& bake
                            double units_a_metre = 1.0) {
         Json json = common_notes(program, stem, report, grid, target.encoding.axes, units_a_metre);
         json.update(own);
-        notes.push_back(write_text(stem + "." + kind + ".json", json.dump(2) + "\n"));
+        notes.push_back(write_text(note_name(path, kind), json.dump(2) + "\n"));
     };
     switch (target.notes) {
     case Notes::none:
@@ -208,17 +234,17 @@ void write_notes(const Target& target, const std::string& path, const Grid& bake
     case Notes::godot:
         for (const WriteReport::File& file : report.files)
             if (file.path.ends_with(".exr"))
-                notes.push_back(write_text(file.path + ".import", godot_import(report)));
-        write("Godot 4", "godot", godot_notes());
+                notes.push_back(write_text(import_name(file.path), godot_import(report)));
+        write("Godot 4", kind_of(target.notes), godot_notes());
         break;
     case Notes::unity:
-        write("Unity 2020.2 or later", "unity", unity_notes(report, evaluation));
+        write("Unity 2020.2 or later", kind_of(target.notes), unity_notes(report, evaluation));
         break;
     case Notes::unreal:
-        write("Unreal Engine 5", "unreal", unreal_notes(grid), 100.0);
+        write("Unreal Engine 5", kind_of(target.notes), unreal_notes(grid), 100.0);
         break;
     case Notes::bevy:
-        write("Bevy", "bevy", bevy_notes(grid, report));
+        write("Bevy", kind_of(target.notes), bevy_notes(grid, report));
         break;
     }
     report.files.insert(report.files.end(), notes.begin(), notes.end());
@@ -268,6 +294,14 @@ WriteReport write(const Target& target, const std::string& path, AnyVolume&& vol
     return report;
 }
 
+/// Leaves out bands that the target has no form for.
+void limit_order(const Target& target, Volume& volume) {
+    if (volume.sh_order <= target.highest_order)
+        return;
+    volume.sh_order = target.highest_order;
+    volume.sh.resize(size_t(volume::sh_count(target.highest_order)));
+}
+
 } // namespace
 
 std::span<const Target> all_targets() {
@@ -291,10 +325,7 @@ WriteReport write_for(const Target& target, const std::string& path, const Volum
 
 WriteReport write_for(const Target& target, const std::string& path, Volume&& volume) {
     const std::vector<std::string> warnings = warnings_of(target, path, volume);
-    if (volume.sh_order > target.highest_order) {
-        volume.sh_order = target.highest_order;
-        volume.sh.resize(size_t(volume::sh_count(target.highest_order)));
-    }
+    limit_order(target, volume);
     if (is_dilated(target, volume))
         volume::dilate(volume, target.dilate);
     if (is_deringed(target, volume))
@@ -305,6 +336,23 @@ WriteReport write_for(const Target& target, const std::string& path, Volume&& vo
         volume.metadata["l1_scale"] = format("%.9g", target.l1_scale);
     }
     return write(target, path, std::move(volume), warnings);
+}
+
+std::vector<std::string> files_for(const Target& target, const std::string& path, Volume grids) {
+    const VolumeFormat& format = *volume_format(path);
+    limit_order(target, grids);
+    if (!format.files)
+        return {path};
+    std::vector<std::string> files =
+        format.files(path, grids, target.pictures, target.encoding.convention);
+    const std::size_t pictures = files.size();
+    if (target.notes == Notes::godot)
+        for (std::size_t i = 0; i < pictures; ++i)
+            if (files[i].ends_with(".exr"))
+                files.push_back(import_name(files[i]));
+    if (target.notes != Notes::none)
+        files.push_back(note_name(path, kind_of(target.notes)));
+    return files;
 }
 
 } // namespace lpvbake::io

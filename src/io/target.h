@@ -47,4 +47,8 @@ const Target* target_named(std::string_view name);
 WriteReport write_for(const Target& target, const std::string& path, Volume&& volume);
 WriteReport write_for(const Target& target, const std::string& path, const Volume& volume);
 
+/// The files that write_for makes of a volume with these grids, whatever is in them; as it lists
+/// them. Throws Error as write_for does for a form that there is not.
+std::vector<std::string> files_for(const Target& target, const std::string& path, Volume grids);
+
 } // namespace lpvbake::io

@@ -1,6 +1,8 @@
 #include "render/display.h"
 
 #include "colour/colour.h"
+#include "colour/metering.h"
+#include "volume/sh.h"
 #include "volume/volume.h"
 
 #include <glm/gtc/constants.hpp>
@@ -29,6 +31,13 @@ bool is_light(Show show) {
            || show == Show::irradiance || show == Show::cells;
 }
 
+double exposure_for(std::vector<float> luminances) {
+    const std::vector<float> lit = colour::lit_of(std::move(luminances));
+    if (lit.empty())
+        return 0;
+    return std::round(10 * std::log2(lit[lit.size() / 2] / (1.2 * 0.18))) / 10;
+}
+
 } // namespace
 
 double exposure_scale(double ev) {
@@ -36,14 +45,24 @@ double exposure_scale(double ev) {
 }
 
 double automatic_exposure(const image::Pixels& picture, Show show) {
-    std::vector<double> lit;
-    for (std::size_t i = 0; i < pixels_of(picture); ++i)
-        if (const double y = glm::dot(pixel(picture, i), colour::rec709_luminance); y > 0)
-            lit.push_back(luminance_scale(show) * y);
-    if (!is_light(show) || lit.empty())
+    if (!is_light(show))
         return 0;
-    std::ranges::nth_element(lit, lit.begin() + std::ptrdiff_t(lit.size() / 2));
-    return std::round(10 * std::log2(lit[lit.size() / 2] / (1.2 * 0.18))) / 10;
+    std::vector<float> luminances;
+    for (std::size_t i = 0; i < pixels_of(picture); ++i)
+        luminances.push_back(
+            float(luminance_scale(show) * glm::dot(pixel(picture, i), colour::rec709_luminance)));
+    return exposure_for(std::move(luminances));
+}
+
+double automatic_exposure(const Volume& volume) {
+    constexpr double reflectance = 0.5;
+    std::vector<float> luminances;
+    for (std::size_t i = 0; i < volume.sh[0].size(); ++i)
+        if (volume.is_valid(i))
+            luminances.push_back(float(
+                reflectance
+                * glm::dot(glm::dvec3(volume::sh_y0 * volume.sh[0][i]), colour::rec709_luminance)));
+    return exposure_for(std::move(luminances));
 }
 
 glm::dvec3 neutral_tone_map(glm::dvec3 colour) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "image/image.h"
+#include "lpvbake/volume.h"
 #include "render/shade.h"
 
 namespace lpvbake::render {
@@ -15,9 +16,12 @@ enum class ToneMap {
 /// value that the tone map gets (Lagarde and de Rousiers 2014, saturation-based sensitivity).
 double exposure_scale(double ev);
 
-/// EV at which the median luminance of what is not black shows as 0.18, to a tenth; 0 for a picture
-/// that is all black.
+/// EV at which the median luminance of what is lit (colour/metering.h) shows as 0.18, to a tenth; 0
+/// for a picture that is all black.
 double automatic_exposure(const image::Pixels& picture, Show show);
+
+/// The same of surfaces in the volume's light that reflect half of it.
+double automatic_exposure(const Volume& volume);
 
 /// Khronos PBR Neutral (Khronos Group 2024): colours below 0.8 - 0.04 are kept but for a Fresnel
 /// offset of 0.04, brighter ones are compressed and lose saturation. RGB in [0, infinity).

@@ -60,7 +60,8 @@ Json materials_json(const Scene& scene) {
             {"list", list}};
 }
 
-/// As load_lights reads them.
+} // namespace
+
 Json lights_json(const Scene& scene) {
     Json list = Json::array();
     for (const Light& light : scene.lights) {
@@ -83,6 +84,8 @@ Json lights_json(const Scene& scene) {
     }
     return list;
 }
+
+namespace {
 
 std::string lights_text(const Scene& scene) {
     std::string text;

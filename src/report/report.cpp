@@ -569,7 +569,7 @@ std::string row_name(const RowResult& row) {
         const bool plain = option == "solver" || option == "resolution" || option == "occlusion";
         name += (name.empty() ? "" : " ") + (plain ? value : option + "=" + value);
     }
-    return name;
+    return name.empty() ? "what bake takes" : name;
 }
 
 namespace {

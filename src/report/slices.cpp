@@ -94,11 +94,11 @@ Slices draw_slices(const Volume& result, const Volume& reference, LayerChoice la
     Slices slices;
     slices.axis = layer.axis;
     slices.index = layer.index;
-    const float white = io::slice_white(reference, layer.axis, 0);
-    slices.white = double(white);
-    slices.result = image::encode_png(io::slice_picture(result, layer.axis, 0, white), "slice");
+    const io::SliceScale scale = io::slice_scale(reference, layer.axis, 0);
+    slices.white = double(scale.white);
+    slices.result = image::encode_png(io::slice_picture(result, layer.axis, 0, scale), "slice");
     slices.reference =
-        image::encode_png(io::slice_picture(reference, layer.axis, 0, white), "slice");
+        image::encode_png(io::slice_picture(reference, layer.axis, 0, scale), "slice");
 
     const volume::Comparison comparison = volume::compare(result, reference, {});
     slices.error_white = io::error_white(comparison.cell_error);
@@ -110,7 +110,8 @@ Slices draw_slices(const Volume& result, const Volume& reference, LayerChoice la
             io::false_colour(comparison.cell_error[i] / slices.error_white) / volume::sh_y0;
         error.validity[i] = volume::valid_in_both(result, reference, i);
     }
-    slices.error = image::encode_png(io::slice_picture(error, layer.axis, 0, 1.0f), "slice");
+    slices.error =
+        image::encode_png(io::slice_picture(error, layer.axis, 0, io::SliceScale{}), "slice");
     return slices;
 }
 

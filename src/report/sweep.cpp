@@ -150,6 +150,7 @@ void check_sweep_value(const std::string& option, const std::string& value,
 
 std::vector<Sweep> default_sweeps() {
     return {
+        {}, // what bake takes
         {{"solver", {"lpv"}},
          {"resolution", {"16", "32", "64"}},
          {"occlusion", {"none", "sh", "face"}}},

@@ -21,7 +21,8 @@ using Sweep = std::vector<SweepAxis>;
 /// One bake of a report.
 struct SweepRow {
     bake::BakeSettings settings;
-    /// What sets it apart, as bake's command line has it: option without dashes, value.
+    /// What sets it apart, as bake's command line has it: option without dashes, value. Empty: it
+    /// is what bake takes.
     std::vector<std::pair<std::string, std::string>> options;
 };
 
@@ -36,9 +37,9 @@ std::vector<std::string> sweep_options(solver::SolverKinds kinds = bake::solver_
 void check_sweep_value(const std::string& option, const std::string& value,
                        solver::SolverKinds kinds = bake::solver_kinds());
 
-/// Each occlusion mode of lpv and each quality of the others at 16, 32 and 64 cells, one bounce;
-/// and at 32 cells a propagation that is cut off after 16 steps, and reflective shadow maps of a
-/// quarter of the usual texels.
+/// What bake takes when nothing is asked of it; each occlusion mode of lpv and each quality of the
+/// others at 16, 32 and 64 cells, one bounce; and at 32 cells a propagation that is cut off after
+/// 16 steps, and reflective shadow maps of a quarter of the usual texels.
 std::vector<Sweep> default_sweeps();
 
 /// The rows of all sweeps in order, the last axis of each running fastest; a row that was there

@@ -215,10 +215,25 @@ TEST_F(Cli, HelpNamesEveryExitCodeAndCommand) {
         EXPECT_NE(result.out.find(std::string("\n  ") + command), std::string::npos) << command;
         const Result own = run({command, "--help"});
         EXPECT_EQ(own.status, 0);
-        EXPECT_NE(own.out.find("Examples:\n  lpvbake "), std::string::npos) << command;
-        EXPECT_NE(own.out.find("JSON"), std::string::npos) << command;
+        EXPECT_EQ(run({"help", command}).out, own.out);
+        EXPECT_LT(own.out.find("Examples:\n  lpvbake "), own.out.find("  --format text"))
+            << command;
+        EXPECT_EQ(own.out.find("{\"command\""), std::string::npos) << command;
+        std::istringstream lines(own.out);
+        for (std::string line; std::getline(lines, line);)
+            EXPECT_LE(line.size(), 100u) << line;
     }
     EXPECT_EQ(run({"--version"}).out, "lpvbake " LPVBAKE_VERSION "\n");
+    EXPECT_EQ(run({"-V"}).out, run({"--version"}).out);
+    const Result documents = run({"help", "json"});
+    EXPECT_EQ(documents.status, 0);
+    for (const char* command :
+         {"bake", "reference", "info", "render", "diff", "convert", "report", "devices", "help"})
+        EXPECT_NE(documents.out.find("{\"command\": \"" + std::string(command) + "\""),
+                  std::string::npos)
+            << command;
+    EXPECT_NE(documents.out.find("\"exit_code\", \"message\", \"file\" or null, \"retry\""),
+              std::string::npos);
 }
 
 TEST_F(Cli, WrittenReferenceIsThatOfTheProgram) {
@@ -1143,6 +1158,27 @@ TEST_F(Cli, ErrorsAreJsonWhereResultsAre) {
     EXPECT_EQ(json::parse(differs.out)["command"], "diff");
 }
 
+TEST_F(Cli, DryRunNamesTheFilesThatWillExist) {
+    need_device();
+    for (const char* target : {"generic", "godot", "unity", "unreal", "threejs", "vrc", "bevy"})
+        for (const char* solver : {"sn", "lpv"}) {
+            const std::vector<std::string> bake{
+                "bake",  "room.gltf", "--resolution", "4",        "-o",   "a.vdb",    "-o",
+                "b.exr", "--target",  target,         "--solver", solver, "--format", "json"};
+            const json planned = json::parse(run(bake + std::vector<std::string>{"--dry-run"}).out);
+            json written = json::parse(run(bake).out)["outputs"];
+            for (json& output : written) {
+                output.erase("bytes");
+                for (json& file : output["files"])
+                    file.erase("bytes");
+            }
+            EXPECT_EQ(planned["outputs"], written) << target << " " << solver;
+        }
+    EXPECT_NE(run({"bake", "room.gltf", "-o", "c.exr", "--dry-run"})
+                  .out.find("writes        c_sh_l0.exr\n"),
+              std::string::npos);
+}
+
 TEST_F(Cli, ValidationLayerIsSilent) {
     need_device();
     const Result result = run(quick + std::vector<std::string>{"-o", "a.vdb", "--validation"});
@@ -1315,6 +1351,11 @@ TEST_F(Cli, InfoOfAVolumeAgreesBetweenFormatsAndDrawsASlice) {
     const Result slice = run({"info", "a.vdb", "--slice", "z=4", "-o", "slice.png"});
     EXPECT_EQ(slice.status, 0) << slice.err;
     EXPECT_EQ(slurp(folder_ / "slice.png").substr(1, 3), "PNG");
+    EXPECT_NE(slice.out.find("wrote      slice.png, white is "), std::string::npos) << slice.out;
+    const json scale = json::parse(run({"info", "a.vdb", "--slice", "z=4", "-o", "slice.png",
+                                        "--white", "30", "--format", "json"})
+                                       .out)["slice"];
+    EXPECT_EQ(scale, json({{"output", "slice.png"}, {"white", 30}, {"exponent", 1}}));
     for (const char* bad : {"z=8", "z=-1", "w=1", "z", "z=", "z=1x"})
         expect_error({"info", "a.vdb", "--slice", bad, "-o", "s.png"}, cmd::ExitCode::usage, bad);
 }

@@ -41,6 +41,25 @@ protected:
         io::write_volume(folder_ / name, volume, Precision::full);
     }
 
+    /// A chart of 4 x 4 cells of 64 pixels, y up.
+    image::Rgba8 picture(const std::string& name) {
+        const std::string bytes = slurp(folder_ / name);
+        const image::Rgba8 image =
+            image::decode_image(std::as_bytes(std::span(bytes)), name, 1 << 20);
+        EXPECT_EQ(glm::ivec2(image.width, image.height), glm::ivec2(48 + 256 + 24, 54 + 256 + 30));
+        return image;
+    }
+
+    /// From the upper left of the cells.
+    static glm::ivec3 pixel_in(const image::Rgba8& image, int x, int y) {
+        const uint8_t* p = &image.texels[4 * size_t((54 + y) * image.width + 48 + x)];
+        return {p[0], p[1], p[2]};
+    }
+
+    static glm::ivec3 cell_in(const image::Rgba8& image, int x, int y) {
+        return pixel_in(image, x * 64 + 32, (3 - y) * 64 + 32);
+    }
+
     TemporaryFolder folder_;
 };
 
@@ -357,16 +376,8 @@ TEST_F(Diff, WritesTheDifferenceAndAPictureOfIt) {
         EXPECT_EQ(d.metadata.at("subtrahend"), "b.vdb");
     }
 
-    const std::string bytes = slurp(folder_ / "e.png");
-    const image::Rgba8 image =
-        image::decode_image(std::as_bytes(std::span(bytes)), "e.png", 1 << 20);
-    ASSERT_EQ(image.width, 256); // 4 x 4 cells of 64 pixels, y up
-    ASSERT_EQ(image.height, 256);
-    const auto pixel = [&](int x, int y) {
-        const uint8_t* p =
-            &image.texels[size_t((3 - y) * 64 + 32) * 1024 + size_t(x * 64 + 32) * 4];
-        return glm::ivec3(p[0], p[1], p[2]);
-    };
+    const image::Rgba8 image = picture("e.png");
+    const auto pixel = [&](int x, int y) { return cell_in(image, x, y); };
     EXPECT_EQ(pixel(3, 0), glm::ivec3(255, 255, 255)) << "a whole 120 % of the mean";
     // 10 % of 120 % is a quarter of the way to red: sRGB of 0.25
     for (int x = 0; x < 3; ++x)
@@ -374,13 +385,30 @@ TEST_F(Diff, WritesTheDifferenceAndAPictureOfIt) {
     EXPECT_EQ(pixel(1, 2), glm::ivec3(0, 0, 0)) << "no difference";
     bool hatched = false;
     for (int x = 0; x < 64; ++x)
-        hatched = hatched || image.texels[size_t(32) * 1024 + size_t(x) * 4 + 2] != 0;
+        hatched = hatched || pixel_in(image, x, 32).b != 0;
     EXPECT_TRUE(hatched) << "not valid in both";
 
     const json scale = run_json("a.vdb b.vdb -o e.png --slice x=3", cmd::ExitCode::difference);
     EXPECT_EQ(scale["slice"]["slice"], "x=3");
     EXPECT_NEAR(scale["slice"]["max"], 0.1, 1e-5) << "the percentile of two errors is the lower";
     EXPECT_EQ(scale["outputs"], json({"e.png"}));
+}
+
+TEST_F(Diff, APictureOfProbesSpreadsThemOverTheCellsAround) {
+    Volume a = even_light(), b = even_light();
+    std::ranges::fill(b.validity, 0.0f);
+    b.validity[b.grid.index({0, 1, 3})] = 1;
+    a.sh[0][a.grid.index({0, 1, 3})] *= 2.0f;
+    write("a.vdb", a);
+    write("b.vdb", b);
+    EXPECT_EQ(run("a.vdb b.vdb -o e.png --slice z=3 --slice-max 300%").status,
+              int(cmd::ExitCode::difference));
+    const image::Rgba8 image = picture("e.png");
+    const glm::ivec3 colour = cell_in(image, 0, 1);
+    EXPECT_EQ(colour.r, 255) << "100 of 300 %";
+    EXPECT_EQ(cell_in(image, 3, 1), colour) << "three cells away";
+    EXPECT_EQ(cell_in(image, 1, 3), colour);
+    EXPECT_NE(cell_in(image, 3, 3), colour) << "farther";
 }
 
 TEST_F(Diff, ListsAsManyCellsAsAsked) {
@@ -397,7 +425,7 @@ TEST_F(Diff, HelpTellsWhatIsCompared) {
     const CliResult help = run("--help");
     EXPECT_EQ(help.status, 0);
     for (const char* word : {"--fail", "--fail-percent", "--hard-fail", "--warn", "--slice",
-                             "mean irradiance of B", "Examples:\n  lpvbake diff", "JSON"})
+                             "mean irradiance of B", "Examples:\n  lpvbake diff"})
         EXPECT_NE(help.out.find(word), std::string::npos) << word;
 }
 

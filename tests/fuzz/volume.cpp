@@ -117,7 +117,7 @@ void use(const Volume& volume, FuzzedDataProvider& data) {
     const glm::ivec3 dims = volume.grid.dims;
     const int sliced = data.ConsumeIntegralInRange(0, 2);
     if (std::max({dims.x, dims.y, dims.z}) < 64) {
-        const float white = io::slice_white(volume, sliced, dims[sliced] - 1);
+        const float white = io::slice_scale(volume, sliced, dims[sliced] - 1).white;
         fuzz::require(std::isfinite(white) && white > 0, "white is above 0");
         if (data.ConsumeIntegralInRange(0, 15) == 0)
             io::slice_picture(volume, sliced, dims[sliced] - 1);

@@ -468,6 +468,10 @@ TEST(Display, ExposureIsACamerasAndShowsTheMedianAsGrey) {
         picture.samples.insert(picture.samples.end(), 3, nits);
     const double ev = render::automatic_exposure(picture, render::Show::final);
     EXPECT_NEAR(100 * render::exposure_scale(ev), 0.18, 0.18 * 0.04); // to a tenth of an EV
+    // Corners that no light gets to do not count, though they are nine in ten.
+    image::Pixels cave{1000, 1, 3, std::vector<float>(3000, 1e-3f)};
+    std::fill_n(cave.samples.begin(), 300, 100.0f);
+    EXPECT_EQ(render::automatic_exposure(cave, render::Show::final), ev);
     EXPECT_EQ(render::automatic_exposure(image::Pixels{1, 1, 3, {0, 0, 0}}, render::Show::final),
               0);
 

@@ -2,6 +2,7 @@
 
 #include "lpvbake/error.h"
 #include "options/file.h"
+#include "options/help_text.h"
 #include "options/reference.h"
 #include "options/toml.h"
 #include "unit/volumes.h"
@@ -9,6 +10,7 @@
 #include <gtest/gtest.h>
 
 #include <memory>
+#include <sstream>
 
 namespace lpvbake {
 namespace {
@@ -175,6 +177,23 @@ TEST(Options, ARowIsInTheHelpAndTheWrittenReference) {
     const std::string help = printed({"toy", "--help"});
     EXPECT_NE(help.find("--glow X=0.5"), std::string::npos) << help;
     EXPECT_NE(help.find("How much it glows"), std::string::npos) << help;
+    EXPECT_LT(help.find("Examples:"), help.find("--glow"));
+    cmd::options::Options wide;
+    bool field = false;
+    wide.flag("--wide", field,
+              std::string(20, 'a') + " " + std::string(20, 'b') + " " + std::string(20, 'c'));
+    const cmd::options::Command command{"toy", "Glows.",
+                                        "Examples:\n  lpvbake toy\n\nA text of two\nlines.\n\n"
+                                        "JSON: {\"command\"}",
+                                        declare_toy};
+    for (const auto& [width, last_line] : {std::pair(60, "\nA text of two lines.\n"), {100, ""}}) {
+        const std::string text = cmd::options::help_text(command, wide, std::size_t(width));
+        EXPECT_NE(text.find(last_line), std::string::npos) << text;
+        std::istringstream lines(text);
+        for (std::string line; std::getline(lines, line);)
+            EXPECT_LE(line.size(), std::size_t(width)) << line;
+    }
+    EXPECT_EQ(cmd::options::documents_of(command), "JSON: {\"command\"}\n");
     EXPECT_NE(cmd::options::reference_markdown(toys[0]).find(
                   "| `--glow X` | `0.5` | How much it glows |\n"),
               std::string::npos)

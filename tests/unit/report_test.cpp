@@ -48,7 +48,16 @@ TEST(Sweep, RowsAreAllCombinationsOnce) {
     EXPECT_EQ(rows[6].settings.solver["tolerance"], 0.5);
     for (const report::SweepRow& row : rows)
         EXPECT_EQ(row.settings.grid.margin, 3);
-    EXPECT_GE(report::sweep_rows(report::default_sweeps(), {}).size(), 11u);
+    const std::vector<report::SweepRow> usual = report::sweep_rows(report::default_sweeps(), {});
+    EXPECT_GE(usual.size(), 12u);
+    report::RowResult first;
+    first.row = usual[0];
+    EXPECT_EQ(report::row_name(first), "what bake takes");
+    const bake::BakeSettings bakes;
+    EXPECT_EQ(usual[0].settings.solver.kind().name, bakes.solver.kind().name);
+    EXPECT_EQ(usual[0].settings.solver.order(), bakes.solver.order());
+    EXPECT_EQ(usual[0].settings.bounces, bakes.bounces);
+    EXPECT_EQ(usual[0].settings.grid.resolution, bakes.grid.resolution);
 }
 
 TEST(Sweep, RefusesWhatBakeWouldRefuse) {
