@@ -15,6 +15,8 @@ constexpr float tolerance = 0.05f;
 constexpr int most_steps = 32;
 /// How many more rays have to tell of one side than of any other.
 constexpr int clearly = 2;
+/// How many of the six rays a side that is closed in stops.
+constexpr int closed = 3;
 
 /// x . normal >= height + surface_margin, x seen from the centre.
 struct Plane {
@@ -53,7 +55,17 @@ std::optional<glm::vec3> free_point(const Visibility& visibility, glm::vec3 cent
     return centre + *way;
 }
 
-/// The point on that side of all sheets, of surfaces more or less parallel, that is closed in.
+/// The point before the fronts of all surfaces.
+std::optional<glm::vec3> before_fronts(const Visibility& visibility, glm::vec3 centre,
+                                       std::span<const NearSurface> near) {
+    std::vector<Plane> planes;
+    for (const NearSurface& surface : near)
+        planes.push_back({surface.normal, glm::dot(surface.way, surface.normal)});
+    return free_point(visibility, centre, planes);
+}
+
+/// The point on that side of all sheets, of surfaces more or less parallel, that is closed in;
+/// where none of them is, before their fronts.
 std::optional<glm::vec3> most_closed_in(const Visibility& visibility, glm::vec3 centre,
                                         std::span<const NearSurface> near) {
     constexpr size_t most_sheets = 3;
@@ -91,7 +103,9 @@ std::optional<glm::vec3> most_closed_in(const Visibility& visibility, glm::vec3 
             best = point;
         }
     }
-    return most >= second + clearly ? best : std::nullopt;
+    if (most >= second + clearly)
+        return best;
+    return most < closed ? before_fronts(visibility, centre, near) : std::nullopt;
 }
 
 } // namespace
@@ -125,12 +139,8 @@ int backs_around(const Visibility& visibility, glm::vec3 point, int both) {
 Capture find_capture(const Visibility& visibility, glm::vec3 centre,
                      std::span<const NearSurface> near) {
     std::optional<glm::vec3> point;
-    if (std::ranges::none_of(near, &NearSurface::two_fronts)) {
-        std::vector<Plane> planes;
-        for (const NearSurface& surface : near)
-            planes.push_back({surface.normal, glm::dot(surface.way, surface.normal)});
-        point = free_point(visibility, centre, planes);
-    }
+    if (std::ranges::none_of(near, &NearSurface::two_fronts))
+        point = before_fronts(visibility, centre, near);
     if (!point)
         point = most_closed_in(visibility, centre, near);
     return {point.value_or(centre), point.has_value()};

@@ -6,9 +6,10 @@
 // (Unity's probe volumes call it virtual offset, RTXGI relocation). The open side of a surface is
 // that of its front. Of one with two fronts, and of those that face each other's backs, as a thin
 // wall's do, it is the side that is closed in: where at least two more of the six axis rays end on
-// fronts, less those that end on backs, than on any other side. Where there is no such side, the
-// two of a wall between rooms, or where what surrounds the cell leaves no room, the cell takes no
-// light: it is not valid.
+// fronts, less those that end on backs, than on any other side. Where no side stops three of them,
+// as on open ground, it is that of the triangles' fronts all the same. Between sides that are both
+// closed in, as in a wall between rooms, or where what surrounds the cell leaves no room, the cell
+// takes no light: it is not valid.
 #pragma once
 
 #include "lpvbake/volume.h"

@@ -273,6 +273,30 @@ TEST(Capture, InAWallBetweenRoomsACellIsOnNoSideAndReadersAreOnTheirs) {
         }
 }
 
+TEST(Capture, OpenGroundOfTwoFrontsIsLeftByItsTriangles) {
+    const Grid grid = lattice(glm::ivec3(9));
+    for (const bool with_house : {false, true})
+        for (const double snap : snaps) {
+            Scene scene;
+            const int both = scenes::add_material(scene, glm::vec3(0.5f), glm::vec3(0.0f), true);
+            scenes::add_quad(scene, both, {-99, 4.5f, -99}, {0, 0, 200}, {200, 0, 0},
+                             glm::translate(glm::dmat4(1.0), {0, snap, 0}));
+            if (with_house) // one ray meets it
+                scenes::add_box(scene, both, {12, 4.5f, -99}, {14, 9, 99}, scenes::Facing::outward,
+                                glm::translate(glm::dmat4(1.0), {0, snap, 0}));
+            const Visibility visibility = seen(scene, grid);
+            const std::vector<float> validity = visibility::trace_validity(visibility, grid.dims);
+            for (size_t i = 0; i < grid.size(); ++i) {
+                const glm::ivec3 cell = grid.cell_at(i);
+                ASSERT_EQ(validity[i], 1.0f) << snap << " " << i;
+                if (cell.y == 4) {
+                    ASSERT_NEAR(visibility.capture(cell).point.y,
+                                4.5 + snap + double(surface_margin), 2e-6);
+                }
+            }
+        }
+}
+
 TEST(Capture, InANookWithoutRoomACellTakesNoLight) {
     // Between a floor and a sheet a hundredth of a cell above it that faces down.
     const Grid grid = lattice(glm::ivec3(5));
