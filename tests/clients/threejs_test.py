@@ -294,6 +294,43 @@ class ThreeJs(unittest.TestCase):
             print(f"{name}: mean difference {difference:.4f}")
             self.assertGreater(difference, 5 * TOLERANCE, name)
 
+    def test_lights_sky_and_exposure_are_those_of_the_bake(self):
+        light = ["--no-scene-lights", "--point", "0.5,1.2,0.2,60,1:0.5:0.2", "--sky", "0.2:0.4:1,30"]
+        run(LPVBAKE, "bake", self.scene, "-o", self.folder / "given.exr", "--target", "threejs", *light)
+        exposure = json.loads((self.folder / "given.json").read_text())["metadata"]["exposure"]
+        path = self.folder / "render_given.png"
+        run(LPVBAKE, "render", self.scene, self.folder / "given.json", "-o", path, "--camera", CAMERA, "--size",
+            f"{SIZE[0]}x{SIZE[1]}", "--exposure", exposure, *light)
+        page = f"{self.url}?scene=scene.gltf&camera={CAMERA}&panel=0&volume="
+        self.assertEqual(self.chromium.open(page + "given.json"), ["ready", ""])
+        view = self.chromium.screenshot(self.folder / "view_given.png")
+        difference = float(np.mean(np.abs(view - picture(path))))
+        print(f"lights of the bake: mean difference {difference:.4f}")
+        self.assertLess(difference, TOLERANCE)
+        facts = json.loads((self.folder / "given.json").read_text())
+        for fact, other in (("lights", "[]"), ("sky", "0,0,0"), ("exposure", "9")):
+            changed = {**facts, "metadata": {**facts["metadata"], fact: other}}
+            (self.folder / "changed.json").write_text(json.dumps(changed))
+            self.assertEqual(self.chromium.open(page + "changed.json"), ["ready", ""])
+            view = self.chromium.screenshot(self.folder / "view_changed.png")
+            self.assertGreater(float(np.mean(np.abs(view - picture(path)))), 2 * TOLERANCE, fact)
+
+    def test_a_room_is_seen_from_inside(self):
+        run(sys.executable, EXAMPLES / "make_scenes.py", self.folder / "rooms")
+        room = self.folder / "rooms/room.gltf"
+        scene = json.loads(room.read_text())
+        for node in scene["nodes"]:
+            node.pop("camera", None)
+        scene.pop("cameras", None)
+        room.write_text(json.dumps(scene))
+        run(LPVBAKE, "bake", room, "-o", self.folder / "rooms/room.exr", "--target", "threejs", "--resolution", "16")
+        state = self.chromium.open(f"{self.url}?scene=rooms/room.gltf&volume=rooms/room.json&panel=0")
+        self.assertEqual(state, ["ready", ""])
+        eye = [float(x) for x in self.chromium.script("return document.body.dataset.eye").split(",")]
+        grid = json.loads((self.folder / "rooms/room.json").read_text())["grid"]
+        for x, origin, dim in zip(eye, grid["origin"], grid["dims"]):
+            self.assertTrue(origin < x < origin + dim * grid["cell"], eye)
+
     def test_says_what_is_wrong(self):
         run(LPVBAKE, "convert", self.folder / "volume.json", self.folder / "band.exr")
         state, message = self.chromium.open(f"{self.url}?scene=scene.gltf&volume=band.json")

@@ -71,6 +71,12 @@ class Install(unittest.TestCase):
                     f'#include "{header}"\n#include "{header}"\n#include <error.h>\n'
                     "auto* const of_glibc = &::error_at_line;\n")
                 lists.write(f"target_sources(bake PRIVATE {header.stem}_alone.cpp)\n")
+        # The example again, with nothing asked of the bake.
+        example = (cls.source / "bake.cpp").read_text()
+        (cls.source / "plain.cpp").write_text(re.sub(r" *request\.resolution = 16;\n", "", example))
+        with (cls.source / "CMakeLists.txt").open("a") as lists:
+            lists.write("add_executable(plain plain.cpp)\n"
+                        "target_link_libraries(plain PRIVATE lpvbake::lpvbake)\n")
         run(CMAKE, "-S", cls.source, "-B", cls.built, "-G", "Ninja",
             f"-DCMAKE_PREFIX_PATH={cls.prefix}", f"-DCMAKE_CXX_COMPILER={COMPILER}",
             "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON")
@@ -174,10 +180,12 @@ class Install(unittest.TestCase):
 
     def test_bake_is_what_the_program_does(self):
         scene = self.examples / "cornell_box.gltf"
-        mine, theirs = self.folder / "mine.vdb", self.folder / "theirs.vdb"
-        run(self.built / "bake", scene, mine)
-        run(self.program, "bake", scene, "-o", theirs, "--solver", "sn", "--resolution", "16")
-        run(self.program, "diff", mine, theirs)  # ends with 7 for a difference
+        for program, options in (("bake", ["--resolution", "16"]), ("plain", [])):
+            with self.subTest(program=program):
+                mine, theirs = self.folder / f"{program}.vdb", self.folder / "theirs.vdb"
+                run(self.built / program, scene, mine)
+                run(self.program, "bake", scene, "-o", theirs, *options)
+                run(self.program, "diff", mine, theirs)  # ends with 7 for a difference
 
     def test_errors_cross_the_library(self):
         result = subprocess.run([self.built / "load", self.folder / "missing.vdb", *POINT, *NORMAL],
