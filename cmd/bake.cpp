@@ -9,9 +9,11 @@
 #include "readers/readers.h"
 #include "render/display.h"
 #include "report/describe.h"
+#include "report/measure.h"
 #include "scene/sky.h"
 #include "scene_options.h"
 #include "text.h"
+#include "verification.h"
 #include "volume/dilate.h"
 
 #include <glm/gtc/constants.hpp>
@@ -39,6 +41,7 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::optional<solver::Quality> quality;
     std::map<std::string, double> parameters; ///< of solvers
     FitOptions fit;
+    std::optional<uint64_t> verify; ///< points
 };
 
 // ---------------------------------------------------------------- options of solvers
@@ -283,14 +286,18 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const bake:
 }
 
 void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const bake::Choice& choice,
-                  const Volume& volume, const std::vector<Written>& outputs, const Run& run) {
+                  const Volume& volume, const std::optional<report::Verified>& verified,
+                  const std::vector<Written>& outputs, const Run& run) {
     const double seconds = run.seconds();
+    const std::string reader = reader_of(*o.outputs.target, o.fit).name;
     if (o.format == Format::json) {
         report::Json document = describe(o, device, choice, choice.plan.triangles, volume.grid);
         document["outputs"] = outputs_json(outputs);
         document["stages"] = stages_json(run.stages);
         document["warnings"] = run.progress.warnings();
         add_fit(volume, document);
+        if (verified)
+            document["verified"] = verified_json(*verified, reader);
         document["seconds"] = seconds;
         document["peak_memory"] = peak_memory();
         print_json(document);
@@ -299,6 +306,8 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const bak
     print_head(device, choice);
     print_stages(run.stages);
     print_total(seconds);
+    if (verified)
+        print_verified(*verified, reader);
     print_outputs(outputs);
 }
 
@@ -312,6 +321,68 @@ void add_light(const Scene& scene, Volume& volume) {
         report::lights_json(scene).dump(-1, ' ', false, report::Json::error_handler_t::replace);
     volume.metadata["sky"] = format("%.6g,%.6g,%.6g", sky.r, sky.g, sky.b);
     volume.metadata["exposure"] = format("%.1f", render::automatic_exposure(volume));
+}
+
+/// A bake, and how wrong it is.
+struct Attempt {
+    bake::Choice choice;
+    Volume volume;
+    std::optional<report::Verified> verified;
+};
+
+Attempt attempt(const BakeOptions& o, const Scene& scene, bake::Choice choice,
+                const readers::Reader& reader, const gpu::Device& device, Run& run) {
+    Attempt made{std::move(choice), {}, {}};
+    tell("choice: " + made.choice.text);
+    Baked baked = bake::bake(scene, made.choice.plan, device, run.progress);
+    run.stages.insert(run.stages.end(), baked.stages.begin(), baked.stages.end());
+    run.warn(baked.warnings);
+    made.volume = std::move(baked.volume);
+    if (o.fit.dilate > 0) {
+        run.begin_stage();
+        const std::size_t filled = volume::dilate(made.volume, o.fit.dilate);
+        made.volume.metadata["dilate"] = std::to_string(o.fit.dilate);
+        run.end_stage("dilate", counted(filled, "cell") + " inside geometry filled");
+    }
+    if (o.verify) {
+        run.begin_stage();
+        report::VerifySettings settings;
+        settings.points = *o.verify;
+        made.verified =
+            report::verify(scene, made.volume, report::field_rules(made.choice.plan.settings),
+                           reader, settings, run.progress);
+        add_verified(*made.verified, made.volume);
+        run.end_stage("verify", "cells " + error_text(made.verified->cells) + ", surfaces "
+                                    + error_text(made.verified->surfaces));
+    }
+    return made;
+}
+
+/// Bakes, and where an error is wanted and measured, bakes on until it is reached or no settings
+/// promise less.
+Attempt bake_until(const BakeOptions& o, const Scene& scene, const bake::BakeSettings& base,
+                   bake::Wish wish, bake::Choice choice, const readers::Reader& reader,
+                   const gpu::Device& device, Run& run) {
+    constexpr int most_attempts = 4;
+    for (int i = 1;; ++i) {
+        Attempt made = attempt(o, scene, std::move(choice), reader, device, run);
+        if (!made.verified || !o.error)
+            return made;
+        const report::MeasuredError& error =
+            wished_error(*made.verified, made.choice.plan.settings.fit != nullptr);
+        if (error.points == 0 || error.high <= *o.error)
+            return made;
+        wish.error = *wish.error * std::clamp(*o.error / error.high, 0.25, 0.8);
+        choice = bake::choose_settings(bake::survey(scene), base, wish, device.info());
+        if (choice.text == made.choice.text || i == most_attempts) {
+            run.warn({format("the error is measured as %s, not below the %.3g %% that are wanted, "
+                             "and %s; a higher `resolution` or more bands may reach it",
+                             error_text(error).c_str(), 100 * *o.error,
+                             i == most_attempts ? "four bakes did not reach it"
+                                                : "no settings are expected to err less")});
+            return made;
+        }
+    }
 }
 
 void run(const BakeOptions& o, const std::string& settings) {
@@ -333,37 +404,28 @@ void run(const BakeOptions& o, const std::string& settings) {
     run.end_stage("open", "the device, opened while the scene was loaded");
 
     base.bounds = o.box_in(scene);
-    const bake::Choice choice =
-        bake::choose_settings(bake::survey(scene), base, wish, device->info());
+    bake::Choice choice = bake::choose_settings(bake::survey(scene), base, wish, device->info());
     run.warn(choice.warnings);
-    tell("choice: " + choice.text);
     if (o.dry_run) {
+        tell("choice: " + choice.text);
         run.warn(choice.plan.warnings);
         run.progress.end();
         print_plan(o, device->info(), choice, run.progress.warnings());
         return;
     }
 
-    Baked baked = bake::bake(scene, choice.plan, *device, run.progress);
-    run.stages.insert(run.stages.end(), baked.stages.begin(), baked.stages.end());
-    run.warn(baked.warnings);
-    if (o.fit.dilate > 0) {
-        run.begin_stage();
-        const std::size_t filled = volume::dilate(baked.volume, o.fit.dilate);
-        baked.volume.metadata["dilate"] = std::to_string(o.fit.dilate);
-        run.end_stage("dilate", counted(filled, "cell") + " inside geometry filled");
-    }
-    baked.volume.metadata["choice"] = choice.text;
-    fill_metadata(o, scene, settings, baked.volume);
-    add_light(scene, baked.volume);
+    Attempt made = bake_until(o, scene, base, wish, std::move(choice), reader, *device, run);
+    made.volume.metadata["choice"] = made.choice.text;
+    fill_metadata(o, scene, settings, made.volume);
+    add_light(scene, made.volume);
 
     run.begin_stage();
     const std::vector<Written> written =
-        write_outputs(o.outputs, o.outputs.paths, baked.volume, run.progress);
+        write_outputs(o.outputs, o.outputs.paths, made.volume, run.progress);
     run.end_stage("write", counted(written.size(), "output"));
     device->check_validation();
     run.progress.end();
-    print_result(o, device->info(), choice, baked.volume, written, run);
+    print_result(o, device->info(), made.choice, made.volume, made.verified, written, run);
 }
 
 void add_solver_options(options::Options& options, BakeOptions& o) {
@@ -434,6 +496,12 @@ options::Action declare(options::Options& options) {
         .implies([&o] { return fits(o.outputs, o.fit) ? "surfaces" : "none"; })
         .record(options::Recorded::if_changed);
     add_evaluation_option(options, o.fit);
+    options
+        .number(
+            "--verify", o.verify, 2, 1e6,
+            "Measure the error in this scene: by paths at N places, half of them cells, half on "
+            "surfaces; with --error bake on until the measured one is below it")
+        .bare("256");
     add_device_option(options, o);
     options.flag("--validation", o.validation,
                  "Load Vulkan's validation layer; messages are errors");

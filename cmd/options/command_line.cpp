@@ -104,6 +104,16 @@ void add_option(Option& row, CLI::App& app) {
             ->allow_extra_args(row.is_positional());
 }
 
+/// Options that may stand alone get their values then: what follows is no number.
+std::vector<std::string> with_values(std::vector<std::string> words, const Options& options) {
+    for (std::size_t i = 1; i < words.size(); ++i) {
+        const Option* row = words[i].starts_with("--") ? options.find(words[i].substr(2)) : nullptr;
+        if (row && !row->alone.empty() && (i + 1 == words.size() || !parse_number(words[i + 1])))
+            words[i] += "=" + row->alone;
+    }
+    return words;
+}
+
 /// What the words say of themselves, right or wrong.
 Asked first_look(const Commands& commands, const std::vector<std::string>& words) {
     Asked asked;
@@ -148,8 +158,11 @@ void run_command_line(const Commands& commands, const std::vector<std::string>& 
             add_option(row, *app);
         app->callback([&own, &chosen] { chosen = &own; });
     }
+    std::vector<std::string> whole = words;
+    if (const auto named = all.find(asked.command); named != all.end())
+        whole = with_values(std::move(whole), *named->second);
     try {
-        root.parse(std::vector<std::string>(words.rbegin(), words.rend()));
+        root.parse(std::vector<std::string>(whole.rbegin(), whole.rend()));
     } catch (const CLI::CallForHelp&) {
         const CLI::App* app = chosen_of(root);
         const auto command =

@@ -41,6 +41,11 @@ Option& Option::need(const std::string& other) {
     return *this;
 }
 
+Option& Option::bare(const std::string& value) {
+    alone = value;
+    return *this;
+}
+
 Option& Option::require() {
     required = true;
     return *this;

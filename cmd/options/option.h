@@ -34,6 +34,7 @@ struct Option {
     std::function<std::string(const std::string& text)> read;
     std::string usual;       ///< the default, as `read` returns it; empty: none
     bool quoted = true;      ///< option files hold its values as strings
+    std::string alone;       ///< its value where it is given without one, which is a number
     bool many = false;       ///< it may be repeated, and its values add up
     bool required = false;   ///< there is no command without it
     bool in_files = true;    ///< option files may set it
@@ -51,6 +52,7 @@ struct Option {
     Option& exclude(std::vector<std::string> others);
     Option& need(const std::string& other);
     Option& require();
+    Option& bare(const std::string& value);
     Option& keep_out_of_files();
     Option& keep_to_one_run();
 

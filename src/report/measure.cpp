@@ -47,10 +47,15 @@ Truth trace_truth(const Scene& scene, const visibility::Visibility& visibility,
                                                           reference, progress, wanted);
     Truth truth;
     truth.irradiance.resize(points.size() * normals);
+    truth.error.resize(truth.irradiance.size());
     for (std::size_t i = 0; i < points.size(); ++i)
-        for (std::size_t n = 0; n < normals; ++n)
-            truth.irradiance[i * normals + n] =
+        for (std::size_t n = 0; n < normals; ++n) {
+            const std::size_t at = i * normals + n;
+            truth.irradiance[at] =
                 glm::dvec3(own.empty() ? field.irradiance[n][i] : field.own_irradiance[i]);
+            truth.error[at] = glm::dvec3(own.empty() ? field.irradiance_error[n][i]
+                                                     : field.own_irradiance_error[i]);
+        }
     truth.sh = std::move(field.sh);
     truth.noise = field.noise;
     truth.rays = field.rays;

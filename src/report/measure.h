@@ -30,8 +30,9 @@ struct Truth {
     /// irradiance[point * normals + n], lux, of all bands: `normals` are the 26 neighbours', or one
     /// a point.
     std::vector<glm::dvec3> irradiance;
-    double noise = 0;  ///< as ProbeField::noise
-    uint64_t rays = 0; ///< from each point
+    std::vector<glm::dvec3> error; ///< their standard errors
+    double noise = 0;              ///< as ProbeField::noise
+    uint64_t rays = 0;             ///< from each point
     uint64_t traced = 0;
     double seconds = 0;
     bool converged = true;

@@ -117,6 +117,12 @@ std::vector<std::size_t> draw_cells(std::span<const float> validity, uint64_t co
                                    reference::mix_bits(seed));
 }
 
+glm::vec3 lifted(const FrontPoint& point, const scene::Frame& frame) {
+    const glm::dvec3 at = frame.from_world(point.position);
+    const double lift = 0x1p-17 * std::max({1.0, std::abs(at.x), std::abs(at.y), std::abs(at.z)});
+    return glm::vec3(at + lift * point.normal);
+}
+
 std::vector<FrontPoint> draw_surface_points(const Scene& scene,
                                             const visibility::Visibility& visibility,
                                             const scene::Frame& frame, const Bounds& box,

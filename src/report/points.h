@@ -21,6 +21,9 @@ struct FrontPoint {
     glm::dvec3 normal{0.0};   ///< unit, out of the triangle's front
 };
 
+/// Frame units, off the surface by 64 steps of single precision.
+glm::vec3 lifted(const FrontPoint& point, const scene::Frame& frame);
+
 /// `count` points of equal share of the surfaces' area inside `box` (metres), on their fronts.
 /// Passed over are points whose front lies inside geometry (most of what it sees are backs) and
 /// points that are not there (masked; blended by alpha). Fewer, or none, where a hundred draws a

@@ -76,11 +76,7 @@ SurfaceTruth trace_surfaces(const Scene& scene, const Grid& grid, const Bounds& 
     std::vector<glm::vec3> points;
     std::vector<glm::dvec3> normals;
     for (const FrontPoint& point : surfaces.points) {
-        const glm::dvec3 at = place.frame.from_world(point.position);
-        // Off the surface by 64 steps of single precision.
-        const double lift =
-            0x1p-17 * std::max({1.0, std::abs(at.x), std::abs(at.y), std::abs(at.z)});
-        points.push_back(glm::vec3(at + lift * point.normal));
+        points.push_back(lifted(point, place.frame));
         normals.push_back(point.normal);
     }
     if (points.empty())

@@ -899,6 +899,43 @@ TEST_F(Cli, AutoSaysWhatItChose) {
     EXPECT_EQ(volume.metadata.at("choice").find("gather, order 2, "), 0u);
 }
 
+TEST_F(Cli, VerifyMeasuresAndBakesOn) {
+    need_device();
+    const auto bake = [&](const std::vector<std::string>& more) {
+        const std::vector<std::string> small{"bake", "--resolution", "8",    "--format",
+                                             "json", "-o",           "a.vdb"};
+        const Result result = run(small + more);
+        EXPECT_EQ(result.status, 0) << result.err;
+        return json::parse(result.out);
+    };
+    // What follows is the scene, not how many points.
+    const json usual = bake({"--verify", "room.gltf"});
+    const json cells = usual["verified"]["cells"], surfaces = usual["verified"]["surfaces"];
+    EXPECT_EQ(cells["points"], 128);
+    EXPECT_GT(surfaces["points"].get<int>(), 100);
+    EXPECT_LE(cells["low"].get<double>(), cells["error"].get<double>());
+    EXPECT_LE(cells["error"].get<double>(), cells["high"].get<double>());
+    EXPECT_FALSE(usual["verified"]["worst"].empty());
+    const std::string kept =
+        read_volume((folder_ / "a.vdb").string()).metadata.at("verified_cells");
+    EXPECT_NEAR(std::stod(kept), cells["error"].get<double>(), 1e-5);
+    EXPECT_EQ(bake({"room.gltf", "--verify", "20"})["verified"]["cells"]["points"], 10);
+    EXPECT_FALSE(bake({"room.gltf"}).contains("verified"));
+
+    // The rough choice is measured to err more than it promises, or bakes on until it does not.
+    const auto stages = [](const json& document) {
+        return std::ranges::count(document["stages"], "verify",
+                                  [](const json& stage) { return stage["name"]; });
+    };
+    const json never = bake({"room.gltf", "--verify", "--error", "0.1%"});
+    EXPECT_EQ(never["warnings"].size(), 2u) << never["warnings"];
+    EXPECT_GT(never["verified"]["cells"]["high"].get<double>(), 0.001);
+    const double reachable = 1.2 * never["verified"]["cells"]["high"].get<double>();
+    const json reached = bake({"room.gltf", "--verify", "--error", std::to_string(reachable)});
+    EXPECT_GE(stages(reached), 1);
+    EXPECT_LE(reached["verified"]["cells"]["high"].get<double>(), reachable);
+}
+
 TEST_F(Cli, DilateFillsWhatIsNotValid) {
     need_device();
     const std::vector<std::string> bake{"bake", "room.gltf", "--resolution", "10", "-o", "a.vdb"};

@@ -70,6 +70,7 @@ class Documents(unittest.TestCase):
 
         bake = ["bake", "box.gltf", *SMALL]
         run("bake", *bake, "-o", "sn.vdb", "-o", "sn.exr", "--fit", "surfaces")
+        run("bake", *bake, "-o", "verified.vdb", "--verify", "8")
         run("bake", *bake, "-o", "gather.vdb", "--solver", "gather", "--sky", "#ffffff,10")
         run("bake", *bake, "-o", "lpv.vdb", "--solver", "lpv")
         run("bake_dry_run", *bake, "-o", "none.vdb", "--dry-run")

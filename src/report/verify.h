@@ -1,0 +1,66 @@
+// How wrong a volume is in its own scene, by paths at a few of its cells and points of surfaces.
+#pragma once
+
+#include "lpvbake/progress.h"
+#include "readers/readers.h"
+#include "reference/paths.h"
+#include "scene/scene.h"
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace lpvbake::report {
+
+struct VerifySettings {
+    uint64_t points = 256;        ///< half of them cells, half of them on surfaces
+    double noise = 0.03;          ///< of what paths bring, as ReferenceSettings::noise
+    uint64_t most_rays = 1 << 13; ///< from each point
+    uint64_t seed = 1;
+};
+
+/// A relative error of irradiance (sum |E - T| / sum T) that was measured at some of many places.
+struct MeasuredError {
+    uint64_t points = 0;      ///< 0: no light arrives where it was measured, and nothing is known
+    double error = 0;         ///< the paths' noise taken off
+    double low = 0, high = 0; ///< of 95 %
+    double noise = 0;         ///< of the paths: mean standard error over mean irradiance
+};
+
+/// Where a volume is most wrong.
+struct WrongPlace {
+    bool on_surface = false;
+    glm::dvec3 position{0.0};    ///< metres
+    double shown = 0, true_ = 0; ///< irradiance, lux, mean of RGB and of all directions of a cell
+    double share = 0; ///< of all that is wrong at such places which this place stands for
+};
+
+struct Verified {
+    MeasuredError cells;    ///< the field at the centres of valid cells, towards 26 directions
+    MeasuredError surfaces; ///< what the reader shows on surfaces inside the grid
+    std::vector<WrongPlace> worst; ///< up to five, the worst first
+    uint64_t rays = 0;             ///< traced in all
+    double seconds = 0;
+    bool converged = true; ///< VerifySettings::noise was reached
+};
+
+/// Cells and points are drawn by even steps, half in proportion to their number and half to their
+/// light, which is where most of an error is; intervals are from 1000 samples of the points drawn
+/// (Efron's bootstrap, percentiles). `volume` is of the scene, `rules` those of its light. Depends
+/// on no clock. Throws Error (invalid) as trace_probes.
+Verified verify(const Scene& scene, const Volume& volume, const reference::PathRules& rules,
+                const readers::Reader& reader, const VerifySettings& settings, Progress& progress);
+
+/// A place that was drawn, with what is known there.
+struct VerifiedPoint {
+    double stands_for = 1; ///< places like it
+    double wrong = 0;      ///< |E - T|, lux
+    double true_ = 0;      ///< T
+    double noise = 0;      ///< standard error of T
+};
+
+/// As MeasuredError has it: the noise makes |E - T| too large by what adds in squares where errors
+/// are Gaussian.
+MeasuredError measured_error(std::span<const VerifiedPoint> points, uint64_t seed);
+
+} // namespace lpvbake::report
