@@ -154,7 +154,8 @@ TEST_F(RenderCli, EnginesReadWhatPathsSeeOfAFloorWithCellsOnIt) {
 TEST_F(RenderCli, DryRunDrawsNothing) {
     EXPECT_EQ(run("\"$ROOM\" v.vdb --dry-run").status, 0); // with no output to name
     const json document = run_json("\"$ROOM\" v.vdb -o a.png --camera orbit:90,0,7 --dry-run");
-    EXPECT_EQ(document["outputs"], json({{{"path", "a.png"}}}));
+    EXPECT_EQ(document["outputs"],
+              json::parse(R"([{"path": "a.png", "files": [{"path": "a.png"}]}])"));
     EXPECT_FALSE(std::filesystem::exists(folder_ / "a.png"));
     const auto eye = document["camera"]["eye"];
     EXPECT_NEAR(eye[0], 7, 0.01); // of a room around x = z = 0: 90 degrees is +X

@@ -143,7 +143,8 @@ TEST_F(ReportCli, SweepFilesAreBakedAsListed) {
     EXPECT_GT(rows[3]["seconds"], 0.0);
     const CliResult text = run("\"$ROOM\" --dry-run");
     EXPECT_EQ(text.status, 0) << text.err;
-    EXPECT_EQ(std::ranges::count(text.out, '\n'), 1 + 29 + 1) << text.out;
+    EXPECT_EQ(std::ranges::count(text.out, '\n'), 1 + 30 + 1) << text.out;
+    EXPECT_NE(text.out.find("\nrow           what bake takes "), std::string::npos) << text.out;
     spill(folder_ / "plain.toml", "resolution = [5]\n"); // without a header
     EXPECT_EQ(run_json("\"$ROOM\" --sweep plain.toml --dry-run")["scenes"][0]["rows"].size(), 1u);
 }
