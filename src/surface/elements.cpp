@@ -31,18 +31,29 @@ float cube_edge(int32_t size) {
     return std::ldexp(edge, size);
 }
 
-/// `finer`: a cube of half of the edge.
-Place place_of(glm::vec3 point, glm::vec3 extent, bool finer = false) {
-    Place place{int32_t(std::log2(graded(1.0f, distance_to_box(point, extent)))) - finer};
+Place place_in(glm::vec3 point, int32_t size) {
+    Place place{size};
     for (int axis = 0; axis < 3; ++axis)
-        place[size_t(axis) + 1] = int32_t(std::floor(point[axis] / cube_edge(place[0]) + shift));
+        place[size_t(axis) + 1] = int32_t(std::floor(point[axis] / cube_edge(size) + shift));
     return place;
 }
 
-/// What another surface hides is not mixed with what hides it.
+/// The cube of a patch. One that is as small as its light fades fast has one no larger than itself.
+Place place_of(const Patch& patch, glm::vec3 extent) {
+    int32_t size = int32_t(std::log2(graded(1.0f, distance_to_box(patch.position, extent))));
+    if (patch.fading)
+        size = std::min(size, int32_t(std::floor(std::log2(
+                                  std::max({glm::length(patch.edge_u), glm::length(patch.edge_v),
+                                            glm::length(patch.edge_u - patch.edge_v)})))));
+    return place_in(patch.position, size);
+}
+
+/// What another surface hides is not mixed with what hides it, nor what lies under a lamp with what
+/// lies beside it.
 struct Side {
     Place place;
     bool hidden;
+    bool under;
     uint32_t index;
     auto operator<=>(const Side&) const = default;
 };
@@ -85,9 +96,9 @@ float distance_around(glm::vec3 from, glm::vec3 normal, const visibility::Visibi
 /// Parts the sides of a cube: an element each, in the order of their first members.
 std::vector<std::vector<uint32_t>> part(const std::vector<Patch>& patches,
                                         std::span<const Side> sides,
-                                        const visibility::Visibility& visibility,
-                                        glm::vec3 extent) {
+                                        const visibility::Visibility& visibility) {
     const float size = cube_edge(sides[0].place[0]);
+    const int32_t finer = sides[0].place[0] - 1;
     std::vector<std::vector<uint32_t>> elements;
     std::vector<uint32_t> left, others, asked, hidden;
     for (const Side& side : sides)
@@ -103,7 +114,7 @@ std::vector<std::vector<uint32_t>> part(const std::vector<Patch>& patches,
         const bool covered = above < lift * size;
         const glm::vec3 eye = first + (covered ? 0.5f * above : above) * normal;
         const bool near = distance_around(eye, normal, visibility) < open * size;
-        const Place half = place_of(position, extent, true);
+        const Place half = place_in(position, finer);
         others.clear();
         asked.clear();
         rays.clear();
@@ -111,7 +122,7 @@ std::vector<std::vector<uint32_t>> part(const std::vector<Patch>& patches,
             const glm::vec3 there = patches[side / 2].position;
             if (glm::dot(normal, normal_of(patches, side)) < alike
                 || std::abs(glm::dot(there - position, normal)) > apart * size
-                || (near && place_of(there, extent, true) != half)
+                || (near && place_in(there, finer) != half)
                 // Light that lies below a panel does not belong beside it.
                 || (covered
                     && room_above(lifted(patches, side), normal_of(patches, side), 2.0f * above,
@@ -148,23 +159,24 @@ Elements group_sides(const std::vector<Patch>& patches, const visibility::Visibi
         const Patch& patch = patches[i];
         if (patch.albedo == glm::vec3(0.0f))
             continue;
-        const Place place = place_of(patch.position, extent);
+        const Place place = place_of(patch, extent);
         const bool hidden = !(patch.area > 0.0f);
-        sides.push_back({place, hidden, uint32_t(2 * i)});
-        if (patch.double_sided)
-            sides.push_back({place, hidden, uint32_t(2 * i + 1)});
+        for (const unsigned side : {0u, 1u})
+            if (side == 0 || patch.double_sided)
+                sides.push_back(
+                    {place, hidden, (patch.under >> side & 1) != 0, uint32_t(2 * i + side)});
     }
     tbb::parallel_sort(sides);
     std::vector<size_t> cubes;
     for (size_t i = 0; i < sides.size(); ++i)
-        if (i == 0 || sides[i].place != sides[i - 1].place
-            || sides[i].hidden != sides[i - 1].hidden)
+        if (i == 0 || sides[i].place != sides[i - 1].place || sides[i].hidden != sides[i - 1].hidden
+            || sides[i].under != sides[i - 1].under)
             cubes.push_back(i);
     cubes.push_back(sides.size());
     std::vector<std::vector<std::vector<uint32_t>>> parts(cubes.size() - 1);
     tbb::parallel_for(size_t(0), parts.size(), [&](size_t i) {
-        parts[i] = part(patches, std::span(sides).subspan(cubes[i], cubes[i + 1] - cubes[i]),
-                        visibility, extent);
+        parts[i] =
+            part(patches, std::span(sides).subspan(cubes[i], cubes[i + 1] - cubes[i]), visibility);
     });
 
     Elements elements;

@@ -105,6 +105,8 @@ struct Walls {
 struct Standing {
     bool crossed = false;    ///< Patch::crossed
     uint8_t cover = 0;       ///< PatchTree::Node::cover
+    bool fading = false;     ///< Patch::fading
+    uint8_t under = 0;       ///< Patch::under
     float least = HUGE_VALF; ///< edge down to which it is cut, frame units
 };
 
@@ -234,18 +236,26 @@ private:
     Standing standing_on(const Piece& piece, float length) const {
         if (!walls)
             return {};
+        Standing standing;
         if (length > max_edge / 128.0f)
-            if (const Standing lamp = lamps_above(piece); lamp.crossed)
-                return lamp;
-        if (length > max_edge / 16.0f && is_crossed(piece))
-            return {true, 0, max_edge / 8.0f};
-        return {};
+            standing = lamps_above(piece);
+        if (!standing.crossed && length > max_edge / 16.0f && is_crossed(piece)) {
+            standing.crossed = true;
+            standing.least = std::min(standing.least, max_edge / 8.0f);
+        }
+        return standing;
     }
 
-    /// Lamps close above a part of the piece, which would spread their light over all of it: it is
-    /// cut until it is no larger than the gap between them, which tells how fast the light fades.
+    /// Lamps close above a part of the piece, which would spread their light over all of it. It
+    /// fades around the end of the gap between them as fast as that is narrow: the piece is cut
+    /// until it is no larger, also where that end is about as near as the piece is long.
     Standing lamps_above(const Piece& piece) const {
-        const auto [a, b, c] = corners_of(piece);
+        const Corners at = corners_of(piece);
+        const glm::vec3 centroid = (at[0] + at[1] + at[2]) / 3.0f;
+        Corners around = at;
+        for (glm::vec3& corner : around)
+            corner = centroid + 3.0f * (corner - centroid);
+        const auto [a, b, c] = around;
         const glm::vec3 lo = walls->place(glm::min(a, glm::min(b, c)) - cover_reach);
         const glm::vec3 hi = walls->place(glm::max(a, glm::max(b, c)) + cover_reach);
         if (std::ranges::none_of(lamps, [&](const LampBox& lamp) {
@@ -253,6 +263,38 @@ private:
                        && glm::all(glm::greaterThan(lamp.hi, lo));
             }))
             return {};
+        Standing standing;
+        float gap = HUGE_VALF;
+        for (const int side : {0, 1}) {
+            if (side != 0 && !source.double_sided)
+                continue;
+            const glm::vec3 normal = side != 0 ? -source.normal : source.normal;
+            const Gap above = gap_above(at, normal), near = gap_above(around, normal);
+            const bool under =
+                walls->block(centroid + walls->offset(centroid) * normal, cover_way(normal));
+            if (under && above.width < HUGE_VALF)
+                standing.under |= uint8_t(1u << side);
+            if (above.ends || near.ends)
+                gap = std::min({gap, above.width, near.width});
+            if (above.ends) {
+                standing.crossed = true;
+                standing.cover |= uint8_t((under ? 5u : 1u) << side);
+            }
+        }
+        if (gap < HUGE_VALF) {
+            standing.fading = true;
+            standing.least = std::clamp(gap, max_edge / 64.0f, max_edge / 8.0f);
+        }
+        return standing;
+    }
+
+    /// Between the points of a triangle and a lamp close above some of them.
+    struct Gap {
+        bool ends = false;       ///< other points have nothing above them
+        float width = HUGE_VALF; ///< where it is narrowest, frame units; no lamp: HUGE_VALF
+    };
+
+    Gap gap_above(const Corners& at, glm::vec3 normal) const {
         static const std::array<glm::vec2, 24> points = [] {
             std::array<glm::vec2, 24> all;
             std::ranges::copy(sample_points(), all.begin());
@@ -264,39 +306,24 @@ private:
             std::ranges::copy(rim, all.begin() + 16);
             return all;
         }();
-        Standing standing;
-        float gap = max_edge / 8.0f;
-        for (const int side : {0, 1}) {
-            if (side != 0 && !source.double_sided)
-                continue;
-            const glm::vec3 normal = side != 0 ? -source.normal : source.normal;
-            std::array<visibility::Ray, points.size()> rays;
-            std::array<visibility::Hit, points.size()> hits;
-            for (size_t i = 0; i < points.size(); ++i) {
-                const glm::vec3 p = a + points[i].x * (b - a) + points[i].y * (c - a);
-                rays[i] = walls->ray(p + walls->offset(p) * normal, cover_way(normal));
-            }
-            walls->visibility.closest_of_eights(rays, visibility::Bundle::tight, hits);
-            size_t covered = 0;
-            float nearest = HUGE_VALF;
-            for (const visibility::Hit& hit : hits)
-                if (hit.instance != visibility::no_hit) {
-                    ++covered;
-                    if (glows(hit.instance) && hit.facing != visibility::Facing::back)
-                        nearest = std::min(nearest, hit.t * cover_reach);
-                }
-            if (nearest == HUGE_VALF || covered == points.size())
-                continue;
-            gap = std::min(gap, nearest);
-            standing.crossed = true;
-            standing.cover |= uint8_t(1u << side);
-            const glm::vec3 centroid = (a + b + c) / 3.0f;
-            if (walls->block(centroid + walls->offset(centroid) * normal, cover_way(normal)))
-                standing.cover |= uint8_t(4u << side);
+        std::array<visibility::Ray, points.size()> rays;
+        std::array<visibility::Hit, points.size()> hits;
+        for (size_t i = 0; i < points.size(); ++i) {
+            const glm::vec3 p =
+                at[0] + points[i].x * (at[1] - at[0]) + points[i].y * (at[2] - at[0]);
+            rays[i] = walls->ray(p + walls->offset(p) * normal, cover_way(normal));
         }
-        if (standing.crossed)
-            standing.least = std::max(gap, max_edge / 64.0f);
-        return standing;
+        walls->visibility.closest_of_eights(rays, visibility::Bundle::tight, hits);
+        Gap gap;
+        size_t covered = 0;
+        for (const visibility::Hit& hit : hits)
+            if (hit.instance != visibility::no_hit) {
+                ++covered;
+                if (glows(hit.instance) && hit.facing != visibility::Facing::back)
+                    gap.width = std::min(gap.width, hit.t * cover_reach);
+            }
+        gap.ends = gap.width < HUGE_VALF && covered < points.size();
+        return gap;
     }
 
     bool glows(uint32_t instance) const {
@@ -321,6 +348,8 @@ private:
                 || glm::any(glm::greaterThan(patch.position, extent))))
             return;
         patch.crossed = above.crossed;
+        patch.fading = above.fading;
+        patch.under = above.under;
         patch.edge_u = b - a;
         patch.edge_v = c - a;
         patch.area = 0.5f * glm::length(glm::cross(patch.edge_u, patch.edge_v));

@@ -26,6 +26,9 @@ struct Patch {
     /// Something stands on it, so that its centroid does not see all its corners; or a lamp lies
     /// close above a part of it.
     bool crossed = false;
+    /// Near the end of a lamp close above: it is as small as the gap between them.
+    bool fading = false;
+    uint8_t under = 0; ///< the sides whose centroids lie under such a lamp (bit 0: front, 1: back)
 
     /// Luminance that its covered part sends by itself, nits.
     glm::vec3 sent() const { return alpha > 0.0f ? emission / alpha : glm::vec3(0.0f); }
@@ -116,8 +119,8 @@ struct PatchCover {
 
 /// Cuts every placed triangle into patches of at most `max_edge` units; outside the grid they may
 /// grow with their distance from it. One that a wall crosses, so that its centroid does not see its
-/// corners just above it, is cut further, down to an eighth; one that a lamp covers in part, down
-/// to the gap between them or a 64th. Throws Error as make_patches.
+/// corners just above it, is cut further, down to an eighth; one near the end of a lamp close
+/// above, down to the gap between them or a 64th. Throws Error as make_patches.
 PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,
                           const visibility::Visibility& visibility, float max_edge);
 

@@ -287,6 +287,58 @@ TEST(LitSurfaces, LightBehindAPanelStaysThere) {
         }
 }
 
+/// Illuminance (lux) of a point by a square of luminance 1 and edge 2 * half in a parallel plane,
+/// `gap` above it, `at` beside its middle.
+double lux_of_square(glm::dvec2 at, double half, double gap) {
+    constexpr int n = 100;
+    const double edge = 2.0 * half / n;
+    double sum = 0.0;
+    for (int i = 0; i < n; ++i)
+        for (int j = 0; j < n; ++j) {
+            const glm::dvec2 way = glm::dvec2(i + 0.5, j + 0.5) * edge - half - at;
+            const double square = glm::dot(way, way) + gap * gap;
+            sum += gap * gap / (square * square);
+        }
+    return sum * edge * edge;
+}
+
+TEST(LitSurfaces, LightAroundTheEndOfAGapIsAsItFades) {
+    // A wall under a square lamp, as light as closed form says in each band around the lamp's rim.
+    const double half = 0.8;
+    for (const double gap : {0.04, 0.08, 0.16})
+        for (const glm::vec2 middle : {glm::vec2(4.59f, 5.02f), glm::vec2(6.27f, 4.71f)}) {
+            Scene scene;
+            const int grey = scenes::add_material(scene, glm::vec3(0.5f));
+            const int lamp = scenes::add_material(scene, glm::vec3(0.0f), glm::vec3(100.0f), true);
+            scenes::add_quad(scene, grey, {0, 0, 0}, {10, 0, 0}, {0, 10, 0});
+            scenes::add_quad(scene, lamp, glm::vec3(middle - float(half), float(gap)),
+                             {float(2.0 * half), 0, 0}, {0, float(2.0 * half), 0});
+            const scene::Frame cells{glm::dvec3(0.0), 1.0, glm::dvec3(10.0)};
+            const visibility::Visibility visibility(scene, cells);
+            Progress silent;
+            const surface::LitSurfaces lit =
+                surface::light_surfaces(scene, visibility, cells, {.bounces = 1}, silent);
+            const auto band = [&](double from, double to) {
+                double got = 0.0, right = 0.0;
+                for (size_t i = 0; i < lit.patches.size(); ++i) {
+                    const surface::Patch& patch = lit.patches[i];
+                    const glm::dvec2 at = glm::dvec2(patch.position) - glm::dvec2(middle);
+                    const glm::dvec2 beyond = glm::abs(at) - half;
+                    const double rim = std::max(beyond.x, beyond.y) / gap;
+                    if (patch.instance != 0 || rim < from || rim >= to)
+                        continue;
+                    got += double(patch.area * lit.luminance[2 * i].x);
+                    right += double(patch.area) * 0.5 / glm::pi<double>() * 100.0
+                             * lux_of_square(at, half, gap);
+                }
+                return got / right;
+            };
+            EXPECT_NEAR(band(-4.0, -1.5), 1.0, 0.05) << gap;
+            EXPECT_NEAR(band(-1.5, 0.0), 1.0, 0.08) << gap;
+            EXPECT_NEAR(band(0.0, 1e3), 1.0, 0.15) << gap;
+        }
+}
+
 TEST(LitSurfaces, AHitFindsThePatchAroundIt) {
     const Scene scene = scenes::cornell_box_with_point();
     const scene::Frame cells{glm::dvec3(-1.1, -0.1, -1.1), 0.1, glm::dvec3(22.0)};
