@@ -23,19 +23,21 @@ std::string gibibytes(uint64_t bytes) {
     return text;
 }
 
-/// Whether a driver may have found no room: Mesa's for the CPU maps LLVM, and loaders say nothing.
-bool is_short_of_addresses() {
-    constexpr std::size_t driver = std::size_t(256) << 20;
+/// Room in the address space: of what Mesa's driver for the CPU takes with LLVM, where loaders say
+/// nothing; and of what LLVM takes for a few kernels, which ends the process where it finds none.
+constexpr std::size_t driver_room = std::size_t(256) << 20, compiler_room = std::size_t(64) << 20;
+
+bool has_addresses(std::size_t bytes) {
     void* const room =
-        mmap(nullptr, driver, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+        mmap(nullptr, bytes, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     if (room == MAP_FAILED)
-        return true;
-    munmap(room, driver);
-    return false;
+        return false;
+    munmap(room, bytes);
+    return true;
 }
 
 [[noreturn]] void fail_without(const std::string& what) {
-    if (is_short_of_addresses())
+    if (!has_addresses(driver_room))
         throw Error(ErrorKind::memory,
                     what + " in so little address space; allow more (ulimit -v)");
     throw Error(ErrorKind::device, what + "; " + remedy);
@@ -360,6 +362,11 @@ vk::raii::CommandBuffer Device::Impl::make_commands() const {
 }
 
 void Device::Impl::finish(const vk::raii::CommandBuffer& recorded) const {
+    // Kernels are compiled as they run.
+    if (info.type == "cpu" && !has_addresses(compiler_room))
+        throw Error(ErrorKind::memory, "'" + info.name
+                                           + "' has too little address space to compile in; allow "
+                                             "more (ulimit -v)");
     checked("running on the Vulkan device", [&] {
         recorded.end();
         const vk::CommandBuffer raw = *recorded;
