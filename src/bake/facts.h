@@ -27,5 +27,6 @@ struct SceneFacts {
 
 /// The scene outlives the facts. Throws Error (invalid) where there is no triangle.
 SceneFacts survey(const Scene& scene);
+SceneFacts survey(Scene&& scene) = delete;
 
 } // namespace lpvbake::bake

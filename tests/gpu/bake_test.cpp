@@ -638,7 +638,8 @@ TEST_F(Bake, SaysWhatIsWrong) {
 }
 
 TEST_F(Bake, TheResolutionThatItNamesFits) {
-    const bake::SceneFacts facts = bake::survey(scenes::cornell_box_with_point());
+    const Scene scene = scenes::cornell_box_with_point();
+    const bake::SceneFacts facts = bake::survey(scene);
     gpu::DeviceInfo small = device().info();
     small.memory = 8 << 20;
     try {
