@@ -372,16 +372,18 @@ Attempt bake_until(const BakeOptions& o, const Scene& scene, const bake::BakeSet
             wished_error(*made.verified, made.choice.plan.settings.fit != nullptr);
         if (error.points == 0 || error.high <= *o.error)
             return made;
-        wish.error = *wish.error * std::clamp(*o.error / error.high, 0.25, 0.8);
-        choice = bake::choose_settings(bake::survey(scene), base, wish, device.info());
-        if (choice.text == made.choice.text || i == most_attempts) {
-            run.warn({format("the error is measured as %s, not below the %.3g %% that are wanted, "
-                             "and %s; a higher `resolution` or more bands may reach it",
-                             error_text(error).c_str(), 100 * *o.error,
-                             i == most_attempts ? "four bakes did not reach it"
-                                                : "no settings are expected to err less")});
-            return made;
+        const char* why = "four bakes did not reach it";
+        if (i < most_attempts) {
+            wish.error = *wish.error * std::clamp(*o.error / error.high, 0.25, 0.8);
+            choice = bake::choose_settings(bake::survey(scene), base, wish, device.info());
+            if (choice.text != made.choice.text)
+                continue;
+            why = "no settings are expected to err less";
         }
+        run.warn({format("the error is measured as %s, not below the %.3g %% that are wanted, and "
+                         "%s; a higher `resolution` or more bands may reach it",
+                         error_text(error).c_str(), 100 * *o.error, why)});
+        return made;
     }
 }
 

@@ -60,18 +60,23 @@ void check_options(const DiffOptions& o) {
 /// Gives cells that are not valid what the nearest valid one has, at most three cells away in the
 /// layer.
 void spread(Volume& layer) {
-    constexpr int reach = 3;
+    constexpr int reach = 3, width = 2 * reach + 1;
     const Volume known = layer;
     const Grid& grid = layer.grid;
     for (std::size_t i = 0; i < known.validity.size(); ++i) {
+        if (known.validity[i] != 0)
+            continue;
         int nearest = reach * reach + 1;
-        for (std::size_t j = 0; j < known.validity.size() && known.validity[i] == 0; ++j) {
-            const glm::ivec3 way = grid.cell_at(j) - grid.cell_at(i);
+        for (int n = 0; n < width * width * width; ++n) {
+            const glm::ivec3 way =
+                glm::ivec3(n % width, n / width % width, n / width / width) - reach;
+            const glm::ivec3 there = grid.cell_at(i) + way;
             const int distance = way.x * way.x + way.y * way.y + way.z * way.z;
-            if (known.validity[j] == 0 || distance >= nearest)
+            if (distance >= nearest || !grid.contains(there)
+                || known.validity[grid.index(there)] == 0)
                 continue;
             nearest = distance;
-            layer.sh[0][i] = known.sh[0][j];
+            layer.sh[0][i] = known.sh[0][grid.index(there)];
             layer.validity[i] = 1;
         }
     }

@@ -213,8 +213,8 @@ std::string import_name(const std::string& picture) {
 }
 
 /// STEM.unity.json of STEM.exr.
-std::string note_name(const std::string& path, const std::string& kind) {
-    return fs::path(path).replace_extension().string() + "." + kind + ".json";
+std::string note_name(const std::string& path, Notes notes) {
+    return fs::path(path).replace_extension().string() + "." + kind_of(notes) + ".json";
 }
 
 void write_notes(const Target& target, const std::string& path, const Grid& baked,
@@ -222,11 +222,10 @@ void write_notes(const Target& target, const std::string& path, const Grid& bake
     const Grid grid = volume::turned_grid(baked, volume::from_gltf(target.encoding.axes));
     const std::string stem = fs::path(path).replace_extension().string();
     std::vector<WriteReport::File> notes;
-    const auto write = [&](const char* program, const char* kind, const Json& own,
-                           double units_a_metre = 1.0) {
+    const auto write = [&](const char* program, const Json& own, double units_a_metre = 1.0) {
         Json json = common_notes(program, stem, report, grid, target.encoding.axes, units_a_metre);
         json.update(own);
-        notes.push_back(write_text(note_name(path, kind), json.dump(2) + "\n"));
+        notes.push_back(write_text(note_name(path, target.notes), json.dump(2) + "\n"));
     };
     switch (target.notes) {
     case Notes::none:
@@ -235,16 +234,16 @@ void write_notes(const Target& target, const std::string& path, const Grid& bake
         for (const WriteReport::File& file : report.files)
             if (file.path.ends_with(".exr"))
                 notes.push_back(write_text(import_name(file.path), godot_import(report)));
-        write("Godot 4", kind_of(target.notes), godot_notes());
+        write("Godot 4", godot_notes());
         break;
     case Notes::unity:
-        write("Unity 2020.2 or later", kind_of(target.notes), unity_notes(report, evaluation));
+        write("Unity 2020.2 or later", unity_notes(report, evaluation));
         break;
     case Notes::unreal:
-        write("Unreal Engine 5", kind_of(target.notes), unreal_notes(grid), 100.0);
+        write("Unreal Engine 5", unreal_notes(grid), 100.0);
         break;
     case Notes::bevy:
-        write("Bevy", kind_of(target.notes), bevy_notes(grid, report));
+        write("Bevy", bevy_notes(grid, report));
         break;
     }
     report.files.insert(report.files.end(), notes.begin(), notes.end());
@@ -351,7 +350,7 @@ std::vector<std::string> files_for(const Target& target, const std::string& path
             if (files[i].ends_with(".exr"))
                 files.push_back(import_name(files[i]));
     if (target.notes != Notes::none)
-        files.push_back(note_name(path, kind_of(target.notes)));
+        files.push_back(note_name(path, target.notes));
     return files;
 }
 

@@ -78,11 +78,6 @@ struct LampBox {
     glm::vec3 lo{HUGE_VALF}, hi{-HUGE_VALF};
 };
 
-/// The way from a point to what lies close above it, on this side of a surface.
-constexpr glm::vec3 cover_way(glm::vec3 normal) {
-    return cover_reach * normal;
-}
-
 /// What rays of the cutter's frame meet, which may be placed in another one.
 struct Walls {
     const visibility::Visibility& visibility;
@@ -98,6 +93,13 @@ struct Walls {
     /// As ray_offset, by the coarser of both frames.
     float offset(glm::vec3 point) const {
         return std::max(ray_offset(point), ray_offset(place(point)) / scale);
+    }
+    /// To what lies close above a point of a surface, on this side of it.
+    visibility::Ray ray_above(glm::vec3 point, glm::vec3 normal) const {
+        return ray(point + offset(point) * normal, cover_reach * normal);
+    }
+    bool cover(glm::vec3 point, glm::vec3 normal) const {
+        return visibility.transmittance(ray_above(point, normal)) < 0.5f;
     }
 };
 
@@ -270,8 +272,7 @@ private:
                 continue;
             const glm::vec3 normal = side != 0 ? -source.normal : source.normal;
             const Gap above = gap_above(at, normal), near = gap_above(around, normal);
-            const bool under =
-                walls->block(centroid + walls->offset(centroid) * normal, cover_way(normal));
+            const bool under = walls->cover(centroid, normal);
             if (under && above.width < HUGE_VALF)
                 standing.under |= uint8_t(1u << side);
             if (above.ends || near.ends)
@@ -311,7 +312,7 @@ private:
         for (size_t i = 0; i < points.size(); ++i) {
             const glm::vec3 p =
                 at[0] + points[i].x * (at[1] - at[0]) + points[i].y * (at[2] - at[0]);
-            rays[i] = walls->ray(p + walls->offset(p) * normal, cover_way(normal));
+            rays[i] = walls->ray_above(p, normal);
         }
         walls->visibility.closest_of_eights(rays, visibility::Bundle::tight, hits);
         Gap gap;
@@ -468,7 +469,7 @@ std::vector<std::vector<Cutter>> cut_scene(const Scene& scene, const scene::Fram
 } // namespace
 
 bool is_covered(const visibility::Visibility& visibility, glm::vec3 point, glm::vec3 normal) {
-    return Walls{visibility}.block(point + ray_offset(point) * normal, cover_way(normal));
+    return Walls{visibility}.cover(point, normal);
 }
 
 std::vector<Patch> make_patches(const Scene& scene, const scene::Frame& frame, float max_edge) {
