@@ -348,6 +348,7 @@ Attempt attempt(const BakeOptions& o, const Scene& scene, bake::Choice choice,
         run.begin_stage();
         report::VerifySettings settings;
         settings.points = *o.verify;
+        settings.isa = o.isa;
         made.verified =
             report::verify(scene, made.volume, report::field_rules(made.choice.plan.settings),
                            reader, settings, run.progress);

@@ -9,6 +9,7 @@ options::Command bake_command();
 options::Command reference_command();
 options::Command info_command();
 options::Command render_command();
+options::Command verify_command();
 options::Command diff_command();
 options::Command convert_command();
 options::Command report_command();
@@ -17,9 +18,9 @@ options::Command help_command();
 
 /// In the order of --help.
 inline options::Commands all_commands() {
-    return {bake_command(),   reference_command(), info_command(),
-            render_command(), diff_command(),      convert_command(),
-            report_command(), devices_command(),   help_command()};
+    return {bake_command(),    reference_command(), info_command(),    render_command(),
+            verify_command(),  diff_command(),      convert_command(), report_command(),
+            devices_command(), help_command()};
 }
 
 } // namespace lpvbake::cmd

@@ -7,15 +7,12 @@
 #include "io/atomic_file.h"
 #include "io/slice.h"
 #include "lpvbake/error.h"
-#include "readers/readers.h"
+#include "read_light.h"
 #include "render/camera.h"
 #include "render/display.h"
 #include "render/flip.h"
-#include "scene/scene_hash.h"
 #include "scene_options.h"
 #include "text.h"
-#include "volume/dilate.h"
-#include "volume/light_content.h"
 
 #include <algorithm>
 #include <cstdio>
@@ -39,10 +36,6 @@ constexpr const char* show_names[] = {"final",      "direct",    "indirect", "al
 constexpr int most_pixels_a_side = 16384;
 const char camera_forms[] = "; it takes NAME, INDEX, X,Y,Z:TX,TY,TZ[:FOV], "
                             "orbit[:AZIMUTH,ELEVATION[,DISTANCE]] or inside";
-
-const readers::Reader* const facing = readers::reader_named("lpvbake");
-const readers::Reader trilinear{
-    .name = "trilinear", .highest_order = volume::sh_max_order, .clamped = true};
 
 struct RenderOptions : SceneOptions, RunOptions {
     std::string volume;
@@ -180,35 +173,14 @@ void check_options(const RenderOptions& o) {
 
 // ---------------------------------------------------------------- what is drawn
 
-Volume read(const std::string& path) {
-    Volume volume = read_volume(path);
-    const bool is_difference = volume.metadata.contains("minuend");
-    if (is_difference || volume.metadata.contains("quantity"))
-        throw Error(ErrorKind::invalid,
-                    path + ": holds " + (is_difference ? "the difference of two volumes" : "errors")
-                        + ", not light; give a volume of bake or reference");
-    return volume;
-}
-
-/// Whether the volume holds light of a kind of source; where that is unknown it is taken to.
-bool holds(const Volume& volume, std::optional<volume::Reflections> volume::LightContent::*source) {
-    const std::optional<volume::LightContent> content = volume::content_in(volume.metadata);
-    return !content || (*content).*source;
-}
-
 /// What makes the volume one of another scene or other lights, if it is looked at.
 void warn_of_mismatch(const RenderOptions& o, const Scene& scene, const Volume& volume,
                       TerminalProgress& progress) {
     if (o.show == render::Show::direct || o.show == render::Show::albedo
         || o.show == render::Show::normal)
         return;
-    const auto& metadata = volume.metadata;
-    if (const auto hash = metadata.find("scene_hash");
-        hash != metadata.end() && hash->second != scene::scene_hash(scene)) {
-        progress.warn(o.volume
-                      + ": is of another scene or other lights; give those of its bake, which "
-                        "lpvbake info lists");
-    }
+    if (const auto other = mismatch(o.volume, volume, scene))
+        progress.warn(*other);
     const Bounds bounds = bounds_of(scene);
     const Grid& grid = volume.grid;
     const double slack = 0.5 * grid.cell;
@@ -228,16 +200,6 @@ void warn_of_mismatch(const RenderOptions& o, const Scene& scene, const Volume& 
     miss(!o.no_emitters && scene::has_emitters(scene), &volume::LightContent::emitters, "emitters");
     miss(scene::has_sky(scene), &volume::LightContent::sky, "the sky");
     miss(!scene.lights.empty(), &volume::LightContent::punctual, "punctual lights");
-}
-
-/// Which light the volume holds, as its metadata say.
-reference::PathRules rules_of(const RenderOptions& o, const Volume& volume) {
-    reference::PathRules rules;
-    rules.emitters = !o.no_emitters && holds(volume, &volume::LightContent::emitters);
-    const auto bounces = volume.metadata.find("bounces");
-    rules.bounces = bounces == volume.metadata.end() ? std::nullopt
-                                                     : options::parse_bounces(bounces->second).most;
-    return rules;
 }
 
 image::Pixels displayed(const RenderOptions& o, const image::Pixels& picture, double ev) {
@@ -275,6 +237,7 @@ struct RenderResult {
     const Scene& scene;
     const Volume& volume;
     std::string device;
+    std::string sampler;
     render::ViewSettings view;
     render::Rendering rendering;
     double exposure = 0;
@@ -304,7 +267,7 @@ void print_json_result(const RenderResult& r, const Run& run) {
                           {"size", {r.view.size.x, r.view.size.y}},
                           {"samples", o.samples},
                           {"show", name_of(o.show)},
-                          {"sampler", o.sampler == facing ? "facing" : o.sampler->name},
+                          {"sampler", r.sampler},
                           {"camera",
                            {{"name", r.view.camera.name},
                             {"eye", report::vector_json(eye_of(r.view.camera))},
@@ -370,41 +333,15 @@ void print_text_result(const RenderResult& r, const Run& run) {
     print_outputs(r.outputs);
 }
 
-/// The volume as the sampler's target writes it, where that fills cells; a fitted one is filled.
-std::optional<Volume> filled_for(const readers::Reader& sampler, const Volume& volume) {
-    const io::Target* target = io::target_named(sampler.name);
-    if (!target || target->dilate == 0 || volume.metadata.contains("fit"))
-        return {};
-    std::optional<Volume> filled = volume;
-    volume::dilate(*filled, target->dilate);
-    return filled;
-}
-
-/// The program that the volume is fitted to, or our own sampler.
-const readers::Reader* usual_sampler(const Volume& volume) {
-    const auto fit = volume.metadata.find("fit");
-    const readers::Reader* reader =
-        fit == volume.metadata.end() ? nullptr : readers::reader_named(fit->second);
-    return reader ? reader : facing;
-}
-
-void run(RenderOptions o) {
+void run(const RenderOptions& o) {
     check_options(o);
     Run run(o, o, all_outputs(o));
     const image::ImageModulePreload preload = image::preload_image_module();
     auto opening = std::async(in_background(), [&o] {
         return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
     });
-    const Volume volume = read(o.volume);
-    std::optional<readers::Reader> evaluated;
-    if (!o.sampler) {
-        o.sampler = usual_sampler(volume);
-        const auto own = volume.metadata.find("fit_evaluation");
-        if (const readers::Evaluation* evaluation =
-                own == volume.metadata.end() ? nullptr : readers::evaluation_named(own->second);
-            evaluation && o.sampler->gives_coefficients)
-            o.sampler = &evaluated.emplace(readers::with_evaluation(*o.sampler, *evaluation));
-    }
+    const Volume volume = read_light(o.volume);
+    const readers::Reader sampler = sampler_for(o.sampler, volume);
     const Scene scene = run.load();
     if (scene::triangle_count(scene) == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to draw");
@@ -415,19 +352,22 @@ void run(RenderOptions o) {
     run.progress.begin("prepare", 0);
     const scene::Frame frame = scene::frame_of(volume.grid);
     const visibility::Visibility visibility(scene, frame);
-    const reference::Paths paths(scene, visibility, frame, rules_of(o, volume));
+    reference::PathRules rules = rules_of(volume);
+    rules.emitters = rules.emitters && !o.no_emitters;
+    const reference::Paths paths(scene, visibility, frame, rules);
     render::ViewSettings view;
     view.camera = choose_camera(o, scene, volume.grid, visibility, view.size);
     view.samples = o.samples;
     view.show = o.show;
-    RenderResult result{o, scene, volume, device->info().name, view, {}, 0, {}, {}, 0, {}};
+    RenderResult result{
+        o, scene, volume, device->info().name, sampler_name(sampler), view, {}, 0, {}, {}, 0, {}};
     if (!o.dry_run) {
         const raster::Raster raster(*device, scene, frame);
         run.end_stage("prepare");
         const render::LitScene lit{scene, frame, visibility, paths};
-        const std::optional<Volume> filled = filled_for(*o.sampler, volume);
+        const std::optional<Volume> filled = filled_for(sampler, volume);
         result.rendering =
-            render::render(lit, filled ? *filled : volume, raster, *o.sampler, view, run.progress);
+            render::render(lit, filled ? *filled : volume, raster, sampler, view, run.progress);
         const image::Pixels& drawn = result.rendering.picture;
         run.end_stage("render");
         result.exposure = o.exposure ? *o.exposure : render::automatic_exposure(drawn, view.show);
@@ -456,16 +396,6 @@ void run(RenderOptions o) {
         print_text_result(result, run);
 }
 
-/// Our own two samplers, then the programs and formulas that readers know.
-options::Choices<const readers::Reader*> samplers() {
-    options::Choices<const readers::Reader*> choices{
-        {"auto", nullptr}, {"facing", facing}, {"trilinear", &trilinear}};
-    for (const readers::Reader& reader : readers::all_readers())
-        if (&reader != facing)
-            choices.emplace_back(reader.name, &reader);
-    return choices;
-}
-
 options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<RenderOptions>();
     RenderOptions& o = *fields;
@@ -483,10 +413,7 @@ options::Action declare(options::Options& options) {
     options.number("--samples", o.samples, 1, 65536,
                    "Samples of each pixel, spread over its square");
     options.choice("--show", o.show, options::choices_named<render::Show>(show_names), "See below");
-    options.choice(
-        "--sampler", o.sampler, samplers(),
-        "How the volume is read, or by which program; auto: by the one that it is fitted "
-        "to, else facing");
+    add_sampler_option(options, o.sampler);
 
     options.group("Picture");
     options.value("--exposure", o.exposure, "EV|auto", parse_exposure, "Of a .png", "auto");

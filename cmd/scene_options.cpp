@@ -136,8 +136,10 @@ void add_light_options(options::Options& options, SceneOptions& o) {
         .values("--point", o.points, "X,Y,Z,CANDELA[,COLOUR]", options::parse_point,
                 "Point light, metres; may be repeated")
         .record();
-    options.texts("--lights", o.light_files, "FILE",
-                  "JSON file of lights in the terms of KHR_lights_punctual; may be repeated");
+    options
+        .texts("--lights", o.light_files, "FILE",
+               "JSON file of lights in the terms of KHR_lights_punctual; may be repeated")
+        .record(options::Recorded::if_changed);
     options
         .value("--sky", o.sky, "COLOUR,NITS|FILE[,SCALE]", parse_sky_option,
                "Light from beyond the scene: the same from everywhere, COLOUR as for --sun; or an "

@@ -123,4 +123,26 @@ void read_options(const std::vector<std::string>& paths, const std::string& comm
     }
 }
 
+void read_recorded(const std::string& recorded, const std::string& place,
+                   const std::set<std::string>& groups, Options& options) {
+    std::string lines = recorded;
+    bool quoted = false;
+    for (std::size_t i = 0; i < lines.size(); ++i) {
+        quoted = quoted != (lines[i] == '"');
+        i += quoted && lines[i] == '\\';
+        if (!quoted && lines[i] == ';')
+            lines[i] = '\n';
+    }
+    const std::set<std::string> settled = settled_by(options);
+    try {
+        const std::vector<ConfigTable> tables = parse_config(lines, place);
+        for (const ConfigEntry& entry : tables.front().entries)
+            if (Option* row = options.find(entry.key);
+                row && groups.contains(row->group) && !settled.contains(entry.key))
+                take(place, entry, *row);
+    } catch (const Error& error) {
+        throw Error(ErrorKind::invalid, error.what());
+    }
+}
+
 } // namespace lpvbake::cmd::options

@@ -20,6 +20,11 @@ using CommandOptions = std::map<std::string, const Options*>;
 void read_options(const std::vector<std::string>& paths, const std::string& command,
                   const CommandOptions& commands, Options& options);
 
+/// Sets what is not given yet, nor excluded by what is, of some groups, from what Options::recorded
+/// returned. Throws Error (invalid) that begins with `place`.
+void read_recorded(const std::string& recorded, const std::string& place,
+                   const std::set<std::string>& groups, Options& options);
+
 /// "; did you mean --resolution?", or nothing where no word is near. A beginning is near too.
 std::string did_you_mean(const std::string& word, const std::vector<std::string>& known,
                          const std::string& prefix = "");

@@ -39,18 +39,9 @@ bool is_number(const std::string& text) {
 
 class File {
 public:
-    explicit File(const std::string& path) : path_(path) {
-        constexpr std::size_t limit = 1 << 20;
-        std::ifstream file(path, std::ios::binary);
-        text_.resize(limit + 1);
-        // A folder opens, but does not read.
-        if (!file || (!file.read(text_.data(), std::streamsize(text_.size())) && file.bad()))
-            throw Error(ErrorKind::file, path + ": cannot be read");
-        text_.resize(std::size_t(file.gcount()));
-        if (text_.size() > limit)
-            throw Error(ErrorKind::file, path + ": more than 1 MiB, not an option file");
+    File(std::string text, const std::string& name) : path_(name), text_(std::move(text)) {
         try {
-            root_ = toml::parse(text_, path);
+            root_ = toml::parse(text_, path_);
         } catch (const toml::parse_error& error) {
             fail(error);
         }
@@ -150,10 +141,27 @@ private:
     toml::table root_;
 };
 
+std::string text_of(const std::string& path) {
+    constexpr std::size_t limit = 1 << 20;
+    std::ifstream file(path, std::ios::binary);
+    std::string text(limit + 1, '\0');
+    // A folder opens, but does not read.
+    if (!file || (!file.read(text.data(), std::streamsize(text.size())) && file.bad()))
+        throw Error(ErrorKind::file, path + ": cannot be read");
+    text.resize(std::size_t(file.gcount()));
+    if (text.size() > limit)
+        throw Error(ErrorKind::file, path + ": more than 1 MiB, not an option file");
+    return text;
+}
+
 } // namespace
 
 std::vector<ConfigTable> read_config(const std::string& path) {
-    const File file(path);
+    return parse_config(text_of(path), path);
+}
+
+std::vector<ConfigTable> parse_config(std::string text, const std::string& name) {
+    const File file(std::move(text), name);
     const auto is_table = [](std::string_view, const toml::node& node) { return node.is_table(); };
     const auto none = [](std::string_view, const toml::node&) { return false; };
     std::vector<ConfigTable> tables{{"", file.entries(file.root(), is_table, "of a command"), 1}};
@@ -166,7 +174,7 @@ std::vector<ConfigTable> read_config(const std::string& path) {
 
 std::vector<std::vector<ConfigEntry>> read_config_tables(const std::string& path,
                                                          const std::string& name) {
-    const File file(path);
+    const File file(text_of(path), path);
     const std::string expected = "[[" + name + "]]";
     const auto is_own = [&](std::string_view key, const toml::node&) { return key == name; };
     const auto none = [](std::string_view, const toml::node&) { return false; };

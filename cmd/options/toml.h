@@ -28,6 +28,8 @@ struct ConfigTable {
 /// first header and in tables. Entries are in the order of the file. Throws Error (file: cannot be
 /// read or above 1 MiB; argument: names file, line and key).
 std::vector<ConfigTable> read_config(const std::string& path);
+/// The same of a text; `name` stands for the file.
+std::vector<ConfigTable> parse_config(std::string text, const std::string& name);
 
 /// Reads the arrays of tables [[name]] of such a file: one list of entries a header, in order. What
 /// stands before the first header is a table of its own. Throws as read_config does.

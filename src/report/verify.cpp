@@ -192,7 +192,7 @@ Verified verify(const Scene& scene, const Volume& volume, const reference::PathR
                 const readers::Reader& reader, const VerifySettings& settings, Progress& progress) {
     const auto begin = std::chrono::steady_clock::now();
     const scene::Frame frame = scene::frame_of(volume.grid);
-    const visibility::Visibility visibility(scene, frame);
+    const visibility::Visibility visibility(scene, frame, settings.isa);
     const TruthSettings exact{settings.noise, settings.most_rays, settings.seed};
     Verified verified;
     const uint64_t half = std::max<uint64_t>(1, settings.points / 2);

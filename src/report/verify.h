@@ -5,6 +5,7 @@
 #include "readers/readers.h"
 #include "reference/paths.h"
 #include "scene/scene.h"
+#include "visibility/isa.h"
 
 #include <cstdint>
 #include <span>
@@ -17,6 +18,7 @@ struct VerifySettings {
     double noise = 0.03;          ///< of what paths bring, as ReferenceSettings::noise
     uint64_t most_rays = 1 << 13; ///< from each point
     uint64_t seed = 1;
+    visibility::Isa isa = visibility::Isa::automatic;
 };
 
 /// A relative error of irradiance (sum |E - T| / sum T) that was measured at some of many places.

@@ -211,7 +211,8 @@ TEST_F(Cli, HelpNamesEveryExitCodeAndCommand) {
                   std::string::npos)
             << int(row.code);
     for (const char* command :
-         {"bake", "reference", "info", "render", "diff", "convert", "report", "devices", "help"}) {
+         {"bake", "reference", "info", "render", "verify", "diff", "convert", "report", "devices",
+          "help"}) {
         EXPECT_NE(result.out.find(std::string("\n  ") + command), std::string::npos) << command;
         const Result own = run({command, "--help"});
         EXPECT_EQ(own.status, 0);
@@ -228,7 +229,8 @@ TEST_F(Cli, HelpNamesEveryExitCodeAndCommand) {
     const Result documents = run({"help", "json"});
     EXPECT_EQ(documents.status, 0);
     for (const char* command :
-         {"bake", "reference", "info", "render", "diff", "convert", "report", "devices", "help"})
+         {"bake", "reference", "info", "render", "verify", "diff", "convert", "report", "devices",
+          "help"})
         EXPECT_NE(documents.out.find("{\"command\": \"" + std::string(command) + "\""),
                   std::string::npos)
             << command;

@@ -1,0 +1,97 @@
+#include "read_light.h"
+
+#include "io/target.h"
+#include "lpvbake/error.h"
+#include "lpvbake/file.h"
+#include "options/file.h"
+#include "scene/scene_hash.h"
+#include "volume/dilate.h"
+
+namespace lpvbake::cmd {
+namespace {
+
+const readers::Reader* const facing = readers::reader_named("lpvbake");
+const readers::Reader trilinear{
+    .name = "trilinear", .highest_order = volume::sh_max_order, .clamped = true};
+
+/// Null where there is none.
+const std::string* fact_in(const Volume& volume, const char* name) {
+    const auto fact = volume.metadata.find(name);
+    return fact == volume.metadata.end() ? nullptr : &fact->second;
+}
+
+} // namespace
+
+Volume read_light(const std::string& path) {
+    Volume volume = read_volume(path);
+    const bool is_difference = fact_in(volume, "minuend") != nullptr;
+    if (is_difference || fact_in(volume, "quantity"))
+        throw Error(ErrorKind::invalid,
+                    path + ": holds " + (is_difference ? "the difference of two volumes" : "errors")
+                        + ", not light; give a volume of bake or reference");
+    return volume;
+}
+
+bool holds(const Volume& volume, std::optional<volume::Reflections> volume::LightContent::*source) {
+    const std::optional<volume::LightContent> content = volume::content_in(volume.metadata);
+    return !content || (*content).*source;
+}
+
+reference::PathRules rules_of(const Volume& volume) {
+    const std::string* bounces = fact_in(volume, "bounces");
+    return {bounces ? options::parse_bounces(*bounces).most : std::nullopt,
+            holds(volume, &volume::LightContent::emitters)};
+}
+
+std::optional<std::string> mismatch(const std::string& path, const Volume& volume,
+                                    const Scene& scene) {
+    const std::string* hash = fact_in(volume, "scene_hash");
+    if (!hash || *hash == scene::scene_hash(scene))
+        return {};
+    return path
+           + ": is of another scene or other lights; give those of its bake, which lpvbake info "
+             "lists";
+}
+
+void take_light(const std::string& path, const Volume& volume, options::Options& options) {
+    if (const std::string* settings = fact_in(volume, "settings"))
+        options::read_recorded(*settings, path + ": its settings", {"Scene", "Light"}, options);
+}
+
+void add_sampler_option(options::Options& options, const readers::Reader*& sampler) {
+    options::Choices<const readers::Reader*> choices{
+        {"auto", nullptr}, {"facing", facing}, {"trilinear", &trilinear}};
+    for (const readers::Reader& reader : readers::all_readers())
+        if (&reader != facing)
+            choices.emplace_back(reader.name, &reader);
+    options.choice("--sampler", sampler, choices,
+                   "How the volume is read, or by which program; auto: by the one that it is "
+                   "fitted to, else facing");
+}
+
+readers::Reader sampler_for(const readers::Reader* asked, const Volume& volume) {
+    if (asked)
+        return *asked;
+    const std::string* fit = fact_in(volume, "fit");
+    const readers::Reader* fitted = fit ? readers::reader_named(*fit) : nullptr;
+    const readers::Reader& reader = fitted ? *fitted : *facing;
+    const std::string* own = fact_in(volume, "fit_evaluation");
+    const readers::Evaluation* evaluation = own ? readers::evaluation_named(*own) : nullptr;
+    return evaluation && reader.gives_coefficients ? readers::with_evaluation(reader, *evaluation)
+                                                   : reader;
+}
+
+std::string sampler_name(const readers::Reader& sampler) {
+    return std::string(sampler.name) == facing->name ? "facing" : sampler.name;
+}
+
+std::optional<Volume> filled_for(const readers::Reader& sampler, const Volume& volume) {
+    const io::Target* target = io::target_named(sampler.name);
+    if (!target || target->dilate == 0 || fact_in(volume, "fit"))
+        return {};
+    std::optional<Volume> filled = volume;
+    volume::dilate(*filled, target->dilate);
+    return filled;
+}
+
+} // namespace lpvbake::cmd
