@@ -8,7 +8,7 @@ packages=(
     # build
     cmake ninja-build g++ ccache glslc
     libvulkan-dev libembree-dev libtbb-dev libglm-dev libcli11-dev libtomlplusplus-dev nlohmann-json3-dev
-    libtinygltf-dev libdraco-dev libmeshoptimizer-dev libopenvdb-dev libboost-dev
+    libtinygltf-dev libdraco-dev libmeshoptimizer-dev libopenvdb-dev libnanovdb-dev libboost-dev libzstd-dev
     libopenimageio-dev libopenexr-dev libimath-dev libpng-dev
     # run: a Vulkan driver for any CPU
     mesa-vulkan-drivers
@@ -20,7 +20,7 @@ packages=(
     libopenvdb-tools openimageio-tools python3 python3-openvdb python3-openimageio python3-numpy python3-jsonschema
 )
 if [[ ${1:-} == --clients ]]; then
-    packages+=(blender chromium chromium-driver godot3-server)
+    packages+=(blender chromium chromium-driver godot3-server nodejs libogre-1.12-dev)
 fi
 
 missing=()

@@ -251,6 +251,8 @@ io::Target OutputOptions::storage() const {
     if (l1_scale != 1 && target != io::target_named("vrc"))
         throw Error(ErrorKind::argument, "--l1-scale is for --target vrc");
     storage.l1_scale = l1_scale;
+    for (const std::string& path : paths)
+        io::check_precision(path, storage.precision, storage.pictures.packing);
     if (columns > 0)
         storage.pictures.columns = columns;
     return storage;
@@ -306,11 +308,14 @@ void add_output_options(options::Options& options, OutputOptions& o) {
     options.choice("--target", o.target, targets,
                    "Program that reads the files: sets the options below that are not given, see "
                    "lpvbake convert --help, and writes what it needs beside them");
+    options::Choices<Precision> precisions;
+    for (const Precision precision : {Precision::full, Precision::half, Precision::rgb9e5})
+        precisions.emplace_back(io::name_of(precision), precision);
     options
-        .choice("--precision", o.precision,
-                options::Choices<Precision>{{"float", Precision::full}, {"half", Precision::half}},
-                "Type of the stored numbers")
-        .implies([&o] { return o.storage().precision == Precision::half ? "half" : "float"; });
+        .choice("--precision", o.precision, precisions,
+                "Type of the stored numbers; rgb9e5, of .ktx2 and .dds packed by band or cube: 32 "
+                "bits for the colours of the mean or of a cube, half for all else")
+        .implies([&o] { return io::name_of(o.storage().precision); });
     options
         .choice("--sh-convention", o.convention,
                 options::choices_named<volume::ShConvention>(volume::convention_names()),
@@ -321,8 +326,7 @@ void add_output_options(options::Options& options, OutputOptions& o) {
                 "Axes of cells, directions and positions")
         .implies([&o] { return volume::name_of(o.storage().encoding.axes); });
     options
-        .choice("--exr-packing", o.packing,
-                options::choices_named<io::Packing>(io::packing_names()),
+        .choice("--packing", o.packing, options::choices_named<io::Packing>(io::packing_names()),
                 "One RGB file per coefficient, one RGBA file per colour channel, or as VRC Light "
                 "Volumes, Bevy and three.js have it")
         .implies([&o] { return io::name_of(o.storage().pictures.packing); });
@@ -414,10 +418,15 @@ bool has_file(const std::string& volume, const std::string& file) {
     if (own == other)
         return true;
     const io::VolumeFormat* format = io::readable_format(volume);
-    return format && format->sidecar[0] && own.parent_path() == other.parent_path()
-           && (other.filename() == own.stem().string() + format->sidecar
-               || (other.filename().string().starts_with(own.stem().string() + "_")
-                   && options::has_extension(file, format->extension)));
+    if (!format || !format->has_pictures || own.parent_path() != other.parent_path())
+        return false;
+    const std::string sidecar = format->sidecar, name = own.filename().string();
+    const std::string stem = !sidecar.empty() && name.ends_with(sidecar)
+                                 ? name.substr(0, name.size() - sidecar.size())
+                                 : own.stem().string();
+    return (!sidecar.empty() && other.filename() == stem + sidecar)
+           || (other.filename().string().starts_with(stem + "_")
+               && options::has_extension(file, format->extension));
 }
 
 bool is_same(const std::string& a, const std::string& b) {

@@ -16,22 +16,8 @@ extern const VolumeFormat exr_format;
 /// is cell (x, y, t); tiles beyond the last slice are zero. Each file is atomic, none takes its
 /// name before all are on the disk, and the sidecar comes last.
 ///
-/// The sidecar (numbers round-trip exactly):
-///
-///     {
-///       "format": "lpvbake flipbook", "version": 1,
-///       "grid": { "dims": [x, y, z], "origin": [x, y, z] (metres), "cell": metres },
-///       "layout": { "columns": tiles a row, "rows": rows, "tile": [width, height], "slices": z,
-///                   "padding": slices at either end of each block (atlas alone) },
-///       "packing": "band", ..., "precision": "float" | "half", "sh_order": 0 to 4,
-///       "convention": "radiance", ..., "direction": "incident" | "travel", "axes": "gltf", ...,
-///       "probe_position": "center",
-///       "files": [ { "file": name beside the sidecar, "quantity": what it holds, "units": unit,
-///                    "channels": [what each of its channels holds: "sh_l0.r", "occlusion_l1_y",
-///                                 "validity", "wall_0.x", ...], or of atlas and cube
-///                    "blocks": [the same of each block, "" for nothing] }, ... ],
-///       "metadata": { volume.metadata, "tool" added where it is missing }
-///     }
+/// The sidecar is the description (described.h, "format": "lpvbake flipbook"), with the layout of
+/// the pictures and the metadata.
 ///
 /// The header of every EXR repeats lattice, layout, metadata and the facts of its file as lpv:*
 /// strings.

@@ -16,11 +16,12 @@ namespace lpvbake::io {
 /// A kind of volume file. Functions may not be null.
 struct VolumeFormat {
     const char* extension; ///< ".vdb", lower case; unique, also among sidecars
-    /// Extension of a file beside it by which it may be read too; empty: there is none.
+    /// End of the name of a file beside it by which it may be read too; empty: there is none.
     const char* sidecar = "";
     const char* help; ///< what is written for NAME, as "NAME.vdb"
     /// It stores cells as Pictures says, for programs that are told how by the notes of a Target.
     bool has_pictures = false;
+    bool has_rgb9e5 = false; ///< it takes Precision::rgb9e5
     /// The files of a volume with these grids, in the order in which `write` lists them; null: the
     /// path's alone.
     std::vector<std::string> (*files)(const std::string& path, const Volume& grids,
@@ -37,7 +38,7 @@ struct VolumeFormat {
 
 using VolumeFormats = std::span<const VolumeFormat* const>;
 
-/// OpenVDB, then OpenEXR.
+/// OpenVDB, OpenEXR, KTX2, DDS.
 VolumeFormats volume_formats();
 
 } // namespace lpvbake::io

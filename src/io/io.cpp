@@ -1,6 +1,8 @@
 #include "io/io.h"
 
+#include "io/dds.h"
 #include "io/exr.h"
+#include "io/ktx2.h"
 #include "io/layout.h"
 #include "io/vdb.h"
 #include "lpvbake/error.h"
@@ -14,13 +16,13 @@
 namespace lpvbake::io {
 namespace {
 
-constexpr const VolumeFormat* formats_known[] = {&vdb_format, &exr_format};
+constexpr const VolumeFormat* formats_known[] = {&vdb_format, &exr_format, &ktx2_format,
+                                                 &dds_format};
 
-std::string lower_extension(const std::string& path) {
-    std::string extension = std::filesystem::path(path).extension().string();
-    std::transform(extension.begin(), extension.end(), extension.begin(),
+std::string lower(std::string text) {
+    std::transform(text.begin(), text.end(), text.begin(),
                    [](unsigned char c) { return char(std::tolower(c)); });
-    return extension;
+    return text;
 }
 
 const VolumeFormat& required(const VolumeFormat* format, const std::string& path,
@@ -38,18 +40,23 @@ VolumeFormats volume_formats() {
 }
 
 const VolumeFormat* volume_format(const std::string& path, VolumeFormats formats) {
-    const auto found = std::ranges::find(formats, lower_extension(path), &VolumeFormat::extension);
+    const auto found = std::ranges::find(formats, lower(std::filesystem::path(path).extension()),
+                                         &VolumeFormat::extension);
     return found == formats.end() ? nullptr : *found;
 }
 
 const VolumeFormat* readable_format(const std::string& path, VolumeFormats formats) {
     if (const VolumeFormat* format = volume_format(path, formats))
         return format;
-    const std::string extension = lower_extension(path);
+    // The longest end, as .dds.json is not .json.
+    const std::string name = lower(std::filesystem::path(path).filename());
+    const VolumeFormat* best = nullptr;
     for (const VolumeFormat* format : formats)
-        if (!extension.empty() && extension == format->sidecar)
-            return format;
-    return nullptr;
+        if (const std::string_view sidecar = format->sidecar;
+            !sidecar.empty() && name.size() > sidecar.size() && name.ends_with(sidecar)
+            && (!best || sidecar.size() > std::string_view(best->sidecar).size()))
+            best = format;
+    return best;
 }
 
 std::string format_list(const char* last, bool sidecars, VolumeFormats formats) {
@@ -65,10 +72,24 @@ std::string format_list(const char* last, bool sidecars, VolumeFormats formats) 
     return text;
 }
 
+void check_precision(const std::string& path, Precision precision, Packing packing,
+                     VolumeFormats formats) {
+    const VolumeFormat* format = volume_format(path, formats);
+    if (precision != Precision::rgb9e5 || !format)
+        return;
+    if (!format->has_rgb9e5)
+        throw Error(ErrorKind::argument, path + ": rgb9e5 is for .ktx2 and .dds; use half");
+    if (packing != Packing::band && packing != Packing::cube)
+        throw Error(ErrorKind::argument,
+                    path + ": rgb9e5 holds three colours without a sign, which packing by "
+                        + name_of(packing) + " has nowhere; pack by band or cube, or use half");
+}
+
 WriteReport write_volume(const std::string& path, const Volume& volume, Precision precision,
                          const Pictures& pictures, const volume::Encoding& encoding,
                          VolumeFormats formats) {
     const VolumeFormat& format = required(volume_format(path, formats), path, formats);
+    check_precision(path, precision, pictures.packing, formats);
     return format.write(path, Stored(volume, encoding, path), precision, pictures);
 }
 
@@ -76,6 +97,7 @@ WriteReport write_volume(const std::string& path, Volume&& volume, Precision pre
                          const Pictures& pictures, const volume::Encoding& encoding,
                          VolumeFormats formats) {
     const VolumeFormat& format = required(volume_format(path, formats), path, formats);
+    check_precision(path, precision, pictures.packing, formats);
     return format.write(path, Stored(std::move(volume), encoding, path), precision, pictures);
 }
 

@@ -13,9 +13,15 @@ const VolumeFormat* volume_format(const std::string& path,
 const VolumeFormat* readable_format(const std::string& path,
                                     VolumeFormats formats = volume_formats());
 
-/// The extensions in a row, as ".vdb or .exr"; with those of sidecars as ".vdb, .exr or .json".
+/// The extensions in a row, as ".vdb, .exr or .dds"; with the ends of sidecars as ".vdb, .exr,
+/// .dds, .json or .dds.json".
 std::string format_list(const char* last = " or ", bool sidecars = false,
                         VolumeFormats formats = volume_formats());
+
+/// Throws Error (argument) unless the path's format and the packing have a form for the precision;
+/// of an unknown extension it says nothing.
+void check_precision(const std::string& path, Precision precision, Packing packing,
+                     VolumeFormats formats = volume_formats());
 
 /// Writes the kind of file that the path names (`pictures` are of those that have some). A volume
 /// that is given up is changed in place; of any other a copy is made where the encoding changes

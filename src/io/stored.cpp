@@ -4,6 +4,8 @@
 #include "io/layout.h"
 #include "volume/sh.h"
 
+#include <algorithm>
+
 namespace lpvbake::io {
 namespace {
 
@@ -29,6 +31,12 @@ std::vector<float> density_of(const Volume& canonical) {
         density[i] = volume::sh_y0
                      * float(glm::dot(glm::dvec3(canonical.sh[0][i]), colour::rec709_luminance));
     return density;
+}
+
+bool has_negative_mean(const Volume& stored) {
+    return std::ranges::any_of(stored.sh[0], [](const glm::vec3& c) {
+        return std::min({c.x, c.y, c.z}) < 0;
+    });
 }
 
 } // namespace
@@ -60,12 +68,30 @@ void Stored::encode_own() {
 
 Precision Stored::precision(Precision wanted, const std::string& path, WriteReport& report) const {
     report.precision = wanted;
-    if (wanted == Precision::half)
-        if (const auto why = half_misfit(volume())) {
-            report.precision = Precision::full;
-            report.warnings.push_back(path + ": " + *why);
-        }
+    if (wanted == Precision::full)
+        return wanted;
+    if (const auto why = half_misfit(volume())) {
+        report.precision = Precision::full;
+        report.warnings.push_back(path + ": " + *why);
+    } else if (wanted == Precision::rgb9e5 && has_negative_mean(volume())) {
+        report.precision = Precision::half;
+        report.warnings.push_back(path
+                                  + ": sh_l0 has values below 0, which rgb9e5 has not; half "
+                                    "precision was written instead");
+    }
     return report.precision;
+}
+
+const char* name_of(Precision precision) {
+    switch (precision) {
+    case Precision::full:
+        return "float";
+    case Precision::half:
+        return "half";
+    case Precision::rgb9e5:
+        break;
+    }
+    return "rgb9e5";
 }
 
 void decode(const volume::Encoding& encoding, const std::string& path, Volume& stored) {

@@ -10,6 +10,9 @@
 
 namespace lpvbake::io {
 
+/// "float", "half" or "rgb9e5".
+const char* name_of(Precision precision);
+
 /// A volume as a file of an encoding stores it. One that is given up is changed in place, with the
 /// memory of two more grids at most; of any other a copy is made, but only where values change.
 class Stored {
@@ -24,7 +27,8 @@ public:
     /// For viewers: luminance of each cell's mean over all directions, nits, whatever the
     /// convention.
     const std::vector<float>& density() const { return density_; }
-    /// What it can be stored in: full where half would not fit, with a warning that names `path`.
+    /// What it can be stored in: full where half would not fit, half where light has a sign, with a
+    /// warning that names `path`.
     Precision precision(Precision wanted, const std::string& path, WriteReport& report) const;
 
 private:

@@ -1,7 +1,9 @@
 #include "io/target.h"
 
 #include "io/atomic_file.h"
+#include "io/dds.h"
 #include "io/exr.h"
+#include "io/ktx2.h"
 #include "io/vdb.h"
 #include "lpvbake/error.h"
 #include "text.h"
@@ -26,8 +28,8 @@ constexpr Target targets[] = {
     {.name = "generic"},
     {.name = "blender",
      .encoding = {.axes = volume::Axes::blender, .corner_index = true},
-     .reads = &vdb_format},
-    {.name = "houdini", .reads = &vdb_format},
+     .reads = {&vdb_format}},
+    {.name = "houdini", .reads = {&vdb_format}},
     {.name = "unity",
      .encoding = {volume::ShConvention::unity, volume::Axes::unity},
      .pictures = full_channel,
@@ -36,7 +38,7 @@ constexpr Target targets[] = {
      .dilate = 2,
      .dering = true,
      .notes = Notes::unity,
-     .reads = &exr_format},
+     .reads = {&exr_format}},
     {.name = "unreal",
      .encoding = {volume::ShConvention::unreal, volume::Axes::unreal},
      .pictures = full_channel,
@@ -53,14 +55,14 @@ constexpr Target targets[] = {
      .dilate = 2,
      .dering = true,
      .notes = Notes::godot,
-     .reads = &exr_format},
+     .reads = {&exr_format}},
     {.name = "threejs",
      .pictures = {.packing = Packing::atlas},
      .precision = Precision::half,
      .highest_order = 2,
      .dilate = 2,
      .dering = true,
-     .reads = &exr_format},
+     .reads = {&exr_format, &ktx2_format}},
     {.name = "vrc",
      .encoding = {volume::ShConvention::unity, volume::Axes::unity},
      .pictures = {.packing = Packing::vrc, .no_empty_tiles = true},
@@ -69,14 +71,14 @@ constexpr Target targets[] = {
      .dilate = 2,
      .dering = true,
      .notes = Notes::unity,
-     .reads = &exr_format},
+     .reads = {&exr_format}},
     {.name = "bevy",
      .pictures = {.packing = Packing::cube},
      .precision = Precision::half,
      .highest_order = 2,
      .dilate = 2,
      .notes = Notes::bevy,
-     .reads = &exr_format},
+     .reads = {&ktx2_format, &dds_format}},
 };
 
 WriteReport::File write_text(const std::string& path, const std::string& text) {
@@ -95,19 +97,27 @@ std::string godot_import(const WriteReport& report) {
            + "\n";
 }
 
-/// What every program needs: the pictures, what their channels hold, and where the volume stands.
-Json common_notes(const std::string& program, const std::string& stem, const WriteReport& report,
+/// Pictures of slices, not 3D textures.
+bool has_flipbooks(const WriteReport& report) {
+    return report.columns > 0;
+}
+
+/// What every program needs: the textures, what their channels hold, and where the volume stands.
+Json common_notes(const std::string& program, const std::string& path, const WriteReport& report,
                   const Grid& grid, volume::Axes axes, double units_a_metre) {
     Json names = Json::array();
     for (const WriteReport::File& file : report.files)
-        if (const fs::path path = file.path; path.extension() == ".exr")
-            names.push_back(path.filename().string());
+        if (const fs::path texture = file.path; texture.extension() != ".json")
+            names.push_back(texture.filename().string());
+    const std::string sidecar = volume_format(path)->sidecar;
     const glm::dvec3 lo = units_a_metre * grid.origin,
                      hi = lo + units_a_metre * grid.cell * glm::dvec3(grid.dims);
     return {
         {"program", program},
         {"textures", names},
-        {"channels", "see " + fs::path(stem + ".json").filename().string()},
+        {"channels", "see "
+                         + (sidecar.empty() ? "the key lpvbake of each texture"
+                                            : fs::path(path).stem().string() + sidecar)},
         {"volume", {{"min", {lo.x, lo.y, lo.z}}, {"max", {hi.x, hi.y, hi.z}}}},
         {"units", units_a_metre == 1.0 ? "metres" : "centimetres"},
         {"axes", volume::name_of(axes)},
@@ -131,6 +141,10 @@ std::string unity_formula(const std::string& evaluation) {
 
 /// Names are those of UnityEditor.TextureImporter and TextureImporterSettings.
 Json unity_notes(const WriteReport& report, const std::string& evaluation) {
+    const Json irradiance = unity_formula(evaluation);
+    if (!has_flipbooks(report))
+        return {{"sampling", "uvw = (position - min) / (max - min)"},
+                {"irradiance over pi", irradiance}};
     return {
         {"importer",
          {{"textureShape", "Texture3D"},
@@ -144,7 +158,7 @@ Json unity_notes(const WriteReport& report, const std::string& evaluation) {
           {"textureCompression", "Uncompressed"},
           {"format", report.precision == Precision::half ? "RGBAHalf" : "RGBAFloat"}}},
         {"sampling", "u, w = (position - min) / (max - min); v = 1 - the same, as rows run down"},
-        {"irradiance over pi", unity_formula(evaluation)},
+        {"irradiance over pi", irradiance},
         {"unproven", "that slices run left to right, then down, and the direction of v: look at a "
                      "slice before you trust them"},
     };
@@ -152,8 +166,8 @@ Json unity_notes(const WriteReport& report, const std::string& evaluation) {
 
 /// Names are those of the asset editor of volume textures, whose slices run left to right, then
 /// down (UVolumeTexture::UpdateSourceFromSourceTexture of Unreal Engine 5.8).
-Json unreal_notes(const Grid& grid) {
-    return {
+Json unreal_notes(const Grid& grid, const WriteReport& report) {
+    Json json = {
         {"source_texture",
          {{"sRGB", false},
           {"Compression Settings", "HDR (RGBA16F)"},
@@ -165,6 +179,11 @@ Json unreal_notes(const Grid& grid) {
         {"sampling", "uvw = (position - min) / (max - min)"},
         {"irradiance", "DotSH3(coefficients, CalcDiffuseTransferSH3(n, 1)) of SHCommon.ush"},
     };
+    if (!has_flipbooks(report)) {
+        json.erase("source_texture");
+        json.erase("volume_texture");
+    }
+    return json;
 }
 
 Json godot_notes() {
@@ -178,13 +197,15 @@ Json godot_notes() {
 
 Json bevy_notes(const Grid& grid, const WriteReport& report) {
     const glm::dvec3 size = grid.cell * glm::dvec3(grid.dims), middle = grid.origin + 0.5 * size;
+    Json texture = {{"size", {grid.dims.x, 2 * grid.dims.y, 3 * grid.dims.z}}};
+    if (has_flipbooks(report))
+        texture.update(
+            {{"columns", report.columns},
+             {"rows", report.rows},
+             {"order", "slices of the 3D texture stand left to right, then down; a row of texels "
+                       "runs along x, the rows of a slice along y"}});
     return {
-        {"texture",
-         {{"size", {grid.dims.x, 2 * grid.dims.y, 3 * grid.dims.z}},
-          {"columns", report.columns},
-          {"rows", report.rows},
-          {"order", "slices of the 3D texture stand left to right, then down; a row of texels runs "
-                    "along x, the rows of a slice along y"}}},
+        {"texture", texture},
         {"Transform",
          {{"translation", {middle.x, middle.y, middle.z}}, {"scale", {size.x, size.y, size.z}}}},
         {"IrradianceVolume", {{"intensity", 1.0}}},
@@ -220,10 +241,9 @@ std::string note_name(const std::string& path, Notes notes) {
 void write_notes(const Target& target, const std::string& path, const Grid& baked,
                  const std::string& evaluation, WriteReport& report) {
     const Grid grid = volume::turned_grid(baked, volume::from_gltf(target.encoding.axes));
-    const std::string stem = fs::path(path).replace_extension().string();
     std::vector<WriteReport::File> notes;
     const auto write = [&](const char* program, const Json& own, double units_a_metre = 1.0) {
-        Json json = common_notes(program, stem, report, grid, target.encoding.axes, units_a_metre);
+        Json json = common_notes(program, path, report, grid, target.encoding.axes, units_a_metre);
         json.update(own);
         notes.push_back(write_text(note_name(path, target.notes), json.dump(2) + "\n"));
     };
@@ -240,7 +260,7 @@ void write_notes(const Target& target, const std::string& path, const Grid& bake
         write("Unity 2020.2 or later", unity_notes(report, evaluation));
         break;
     case Notes::unreal:
-        write("Unreal Engine 5", unreal_notes(grid), 100.0);
+        write("Unreal Engine 5", unreal_notes(grid, report), 100.0);
         break;
     case Notes::bevy:
         write("Bevy", bevy_notes(grid, report));
@@ -262,8 +282,11 @@ std::vector<std::string> warnings_of(const Target& target, const std::string& pa
         fit != volume.metadata.end() && target.dilate > 0 && fit->second != name)
         warnings.push_back(path + ": the volume is fitted to what " + fit->second + " reads, not "
                            + name);
-    if (target.reads && volume_format(path) != target.reads)
-        warnings.push_back(path + ": " + name + " reads " + target.reads->extension
+    const auto [first, second] = target.reads;
+    if (const VolumeFormat* format = volume_format(path);
+        first && format != first && format != second)
+        warnings.push_back(path + ": " + name + " reads " + first->extension
+                           + (second ? std::string(" and ") + second->extension : "")
                            + "; this has its convention and axes, and no more");
     return warnings;
 }

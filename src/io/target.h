@@ -3,6 +3,7 @@
 
 #include "io/io.h"
 
+#include <array>
 #include <span>
 #include <string_view>
 
@@ -33,7 +34,7 @@ struct Target {
     /// What band 1 is multiplied by: metadata `l1_scale`, which read_volume takes back.
     double l1_scale = 1;
     Notes notes = Notes::none;
-    const VolumeFormat* reads = nullptr; ///< null: any
+    std::array<const VolumeFormat*, 2> reads = {}; ///< null alone: any
 };
 
 /// In the order of target_names().

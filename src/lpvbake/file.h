@@ -1,5 +1,5 @@
 // Volume files, told apart by their extension: .vdb (OpenVDB), .exr (flipbooks in OpenEXR, with a
-// sidecar .json).
+// sidecar .json), .ktx2 and .dds (3D textures, the latter with a sidecar .dds.json).
 #pragma once
 
 #include "lpvbake/export.h"
@@ -12,7 +12,13 @@
 
 namespace lpvbake {
 
-enum class Precision { full, half };
+enum class Precision {
+    full,
+    half,
+    /// Three colours of one exponent in 32 bits, where a texture holds light that has no sign; half
+    /// in all others. Of .ktx2 and .dds alone.
+    rgb9e5,
+};
 
 /// What became of a request that could not be met to the letter.
 struct WriteReport {

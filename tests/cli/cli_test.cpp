@@ -352,7 +352,7 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
         {"--backfaces", {"no"}},
         {"--precision", {"double"}},
         {"--isa", {"avx3", "AVX2", ""}},
-        {"--exr-packing", {"tile"}},
+        {"--packing", {"tile"}},
         {"--threads", {"-1", "many"}},
         {"--format", {"yaml"}},
         {"--progress", {"loud"}},
@@ -456,7 +456,7 @@ TEST_F(Cli, ConfigFileRoundTrips) {
                                              "cull",
                                              "--precision",
                                              "half",
-                                             "--exr-packing",
+                                             "--packing",
                                              "channel",
                                              "--device",
                                              "llvmpipe",
@@ -637,7 +637,7 @@ TEST_F(Cli, PipesAreNoFiles) {
 }
 
 TEST_F(Cli, WhatIsNoSidecarIsToldPlainly) {
-    const std::string start = "a.json: is not a sidecar of lpvbake: ";
+    const std::string start = "a.json: does not describe a volume of lpvbake: ";
     for (const auto& [text, part] :
          {std::pair<std::string, std::string>(slurp(folder_ / "room.gltf"), "it does not say"),
           {"[1, 2]", "it does not say"},

@@ -57,7 +57,7 @@ TEST_F(Convert, EveryConventionAndAxesComeBackFromEveryFile) {
         {"radiance", "blender"}, {"irradiance", "unity"}, {"lpv", "unreal"},
         {"godot", "gltf"},       {"unity", "unity"},      {"unreal", "unreal"}};
     for (const auto& [convention, axes] : encodings)
-        for (const char* file : {"b.vdb", "b.exr --exr-packing channel", "b.exr"}) {
+        for (const char* file : {"b.vdb", "b.exr --packing channel", "b.exr"}) {
             const std::string options =
                 " --sh-convention " + std::string(convention) + " --axes " + axes;
             ASSERT_EQ(run("a.vdb " + std::string(file) + options).status, 0) << options;
@@ -71,7 +71,7 @@ TEST_F(Convert, EveryConventionAndAxesComeBackFromEveryFile) {
 TEST_F(Convert, StoresWhatTheConventionSays) {
     Volume volume = random_volume({3, 3, 3}, 2, false, 3);
     write("a.vdb", volume);
-    ASSERT_EQ(run("a.vdb u.exr --sh-convention unity --exr-packing channel").status, 0);
+    ASSERT_EQ(run("a.vdb u.exr --sh-convention unity --packing channel").status, 0);
     const auto sidecar = nlohmann::json::parse(slurp(folder_ / "u.json"));
     EXPECT_EQ(sidecar["convention"], "unity");
     EXPECT_EQ(sidecar["files"][0]["file"], "u_r.exr");
@@ -115,8 +115,10 @@ TEST_F(Convert, WritesWhatEachTargetReads) {
                           != std::string::npos,
                       (std::string(format) == ".vdb")
                               == (target == "houdini" || target == "blender")
-                          && target != "generic" && target != "unreal")
+                          && target != "generic" && target != "unreal" && target != "bevy")
                 << target << warnings;
+        EXPECT_EQ(warnings.find("bevy reads .ktx2 and .dds") != std::string::npos,
+                  target == "bevy");
         EXPECT_EQ(warnings.find("higher bands are left out") != std::string::npos, target == "vrc");
         std::set<std::string> beside;
         for (const auto& file : outputs[0]["files"])
@@ -295,7 +297,7 @@ TEST_F(Convert, FitsToTheSurfacesOfAScene) {
 
 TEST_F(Convert, OptionsGoBeforeTheTarget) {
     write("a.vdb", random_volume({4, 5, 6}, 2, false, 4));
-    ASSERT_EQ(run("a.vdb t.exr --target unity --fit none --axes unreal --exr-packing band").status,
+    ASSERT_EQ(run("a.vdb t.exr --target unity --fit none --axes unreal --packing band").status,
               0);
     const auto sidecar = nlohmann::json::parse(slurp(folder_ / "t.json"));
     EXPECT_EQ(sidecar["convention"], "unity");

@@ -9,13 +9,11 @@ FLIP is the program of flip.cpp. three.js itself comes from the npm registry, on
 """
 
 import base64
-import hashlib
 import http.server
 import json
 import pathlib
 import subprocess
 import sys
-import tarfile
 import tempfile
 import threading
 import time
@@ -25,11 +23,13 @@ import urllib.request
 import numpy as np
 import OpenImageIO as oiio
 
+sys.dont_write_bytecode = True
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+import npm
+
 LPVBAKE, FLIP = sys.argv[1:3]
 EXAMPLES, CACHE = pathlib.Path(sys.argv[3]), pathlib.Path(sys.argv[4])
 CDN = "https://cdn.jsdelivr.net/npm/three@0.187.0/"
-PACKAGE = "https://registry.npmjs.org/three/-/three-0.187.0.tgz"
-SHA256 = "ff540832ded0cfe919764d24a3d88f3e2a05f23303f876423e4f893841e90728"
 CAMERA, EXPOSURE, SIZE = "0,1,4:0,1,0:35", "4", (640, 480)
 # Mean difference of what is shown, 0 to 1. The samplers differ (three.js reads half a cell before
 # the surface, `render` the cells that face it), and so do shadow maps and rays.
@@ -44,23 +44,6 @@ def run(*command):
     return result.stdout
 
 
-def three():
-    """The unpacked package."""
-    folder = CACHE / "three-0.187.0"
-    if not folder.exists():
-        CACHE.mkdir(parents=True, exist_ok=True)
-        data = urllib.request.urlopen(PACKAGE, timeout=120).read()
-        if hashlib.sha256(data).hexdigest() != SHA256:
-            raise AssertionError(f"{PACKAGE} is not what it was")
-        with tempfile.TemporaryDirectory(dir=CACHE) as unpacked:
-            archive = pathlib.Path(unpacked) / "three.tgz"
-            archive.write_bytes(data)
-            with tarfile.open(archive) as tar:
-                tar.extractall(unpacked)
-            (pathlib.Path(unpacked) / "package").rename(folder)
-    return folder
-
-
 def pixels(path):
     return np.asarray(oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT))
 
@@ -73,7 +56,7 @@ def serve(folder):
     """Serves a folder, with three.js at /three/ and the page taking it from there; and, for
     /plain.html, with a three.js at /plain/ that looks volumes up at the surface itself, as most
     engines do, not half a cell before it."""
-    package = three()
+    package = npm.three(CACHE)
     build = package / "build"
     plain = {}
     for source in build.glob("three.*.js"):

@@ -157,14 +157,14 @@ class Install(unittest.TestCase):
             f"{stem}.exr", "--resolution", "10")
         first = self.expect_agreement(stem, rel=2e-5)  # six digits are printed
         packed = self.folder / "packed.exr"
-        run(self.program, "convert", f"{stem}.vdb", packed, "--exr-packing", "channel")
+        run(self.program, "convert", f"{stem}.vdb", packed, "--packing", "channel")
         self.assertEqual(self.printed(PYTHON, self.examples / "load_exr.py", packed)[1], first)
 
     def test_loaders_take_what_has_no_validity(self):
         full, stem = self.folder / "full", self.folder / "bare"
         run(self.program, "bake", self.examples / "cornell_box.gltf", "-o", f"{full}.vdb",
             "--resolution", "4")
-        run(self.program, "convert", f"{full}.vdb", f"{full}.exr", "--exr-packing", "atlas")
+        run(self.program, "convert", f"{full}.vdb", f"{full}.exr", "--packing", "atlas")
         run(self.program, "convert", f"{full}.json", f"{stem}.vdb", f"{stem}.exr")
         self.assertEqual(list(self.folder.glob("bare*validity*")), [])
         self.expect_agreement(stem, rel=2e-5)
@@ -200,7 +200,7 @@ class Install(unittest.TestCase):
         for output, loader, option, value in (
                 (f"{other}.vdb", "load_vdb.py", "--sh-convention", "unity"),
                 (f"{other}.exr", "load_exr.py", "--axes", "unity"),
-                (f"{other}.exr", "load_exr.py", "--exr-packing", "atlas")):
+                (f"{other}.exr", "load_exr.py", "--packing", "atlas")):
             run(self.program, "convert", source, output, option, value)
             result = subprocess.run([PYTHON, self.examples / loader, output, *POINT, *NORMAL],
                                     capture_output=True, text=True)

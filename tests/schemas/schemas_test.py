@@ -94,6 +94,10 @@ class Documents(unittest.TestCase):
             run("convert", "convert", "sn.vdb", f"{target}.exr", "--target", target)
             text = (cls.folder / f"{target}.json").read_text()
             cls.documents.append(("sidecar", f"{target}.json", json.loads(text)))
+        for target, precision in (("generic", "rgb9e5"), ("threejs", "half"), ("bevy", "float")):
+            run("convert", "convert", "sn.vdb", f"{target}.dds", "--target", target, "--precision", precision)
+            text = (cls.folder / f"{target}.dds.json").read_text()
+            cls.documents.append(("sidecar", f"{target}.dds.json", json.loads(text)))
 
         render = ["render", "box.gltf", "sn.vdb", "--threads", "1", "--size", "16x16", "-o", "picture.png"]
         run("render", *render, "--samples", "1")

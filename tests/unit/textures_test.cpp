@@ -1,0 +1,326 @@
+// 3D textures: KTX2 and DDS.
+#include "io/dds.h"
+#include "io/io.h"
+#include "io/ktx2.h"
+#include "unit/volumes.h"
+
+#include <Imath/half.h>
+#include <nlohmann/json.hpp>
+#include <tbb/global_control.h>
+#include <zstd.h>
+
+#include <bit>
+#include <cmath>
+#include <cstring>
+
+using namespace lpvbake;
+using nlohmann::json;
+
+namespace {
+
+void expect_equal(const Volume& a, const Volume& b) {
+    EXPECT_EQ(a.grid, b.grid);
+    EXPECT_EQ(a.sh_order, b.sh_order);
+    EXPECT_EQ(a.sh, b.sh);
+    EXPECT_EQ(a.occlusion, b.occlusion);
+    EXPECT_EQ(a.validity, b.validity);
+    EXPECT_EQ(a.walls, b.walls);
+    EXPECT_EQ(a.metadata, b.metadata);
+}
+
+template <class Number>
+Number at(const std::string& bytes, size_t offset) {
+    Number value;
+    std::memcpy(&value, &bytes.at(offset + sizeof value - 1) + 1 - sizeof value, sizeof value);
+    return value;
+}
+
+constexpr size_t dds_head = 148;
+
+/// The texels of the one level.
+std::string texels_of_ktx2(const std::string& bytes) {
+    std::string texels(at<uint64_t>(bytes, 96), '\0');
+    EXPECT_EQ(ZSTD_decompress(texels.data(), texels.size(), &bytes[at<uint64_t>(bytes, 80)],
+                              at<uint64_t>(bytes, 88)),
+              texels.size());
+    return texels;
+}
+
+/// Light without a sign.
+Volume bright_volume(glm::ivec3 dims, int order, unsigned seed) {
+    Volume volume = random_volume(dims, order, false, seed);
+    for (glm::vec3& c : volume.sh[0])
+        c = glm::abs(c);
+    return volume;
+}
+
+const char* const extensions[] = {".ktx2", ".dds"};
+
+} // namespace
+
+TEST(Textures, FullPrecisionRoundTripsExactly) {
+    for (const char* extension : extensions)
+        for (const glm::ivec3 dims : {glm::ivec3(1), glm::ivec3(7, 13, 9), glm::ivec3(33, 1, 2)})
+            for (const int order : {0, 1, 2, 4})
+                for (const io::Packing packing :
+                     {io::Packing::band, io::Packing::channel, io::Packing::atlas}) {
+                    if (packing != io::Packing::band && (order == 0 || order == 4))
+                        continue;
+                    const TemporaryFolder folder;
+                    const std::string path = folder / "a.b" + extension;
+                    Volume volume = random_volume(dims, order, dims.x != 1, 1);
+                    const WriteReport report =
+                        io::write_volume(path, volume, Precision::full, {packing});
+                    uint64_t bytes = 0;
+                    for (const auto& entry : std::filesystem::directory_iterator(folder.path()))
+                        bytes += entry.file_size();
+                    EXPECT_EQ(report.bytes(), bytes);
+                    if (packing == io::Packing::atlas) {
+                        volume.occlusion.clear();
+                        volume.validity.clear();
+                        volume.walls.clear();
+                    }
+                    expect_equal(io::read_volume(path, volume::grid_kinds()), volume);
+                    for (const WriteReport::File& file : report.files)
+                        if (dims.x == 7)
+                            expect_equal(read_volume(file.path), volume);
+                }
+}
+
+TEST(Textures, BothHoldTheSameTexels) {
+    const Volume volume = bright_volume({5, 4, 3}, 2, 2);
+    for (const io::Packing packing : {io::Packing::band, io::Packing::cube, io::Packing::channel})
+        for (const Precision precision : {Precision::full, Precision::half, Precision::rgb9e5}) {
+            if (precision == Precision::rgb9e5 && packing == io::Packing::channel)
+                continue;
+            const TemporaryFolder folder;
+            const WriteReport ktx2 =
+                io::write_volume(folder / "a.ktx2", volume, precision, {packing});
+            const WriteReport dds =
+                io::write_volume(folder / "a.dds", volume, precision, {packing});
+            EXPECT_TRUE(ktx2.warnings.empty());
+            ASSERT_EQ(ktx2.files.size() + 1, dds.files.size());
+            for (size_t f = 0; f < ktx2.files.size(); ++f) {
+                const std::string a = texels_of_ktx2(slurp(ktx2.files[f].path));
+                EXPECT_FALSE(a.empty());
+                EXPECT_EQ(a, slurp(dds.files[f].path).substr(dds_head)) << ktx2.files[f].path;
+            }
+        }
+}
+
+TEST(Textures, TexelsAreCellsInOrder) {
+    const TemporaryFolder folder;
+    const Volume volume = random_volume({5, 4, 3}, 1, false, 3);
+    io::write_volume(folder / "a.dds", volume, Precision::full, {io::Packing::band});
+    const std::string colours = slurp(folder / "a_sh_l1_z.dds"),
+                      numbers = slurp(folder / "a_validity.dds");
+    for (size_t i = 0; i < volume.grid.size(); ++i) {
+        for (int c = 0; c < 3; ++c)
+            EXPECT_EQ(at<float>(colours, dds_head + 16 * i + 4 * size_t(c)), volume.sh[2][i][c]);
+        EXPECT_EQ(at<float>(colours, dds_head + 16 * i + 12), 1.0f); // no alpha
+        EXPECT_EQ(at<float>(numbers, dds_head + 4 * i), volume.validity[i]);
+    }
+    io::write_volume(folder / "b.dds", volume, Precision::half, {io::Packing::channel});
+    const std::string green = slurp(folder / "b_g.dds");
+    const size_t cell = volume.grid.index({3, 2, 1}), coefficients[] = {0, 1, 2, 3};
+    for (const size_t k : coefficients)
+        EXPECT_EQ(at<uint16_t>(green, dds_head + 8 * cell + 2 * k),
+                  Imath::half(volume.sh[k][cell].g).bits());
+}
+
+TEST(Textures, HeadersAreAsTheirSpecificationsSay) {
+    const TemporaryFolder folder;
+    const Volume volume = bright_volume({5, 4, 3}, 1, 4);
+    // Vulkan's and DXGI's numbers of R16F, RGBA16F and RGB9E5, size of a scalar, bytes of a texel.
+    const struct {
+        const char* name;
+        Precision precision;
+        uint32_t vulkan, dxgi, scalar, texel, samples;
+    } cases[] = {{"validity", Precision::half, 76, 54, 2, 2, 1},
+                 {"sh_l0", Precision::half, 97, 10, 2, 8, 4},
+                 {"validity", Precision::full, 100, 41, 4, 4, 1},
+                 {"sh_l0", Precision::full, 109, 2, 4, 16, 4},
+                 {"sh_l0", Precision::rgb9e5, 123, 67, 4, 4, 6}};
+    for (const auto& [name, precision, vulkan, dxgi, scalar, texel, samples] : cases) {
+        for (const char* extension : extensions)
+            io::write_volume(folder / "a" + extension, volume, precision, {io::Packing::band});
+        const std::string ktx2 = slurp(folder / "a_" + name + ".ktx2");
+        EXPECT_EQ(ktx2.substr(0, 12), std::string("\xABKTX 20\xBB\r\n\x1A\n", 12));
+        const uint32_t descriptor = 4 + 24 + 16 * samples;
+        const uint32_t words[] = {vulkan, scalar, 5, 4,   3,          0,
+                                  1,      1,      2, 104, descriptor, 104 + descriptor};
+        for (size_t i = 0; i < std::size(words); ++i)
+            EXPECT_EQ(at<uint32_t>(ktx2, 12 + 4 * i), words[i]) << name << ' ' << i;
+        EXPECT_EQ(at<uint32_t>(ktx2, 104), descriptor);
+        EXPECT_EQ(at<uint32_t>(ktx2, 124), texel);
+        const uint32_t pairs = at<uint32_t>(ktx2, 60);
+        EXPECT_EQ(at<uint64_t>(ktx2, 80), 104 + descriptor + pairs);
+        EXPECT_EQ(at<uint64_t>(ktx2, 80) + at<uint64_t>(ktx2, 88), ktx2.size());
+        EXPECT_EQ(at<uint64_t>(ktx2, 96), 5 * 4 * 3 * texel);
+
+        const std::string dds = slurp(folder / "a_" + name + ".dds");
+        EXPECT_EQ(dds.substr(0, 4), "DDS ");
+        const std::pair<size_t, uint32_t> fields[] = {
+            {4, 124},      {8, 0x80100f},   {12, 4},     {16, 5},  {20, 5 * texel},
+            {24, 3},       {28, 1},         {76, 32},    {80, 4},  {84, 0x30315844},
+            {108, 0x1008}, {112, 0x200000}, {128, dxgi}, {132, 4}, {140, 1}};
+        for (const auto& [offset, value] : fields)
+            EXPECT_EQ(at<uint32_t>(dds, offset), value) << name << ' ' << offset;
+        EXPECT_EQ(dds.size(), dds_head + 5 * 4 * 3 * texel);
+    }
+}
+
+TEST(Textures, Rgb9e5IsTheNearestOfItsKind) {
+    const TemporaryFolder folder;
+    Volume volume = bright_volume({40, 25, 3}, 0, 5);
+    volume.walls.clear();
+    volume.sh[0][0] = {65408, 1, 0};
+    volume.sh[0][1] = {0x1p-15f, 0x1p-24f, 0x1p-26f};
+    volume.sh[0][2] = {1023.9f, 0.5f, 1000};
+    volume.sh[0][0] = {65500, 1, 0}; // beyond what it holds
+    const Precision precision = Precision::rgb9e5;
+    EXPECT_TRUE(io::write_volume(folder / "a.dds", volume, precision).warnings.empty());
+    const Volume back = io::read_dds(folder / "a.dds");
+    EXPECT_EQ(back.sh[0][0], glm::vec3(65408, 0, 0));
+    for (size_t i = 1; i < volume.grid.size(); ++i) {
+        const glm::vec3 &is = back.sh[0][i], was = volume.sh[0][i];
+        // Half of a step; the largest colour has 9 digits, or is rounded up to the next power of 2.
+        const float most = std::max({was.x, was.y, was.z, 0x1p-16f});
+        const float step = std::exp2(float(std::ilogb(most * 513 / 512.0f) + 1 - 9));
+        for (int c = 0; c < 3; ++c)
+            EXPECT_LE(std::abs(is[c] - was[c]), step / 2) << i << ' ' << most;
+    }
+    // It has no sign, and a range.
+    for (const auto& [value, kept] : {std::pair(-1.0f, Precision::half), {7e4f, Precision::full}}) {
+        volume.sh[0][5].g = value;
+        const WriteReport report = io::write_volume(folder / "b.ktx2", volume, precision);
+        EXPECT_EQ(report.precision, kept);
+        EXPECT_EQ(report.warnings.size(), 1u);
+        EXPECT_EQ(io::read_ktx2(folder / "b.ktx2").sh[0][5].g, value);
+    }
+    const auto refused = [&](const char* name, io::Packing packing) {
+        return error_of(name,
+                        [&] { io::write_volume(folder / name, volume, precision, {packing}); })
+            .kind;
+    };
+    for (const char* name : {"c.vdb", "c.exr"})
+        EXPECT_EQ(refused(name, io::Packing::band), ErrorKind::argument);
+    EXPECT_EQ(refused("c.ktx2", io::Packing::atlas), ErrorKind::argument);
+}
+
+TEST(Textures, BytesDependOnContentAlone) {
+    const TemporaryFolder folder;
+    const Volume volume = random_volume({20, 17, 13}, 1, true, 6);
+    for (const char* extension : extensions) {
+        std::vector<std::string> once;
+        for (const size_t threads : {1u, 4u}) {
+            const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+            const WriteReport report =
+                io::write_volume(folder / "a" + extension, volume, Precision::half);
+            std::vector<std::string> all;
+            for (const WriteReport::File& file : report.files)
+                all.push_back(slurp(file.path));
+            if (once.empty())
+                once = all;
+            EXPECT_TRUE(once == all) << extension << ' ' << threads;
+        }
+    }
+}
+
+TEST(Textures, OneFileMayBeRenamedAndManyBelongTogether) {
+    const TemporaryFolder folder;
+    const Volume volume = random_volume({4, 5, 6}, 1, false, 7);
+    io::write_volume(folder / "a.ktx2", volume, Precision::full, {io::Packing::atlas});
+    std::filesystem::rename(folder / "a_atlas.ktx2", folder / "of another name.ktx2");
+    EXPECT_EQ(io::read_ktx2(folder / "of another name.ktx2").sh, volume.sh);
+
+    io::write_volume(folder / "b.ktx2", volume, Precision::full, {io::Packing::band});
+    Volume other = volume;
+    other.metadata["solver"] = "some";
+    io::write_volume(folder / "c.ktx2", other, Precision::full, {io::Packing::band});
+    std::filesystem::rename(folder / "c_sh_l1_y.ktx2", folder / "b_sh_l1_y.ktx2");
+    EXPECT_EQ(error_of("b_sh_l1_y", [&] { io::read_ktx2(folder / "b.ktx2"); }).kind,
+              ErrorKind::invalid);
+    EXPECT_EQ(error_of("c_sh_l1_y", [&] { io::read_ktx2(folder / "c.ktx2"); }).kind,
+              ErrorKind::file);
+
+    io::write_volume(folder / "d.ktx2", volume, Precision::full, {io::Packing::channel});
+    io::write_volume(folder / "d.ktx2", volume, Precision::full, {io::Packing::band});
+    EXPECT_EQ(error_of("d.ktx2", [&] { io::read_ktx2(folder / "d.ktx2"); }).kind,
+              ErrorKind::invalid); // which of the two?
+    EXPECT_EQ(io::read_ktx2(folder / "d_sh_l0.ktx2").sh, volume.sh);
+
+    io::write_volume(folder / "e.dds", volume, Precision::full, {io::Packing::channel});
+    io::write_volume(folder / "e.dds", volume, Precision::full, {io::Packing::band});
+    EXPECT_EQ(error_of("e_r.dds", [&] { io::read_dds(folder / "e_r.dds"); }).kind,
+              ErrorKind::invalid);
+}
+
+TEST(Textures, RefusesToWrite) {
+    const TemporaryFolder folder;
+    Volume wide;
+    wide.grid.dims = {2049, 1, 1};
+    wide.sh_order = 0;
+    wide.sh.assign(1, std::vector<glm::vec3>(2049));
+    for (const char* name : {"a.ktx2", "a.dds"}) {
+        const auto kind = [&](const Volume& volume, io::Packing packing) {
+            return error_of(
+                       name,
+                       [&] { io::write_volume(folder / name, volume, Precision::half, {packing}); })
+                .kind;
+        };
+        EXPECT_EQ(kind(wide, io::Packing::band), ErrorKind::unsupported);
+        EXPECT_EQ(kind(random_volume({3, 3, 3}, 4, false, 8), io::Packing::channel),
+                  ErrorKind::unsupported);
+        Volume bad = random_volume({3, 3, 3}, 1, false, 8);
+        bad.sh[0][0].x = std::nanf("");
+        EXPECT_EQ(kind(bad, io::Packing::band), ErrorKind::failure);
+    }
+    EXPECT_EQ(folder.count(), 0);
+}
+
+TEST(Textures, RejectsDamagedFiles) {
+    const TemporaryFolder folder;
+    const Volume volume = random_volume({4, 5, 6}, 1, false, 9);
+    for (const char* extension : extensions) {
+        const std::string path = folder / "a_r" + extension;
+        io::write_volume(folder / "a" + extension, volume, Precision::full, {io::Packing::channel});
+        const std::string good = slurp(path);
+        const auto kind = [&](const std::string& bytes) {
+            spill(path, bytes);
+            return error_of("a_r", [&] { read_volume(folder / "a" + extension); }).kind;
+        };
+        for (size_t length = 0; length < good.size(); length += 23)
+            EXPECT_EQ(kind(good.substr(0, length)), ErrorKind::invalid) << length;
+        // Each field of the heads at its largest and, but for those that may be 0, at 0.
+        const bool is_ktx2 = std::string(extension) == ".ktx2";
+        const std::vector<size_t> fields =
+            is_ktx2 ? std::vector<size_t>{0, 12, 20, 24, 28, 36, 40, 44, 56, 60, 80, 88}
+                    : std::vector<size_t>{0, 12, 16, 24, 84, 128, 132, 140};
+        for (const size_t field : fields)
+            for (const char byte : {'\0', '\xff'}) {
+                std::string bad = good;
+                bad.replace(field, 4, 4, byte);
+                EXPECT_EQ(kind(bad), ErrorKind::invalid) << extension << ' ' << field;
+            }
+        std::string nan = good;
+        if (!is_ktx2) {
+            nan.replace(dds_head, 4, "\0\0\xc0\x7f", 4);
+            spill(path, nan);
+            EXPECT_EQ(error_of("a", [&] { read_volume(folder / "a.dds"); }).kind,
+                      ErrorKind::invalid);
+        }
+    }
+    // A level that would inflate to more than it should.
+    io::write_volume(folder / "b.ktx2", volume, Precision::full, {io::Packing::atlas});
+    std::string bytes = slurp(folder / "b_atlas.ktx2");
+    const std::string zeros(1 << 20, '\0');
+    std::string level(ZSTD_compressBound(zeros.size()), '\0');
+    level.resize(ZSTD_compress(level.data(), level.size(), zeros.data(), zeros.size(), 1));
+    const uint64_t size = level.size();
+    bytes.replace(88, 8, reinterpret_cast<const char*>(&size), 8);
+    bytes.replace(at<uint64_t>(bytes, 80), std::string::npos, level);
+    spill(folder / "b_atlas.ktx2", bytes);
+    EXPECT_EQ(error_of("b_atlas", [&] { io::read_ktx2(folder / "b_atlas.ktx2"); }).kind,
+              ErrorKind::invalid);
+}
