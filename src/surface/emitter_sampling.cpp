@@ -11,13 +11,17 @@ double brightness(const Patch& patch) {
 
 } // namespace
 
-EmitterSampling::EmitterSampling(const std::vector<Patch>& patches) {
-    for (const Patch& patch : patches) {
-        const double power = brightness(patch) * double(patch.area);
+EmitterSampling::EmitterSampling(const std::vector<Patch>& patches,
+                                 std::span<const double> favours) {
+    for (size_t i = 0; i < patches.size(); ++i) {
+        const double favour = favours.empty() ? 1.0 : favours[i];
+        const double power = favour * brightness(patches[i]) * double(patches[i].area);
         if (!(power > 0.0))
             continue;
         total_ += power;
-        emitters_.push_back(patch);
+        emitters_.push_back(patches[i]);
+        if (!favours.empty())
+            favours_.push_back(favour);
         cumulative_.push_back(total_);
     }
     for (double& c : cumulative_)
@@ -26,12 +30,14 @@ EmitterSampling::EmitterSampling(const std::vector<Patch>& patches) {
 
 EmitterSampling::Sample EmitterSampling::sample(float pick, glm::vec2 weights) const {
     const auto found = std::upper_bound(cumulative_.begin(), cumulative_.end() - 1, double(pick));
-    const Patch& patch = emitters_[size_t(found - cumulative_.begin())];
-    return {patch.at(weights), patch.normal, patch.double_sided, patch.emission, density(patch)};
+    const auto at = size_t(found - cumulative_.begin());
+    const Patch& patch = emitters_[at];
+    return {patch.at(weights), patch.normal, patch.double_sided, patch.emission,
+            density(patch, favours_.empty() ? 1.0 : favours_[at])};
 }
 
-float EmitterSampling::density(const Patch& patch) const {
-    return float(brightness(patch) / total_);
+float EmitterSampling::density(const Patch& patch, double favour) const {
+    return float(favour * brightness(patch) / total_);
 }
 
 } // namespace lpvbake::surface

@@ -3,13 +3,16 @@
 
 #include "surface/patches.h"
 
+#include <span>
 #include <vector>
 
 namespace lpvbake::surface {
 
 class EmitterSampling {
 public:
-    explicit EmitterSampling(const std::vector<Patch>& patches);
+    /// `favours` (a patch each; none: 1): how much more often than by their light.
+    explicit EmitterSampling(const std::vector<Patch>& patches,
+                             std::span<const double> favours = {});
     bool empty() const { return emitters_.empty(); }
 
     struct Sample {
@@ -22,10 +25,11 @@ public:
     /// `pick` in [0, 1) chooses the patch, `weights` (of its second and third corner) the point.
     Sample sample(float pick, glm::vec2 weights) const;
     /// Density with which points of a patch are chosen, per unit of area.
-    float density(const Patch& patch) const;
+    float density(const Patch& patch, double favour = 1.0) const;
 
 private:
     std::vector<Patch> emitters_;
+    std::vector<double> favours_;    ///< of each; empty: 1
     std::vector<double> cumulative_; ///< power up to and with each, over the total
     double total_ = 0.0;
 };

@@ -192,7 +192,7 @@ PunctualLight illuminate(const Scene& scene, std::span<const Light> lights, LitS
         progress.advance(0);
         LightMap map = mapper.draw(lights[i], key + uint32_t(i));
         for (const SideFlux& side : map.sides)
-            if (is_within(side, lit.patches[side.side / 2], 0.25))
+            if (is_within(side, mapper, 0.25))
                 result.narrow += side.flux * brightness_of(lights[i]);
         if (cut_to_light(map, mapper, lit) > 0) {
             result.follow(lit);

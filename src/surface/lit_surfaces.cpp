@@ -11,6 +11,7 @@
 #include "surface/halton.h"
 #include "surface/hemisphere.h"
 #include "surface/shared_rays.h"
+#include "surface/spots.h"
 #include "text.h"
 
 #include <glm/gtc/constants.hpp>
@@ -194,66 +195,6 @@ struct Meeting {
     bool none() const { return hit.instance == visibility::no_hit; }
 };
 
-/// Where lamps light little of all surfaces: the light that is reflected there, which is found as
-/// that of emitters is. Rays in all directions would meet it by luck.
-struct Spots {
-    std::vector<glm::vec3> luminance; ///< a side; empty where there are none
-    EmitterSampling aim;
-
-    explicit Spots(const LitSurfaces& lit) : Spots(lit, sides_of(lit)) {}
-
-    /// With which rays are aimed at a side, per unit of area.
-    float density(const LitSurfaces& lit, uint32_t side) const {
-        Patch patch;
-        patch.emission = luminance[side] * lit.patches[side / 2].alpha;
-        return aim.density(patch);
-    }
-
-private:
-    Spots(const LitSurfaces& lit, const std::vector<uint32_t>& sides)
-        : luminance(sides.empty() ? 0 : lit.luminance.size(), glm::vec3(0.0f)),
-          aim(as_emitters(lit, sides)) {
-        for (const uint32_t side : sides)
-            luminance[side] = lit.luminance[side];
-    }
-    /// Much brighter than the mean of all sides; none where these have little of the light.
-    static std::vector<uint32_t> sides_of(const LitSurfaces& lit) {
-        double all = 0.0, area = 0.0, bright = 0.0;
-        const auto each = [&](const auto& take) {
-            for (size_t side = 0; side < lit.luminance.size(); ++side)
-                if (const Patch& patch = lit.patches[side / 2];
-                    patch.area > 0.0f && (side % 2 == 0 || patch.double_sided))
-                    take(side, covered_area(patch), double(greatest(lit.luminance[side])));
-        };
-        each([&](size_t, double covered, double light) {
-            all += covered * light;
-            area += covered;
-        });
-        std::vector<uint32_t> sides;
-        each([&](size_t side, double covered, double light) {
-            if (light * area <= 64.0 * all)
-                return;
-            sides.push_back(uint32_t(side));
-            bright += covered * light;
-        });
-        if (!(bright > 0.1 * all))
-            sides.clear();
-        return sides;
-    }
-    static std::vector<Patch> as_emitters(const LitSurfaces& lit,
-                                          const std::vector<uint32_t>& sides) {
-        std::vector<Patch> patches;
-        for (const uint32_t side : sides) {
-            Patch& patch = patches.emplace_back(lit.patches[side / 2]);
-            patch.emission = lit.luminance[side] * patch.alpha;
-            patch.double_sided = false;
-            if (side % 2 != 0)
-                patch.normal = -patch.normal;
-        }
-        return patches;
-    }
-};
-
 /// What lights a side without another reflection: suns, emitters and sky.
 struct DirectLight {
     const LitSurfaces& lit;
@@ -403,10 +344,17 @@ std::vector<glm::vec3> reflect_between(const Scene& scene, const scene::Frame& f
         std::swap(order, next);
         next.resize(count);
         ++lit.bounces;
-        double last = 0.0, all = 0.0;
+        double last = 0.0, shares = 0.0;
+        size_t light = 0; // elements that have any
         for (size_t i = 0; i < count; ++i) {
-            last += power_of(i, order[i]);
-            all += power_of(i, glm::dvec3(of.direct[i]) + glm::dvec3(of.albedo[i]) * met[i]);
+            const double all =
+                power_of(i, glm::dvec3(of.direct[i]) + glm::dvec3(of.albedo[i]) * met[i]);
+            if (!(all > 0.0))
+                continue;
+            const double power = power_of(i, order[i]);
+            last += power;
+            shares += power / all;
+            ++light;
         }
         if (!(last > 0.0)) {
             lit.residual = 0.0;
@@ -426,7 +374,7 @@ std::vector<glm::vec3> reflect_between(const Scene& scene, const scene::Frame& f
                         scene::endless_reflection(scene, patch.instance,
                                                   format(" at %.4g,%.4g,%.4g", at.x, at.y, at.z)));
         }
-        lit.residual = ratio < 1.0 ? last * ratio / (1.0 - ratio) / all : 1.0;
+        lit.residual = ratio < 1.0 ? ratio / (1.0 - ratio) * shares / double(light) : 1.0;
         if (!settings.bounces && lit.residual <= double(settings.tolerance))
             break;
     }
@@ -450,7 +398,7 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
         rays,     rays / 4};
     const bool between = settings.bounces != 1;
     Reflection reflection(count, between ? size_t(rays) : 0, visibility.is_tinted());
-    Spots spots(lit);
+    const Spots spots = between ? Spots(scene, frame, emission, lit) : Spots{};
     progress.begin("lighting", count);
     constexpr size_t block = 8192;
     for (size_t first = 0; first < count; first += block) {
@@ -460,7 +408,7 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
             const std::span<uint32_t> met =
                 between ? std::span(reflection.hits).subspan(i * size_t(rays), size_t(rays))
                         : std::span<uint32_t>{};
-            const bool spotted = between && !spots.aim.empty();
+            const bool spotted = !spots.aim.empty();
             glm::vec3 by_spots{0.0f};
             glm::vec3 lux = light.by_rays(element, [&](const Meeting& meeting) {
                 if (!reflection.tints.empty())
@@ -470,7 +418,7 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
                 met[meeting.ray] = meeting.there;
                 if (spotted && spots.luminance[meeting.there] != glm::vec3(0.0f))
                     by_spots += light.by_chance(meeting, spots.luminance[meeting.there],
-                                                spots.density(lit, meeting.there));
+                                                spots.density(meeting.there));
             });
             if (!light.aim.empty())
                 lux += aimed(element, light.aim, light.aimed_rays, rays, visibility);
@@ -501,7 +449,7 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
     }
     if (!between)
         return;
-    reflection.spots_there = std::move(spots.luminance);
+    reflection.spots_there = spots.luminance;
     const std::vector<glm::vec3> met =
         reflect_between(scene, frame, reflection, elements, settings, lit, progress);
     tbb::parallel_for(size_t(0), count, [&](size_t i) {

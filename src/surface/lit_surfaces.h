@@ -15,7 +15,7 @@ struct LightingSettings {
     std::optional<int> bounces = 1; ///< reflections at most; none: all
     bool emitters = true;           ///< emissive surfaces give light
     uint64_t rays = 1 << 20;        ///< for light between surfaces: in all, at least 32 an element
-    float tolerance = 1e-4f;        ///< all bounces: share of the light that may be missing
+    float tolerance = 1e-4f;        ///< all bounces: LitSurfaces::residual at most
     /// Reflective shadow maps bring the first reflection of punctual lights: LitSurfaces::luminance
     /// is without it, but not without what follows from it.
     bool maps = false;
@@ -36,8 +36,10 @@ struct LitSurfaces {
     /// As luminance, but parts of a patch share theirs: a few rays in all directions would meet
     /// small bright ones by luck. Empty where none was cut.
     std::vector<glm::vec3> shared;
-    int bounces = 0;     ///< reflections that were summed
-    double residual = 0; ///< estimated share of the light that is missing
+    int bounces = 0; ///< reflections that were summed
+    /// Estimated share of the light that is missing, in the mean of elements: what is bright
+    /// elsewhere does not end the series where little light is. Where the number is bounded: 0.
+    double residual = 0;
     double narrow = 0; ///< share of the light of lamps that falls on less than a quarter of a patch
     double lost = 0;   ///< and share that no patch shows
 
@@ -69,8 +71,8 @@ inline glm::vec3 luminance_above(glm::vec3 luminance, float limit) {
 /// cosine-distributed rays together (multiple importance sampling, balance heuristic: Veach and
 /// Guibas 1995), the sky by the latter. The same rays, their hits stored, carry light from element
 /// to element: R = D + rho K R, iterated; but what lamps light so brightly that they would meet it
-/// by luck, rays are aimed at, as at emitters. Throws Error (invalid) for all bounces in a closed
-/// scene of albedo 1.
+/// by luck, rays are aimed at, as at emitters (spots.h). Throws Error (invalid) for all bounces in
+/// a closed scene of albedo 1.
 LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& visibility,
                            const scene::Frame& frame, const LightingSettings& settings,
                            Progress& progress);

@@ -1,6 +1,9 @@
 #include "surface/narrow.h"
 
 #include "surface/cutting.h"
+#include "surface/together.h"
+
+#include <tbb/parallel_sort.h>
 
 #include <algorithm>
 #include <cmath>
@@ -11,9 +14,9 @@ namespace {
 
 using Node = PatchTree::Node;
 
-constexpr double uneven = 0.5; ///< of a patch
-constexpr double enough = 0.1; ///< of a light, to draw it anew
-constexpr double least = 1.0 / 512.0;
+constexpr double uneven = 0.5;        ///< of a patch
+constexpr double enough = 0.5;        ///< of the light of sides that lie together
+constexpr double least = 1.0 / 512.0; ///< and of one of them
 
 /// Where the light of a side falls.
 struct Spot {
@@ -54,6 +57,24 @@ float distance_to(const Corners& piece, glm::vec3 normal, glm::vec3 point) {
     return std::abs(inside) == 3 ? 0.0f : nearest;
 }
 
+visibility::Hit triangle_of(const Patch& patch) {
+    visibility::Hit hit;
+    hit.instance = patch.instance;
+    hit.triangle = patch.triangle;
+    return hit;
+}
+
+/// Mean square of the distance from the middle of the light on a side, frame units squared.
+double square_radius(const SideFlux& side, const LightMapper& mapper) {
+    const glm::dmat3 corners = mapper.triangle(triangle_of(mapper.lit.patches[side.side / 2]));
+    const glm::dvec3 u = corners[1] - corners[0], v = corners[2] - corners[0];
+    const glm::dvec2 mean = side.weights / side.flux;
+    const glm::dvec3 squares = side.squared_weights / side.flux
+                               - glm::dvec3(mean.x * mean.x, mean.y * mean.y, mean.x * mean.y);
+    return std::max(0.0, squares.x * glm::dot(u, u) + squares.y * glm::dot(v, v)
+                             + 2.0 * squares.z * glm::dot(u, v));
+}
+
 class NarrowCutter {
 public:
     NarrowCutter(const LightMapper& mapper, LitSurfaces& lit)
@@ -66,23 +87,14 @@ public:
         const Patch whole = lit_.patches[index];
         if (whole.crossed || lit_.cut_from.size() > most_ / 2 + 4096)
             return;
-        const glm::dvec2 mean = side.weights / side.flux;
-        visibility::Hit hit;
-        hit.instance = whole.instance;
-        hit.triangle = whole.triangle;
-        hit.barycentric = mean;
+        visibility::Hit hit = triangle_of(whole);
+        hit.barycentric = side.weights / side.flux;
         glm::vec2 weights;
         const Node* node = lit_.tree.leaf(hit, weights);
         if (!node || node->at != index || node->halved)
             return; // what lies beside the patch gave it light, or another light has cut it
-        const glm::dmat3 corners = mapper_.triangle(hit);
-        const glm::dvec3 u = corners[1] - corners[0], v = corners[2] - corners[0];
-        const glm::dvec3 squares = side.squared_weights / side.flux
-                                   - glm::dvec3(mean.x * mean.x, mean.y * mean.y, mean.x * mean.y);
-        const double square = squares.x * glm::dot(u, u) + squares.y * glm::dot(v, v)
-                              + 2.0 * squares.z * glm::dot(u, v);
-        halve(index, place_of(node, lit_.tree),
-              {whole.at(weights), float(std::sqrt(std::max(square, 0.0)))});
+        const auto radius = float(std::sqrt(square_radius(side, mapper_)));
+        halve(index, place_of(node, lit_.tree), {whole.at(weights), radius});
     }
 
 private:
@@ -135,23 +147,42 @@ private:
 
 } // namespace
 
-bool is_within(const SideFlux& side, const Patch& patch, double share) {
-    return side.flux * side.flux < share * double(patch.area) * side.peak;
+bool is_within(const SideFlux& side, const LightMapper& mapper, double share) {
+    const Patch& patch = mapper.lit.patches[side.side / 2];
+    if (!(side.flux * side.flux < share * double(patch.area) * side.peak))
+        return false;
+    if (!mapper.veiled())
+        return true;
+    // What lets some through by chance leaves gaps: only how far what falls on it spreads tells.
+    const glm::dvec3 u(patch.edge_u), v(patch.edge_v), w = u - v;
+    const double even = (glm::dot(u, u) + glm::dot(v, v) + glm::dot(w, w)) / 36.0;
+    return square_radius(side, mapper) < share * even;
 }
 
 size_t cut_to_light(const LightMap& map, const LightMapper& mapper, LitSurfaces& lit) {
-    double on_little = 0.0;
-    for (const SideFlux& side : map.sides)
-        if (is_within(side, lit.patches[side.side / 2], uneven))
-            on_little += side.flux;
-    if (!(on_little > enough * map.power.landed))
-        return 0;
+    const auto is_narrow = [&](const SideFlux& side) { return is_within(side, mapper, uneven); };
+    std::vector<Placed> placed;
+    for (uint32_t i = 0; i < map.sides.size(); ++i) {
+        const uint32_t side = map.sides[i].side;
+        placed.push_back(
+            {together(lit.patches[side / 2], side, glm::vec3(mapper.frame.extent)), i});
+    }
+    tbb::parallel_sort(placed);
     const size_t before = lit.patches.size();
     NarrowCutter cutter(mapper, lit);
-    for (const SideFlux& side : map.sides)
-        if (side.flux > least * map.power.landed
-            && is_within(side, lit.patches[side.side / 2], uneven))
-            cutter.cut(side);
+    for (const std::span<const Placed> group : groups_of(placed)) {
+        double all = 0.0, on_little = 0.0;
+        for (const Placed& at : group) {
+            const SideFlux& side = map.sides[at.index];
+            all += side.flux;
+            on_little += is_narrow(side) ? side.flux : 0.0;
+        }
+        if (on_little > enough * all)
+            for (const Placed& at : group)
+                if (const SideFlux& side = map.sides[at.index];
+                    side.flux > least * all && is_narrow(side))
+                    cutter.cut(side);
+    }
     return lit.patches.size() - before;
 }
 

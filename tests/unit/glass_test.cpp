@@ -251,6 +251,8 @@ TEST(Glass, WhatIsGreyOrWhiteHasTheBitsOfAlphaAlone) {
     const Floor white(scene);
     EXPECT_FALSE(white.visibility.is_tinted());
     EXPECT_EQ(grey.light.lux, white.light.lux);
+    EXPECT_EQ(grey.lit.cut_from.size(), 0u); // what falls on all of it by chance is not narrow
+    EXPECT_LT(grey.light.narrow, 0.01 * grey.light.landed);
     scene.materials[1].alpha_mode = AlphaMode::opaque; // the same pane as glass that transmits
     scene.materials[1].transmission = 1.0f - 0.4f;
     EXPECT_EQ(Floor(scene).light.lux, white.light.lux);
