@@ -17,7 +17,7 @@ packages=(
     # test
     libgtest-dev libbenchmark-dev vulkan-validationlayers
     clang clang-tidy-14 libclang-rt-14-dev gcovr
-    libopenvdb-tools openimageio-tools python3 python3-openvdb python3-openimageio python3-numpy python3-jsonschema
+    libopenvdb-tools libnanovdb-tools openimageio-tools python3 python3-openvdb python3-openimageio python3-numpy python3-jsonschema
 )
 if [[ ${1:-} == --clients ]]; then
     packages+=(blender chromium chromium-driver godot3-server nodejs libogre-1.12-dev)

@@ -28,6 +28,8 @@ EVERYWHERE = ["background.h", "file_error.h", "mix_word.h", "quoted.h", "text.h"
 
 PACKAGES = {  # start of the header's name -> where it may be included
     "openvdb/": "src/io/",
+    "nanovdb/": "src/io/",
+    "zstd.h": "src/io/",
     "tiny_gltf": "src/scene/gltf/",
     "draco/": "src/scene/gltf/",
     "meshoptimizer": "src/scene/gltf/",

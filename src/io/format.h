@@ -38,7 +38,7 @@ struct VolumeFormat {
 
 using VolumeFormats = std::span<const VolumeFormat* const>;
 
-/// OpenVDB, OpenEXR, KTX2, DDS.
+/// OpenVDB, NanoVDB, OpenEXR, KTX2, DDS.
 VolumeFormats volume_formats();
 
 } // namespace lpvbake::io

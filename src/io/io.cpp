@@ -4,6 +4,7 @@
 #include "io/exr.h"
 #include "io/ktx2.h"
 #include "io/layout.h"
+#include "io/nvdb.h"
 #include "io/vdb.h"
 #include "lpvbake/error.h"
 
@@ -16,8 +17,8 @@
 namespace lpvbake::io {
 namespace {
 
-constexpr const VolumeFormat* formats_known[] = {&vdb_format, &exr_format, &ktx2_format,
-                                                 &dds_format};
+constexpr const VolumeFormat* formats_known[] = {&vdb_format, &nvdb_format, &exr_format,
+                                                 &ktx2_format, &dds_format};
 
 std::string lower(std::string text) {
     std::transform(text.begin(), text.end(), text.begin(),

@@ -24,15 +24,6 @@ using openvdb::FloatGrid;
 using openvdb::MetaMap;
 using openvdb::Vec3SGrid;
 
-/// Written for viewers, never read.
-constexpr GridKind density_kind{.name = "density",
-                                .quantity = {"mean luminance over all directions", "cd/m^2"}};
-
-void initialise() {
-    static std::once_flag once;
-    std::call_once(once, [] { openvdb::initialize(); });
-}
-
 // ---- the identity of a file ----
 
 /// OpenVDB's header: magic (8 bytes), file version, library version major and minor (4 each), one
@@ -142,13 +133,6 @@ private:
         std::make_shared<openvdb::io::StreamMetadata>();
 };
 
-openvdb::math::Transform::Ptr transform_of(const Grid& grid, bool corner_index) {
-    auto transform = openvdb::math::Transform::createLinearTransform(grid.cell);
-    const glm::dvec3 first = corner_index ? grid.origin : grid.center({0, 0, 0});
-    transform->postTranslate({first.x, first.y, first.z});
-    return transform;
-}
-
 void insert_text(MetaMap& metadata, const std::string& key, const std::string& value) {
     metadata.insertMeta("lpv:" + key, openvdb::StringMetadata(value));
 }
@@ -165,41 +149,6 @@ void insert_lattice(MetaMap& metadata, const Volume& volume, const volume::Encod
                         openvdb::Vec3DMetadata({grid.origin.x, grid.origin.y, grid.origin.z}));
     metadata.insertMeta("lpv:cell_size", openvdb::DoubleMetadata(grid.cell));
     metadata.insertMeta("lpv:sh_order", openvdb::Int32Metadata(volume.sh_order));
-}
-
-/// 1 where a cell carries meaning: where any grid has a value that is not 0.
-std::vector<uint8_t> active_cells(const Volume& volume) {
-    std::vector<uint8_t> active(volume.grid.size());
-    for (const volume::ConstGridView& grid : volume::grids_of(volume)) {
-        const auto width = size_t(grid.kind->width());
-        for (size_t i = 0; i < grid.values().size(); ++i)
-            active[i / width] |= grid.data[i] != 0;
-    }
-    return active;
-}
-
-/// Fills a grid with value(cell) where active. Uniform blocks become tiles, which cost nothing.
-template <typename GridType, typename Value>
-typename GridType::Ptr make_grid(const Grid& lattice, const std::vector<uint8_t>& active,
-                                 const Value& value) {
-    auto grid = GridType::create();
-    auto accessor = grid->getAccessor();
-    size_t i = 0;
-    for (int z = 0; z < lattice.dims.z; ++z)
-        for (int y = 0; y < lattice.dims.y; ++y)
-            for (int x = 0; x < lattice.dims.x; ++x, ++i)
-                if (active[i])
-                    accessor.setValueOn(Coord(x, y, z), value(i));
-    grid->tree().prune();
-    return grid;
-}
-
-openvdb::GridBase::Ptr make_grid(const volume::ConstGridView& grid, const Grid& lattice,
-                                 const std::vector<uint8_t>& active) {
-    if (grid.kind->width() == 1)
-        return make_grid<FloatGrid>(lattice, active, [&](size_t i) { return grid.data[i]; });
-    return make_grid<Vec3SGrid>(lattice, active,
-                                [&](size_t i) { return openvdb::Vec3s(grid.data + 3 * i); });
 }
 
 // ---- reading ----
@@ -311,21 +260,15 @@ constexpr VolumeFormat vdb_format{
     .read = read_vdb};
 
 WriteReport write_vdb(const std::string& path, const Stored& stored, Precision wanted) {
-    initialise();
+    initialise_vdb();
     const Volume& volume = stored.volume();
     const volume::Encoding& encoding = stored.encoding();
     WriteReport report;
     const bool half = stored.precision(wanted, path, report) == Precision::half;
     const std::vector<uint8_t> active = active_cells(volume);
-    const auto transform = transform_of(volume.grid, encoding.corner_index);
     const auto make = [&](const volume::ConstGridView& view, const volume::Quantity& quantity) {
-        openvdb::GridBase::Ptr grid = make_grid(view, volume.grid, active);
-        grid->setName(view.name());
-        grid->setTransform(transform->copy());
+        const openvdb::GridBase::Ptr grid = make_grid(view, stored, active);
         grid->setSaveFloatAsHalf(half);
-        grid->setVectorType(openvdb::VEC_INVARIANT); // colours do not turn with the transform
-        grid->setGridClass(view.kind == &density_kind ? openvdb::GRID_FOG_VOLUME
-                                                      : openvdb::GRID_UNKNOWN);
         insert_lattice(*grid, volume, encoding);
         insert_text(*grid, "quantity", quantity.name);
         insert_text(*grid, "units", quantity.units);
@@ -338,8 +281,7 @@ WriteReport write_vdb(const std::string& path, const Stored& stored, Precision w
     insert_text(metadata, "precision", half ? "half" : "float");
     insert_lattice(metadata, volume, encoding);
 
-    std::vector<volume::ConstGridView> views = volume::grids_of(volume);
-    views.push_back({&density_kind, 0, stored.density().data(), stored.density().size()});
+    const std::vector<volume::ConstGridView> views = grids_to_write(stored);
     AtomicFile file(path);
     file.write([&](std::ostream& out) {
         GridStream stream(out, metadata, views.size());
@@ -353,7 +295,7 @@ WriteReport write_vdb(const std::string& path, const Stored& stored, Precision w
 }
 
 Volume read_vdb(const std::string& path, volume::GridKinds kinds) {
-    initialise();
+    initialise_vdb();
     // OpenVDB trusts what it reads, so damage has to be found before.
     const Identity identity = identify(path, path);
     if (identity.stored.empty())

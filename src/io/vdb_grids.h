@@ -1,6 +1,8 @@
-// What is made of a VDB file's grids once OpenVDB has read them.
+// OpenVDB's grids: those that files are made of, and what is made of a file's once OpenVDB has read
+// them.
 #pragma once
 
+#include "io/stored.h"
 #include "volume/grids.h"
 
 // What its library registers of its templates is what we instantiate: one and the same, though all
@@ -14,6 +16,19 @@
 #include <string>
 
 namespace lpvbake::io {
+
+/// What OpenVDB needs before anything else; once.
+void initialise_vdb();
+
+/// All grids of the volume, and Stored::density for viewers, which is never read.
+std::vector<volume::ConstGridView> grids_to_write(const Stored& stored);
+
+/// 1 where a cell carries meaning: where any grid has a value that is not 0.
+std::vector<uint8_t> active_cells(const Volume& volume);
+
+/// A grid as Vec3S or float, with name, transform and class. Uniform blocks are tiles.
+openvdb::GridBase::Ptr make_grid(const volume::ConstGridView& view, const Stored& stored,
+                                 const std::vector<uint8_t>& active);
 
 struct VdbContent {
     openvdb::MetaMap::Ptr metadata;              ///< of the file

@@ -1,5 +1,5 @@
-// Volume files, told apart by their extension: .vdb (OpenVDB), .exr (flipbooks in OpenEXR, with a
-// sidecar .json), .ktx2 and .dds (3D textures, the latter with a sidecar .dds.json).
+// Volume files, told apart by their extension: .vdb (OpenVDB), .nvdb (NanoVDB), .exr (flipbooks in
+// OpenEXR, with a sidecar .json), .ktx2 and .dds (3D textures, the latter with a sidecar .dds.json).
 #pragma once
 
 #include "lpvbake/export.h"

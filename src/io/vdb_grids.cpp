@@ -1,0 +1,78 @@
+#include "io/vdb_grids.h"
+
+#include <mutex>
+
+namespace lpvbake::io {
+namespace {
+
+using openvdb::Coord;
+
+/// Written for viewers, never read.
+constexpr GridKind density_kind{.name = "density",
+                                .quantity = {"mean luminance over all directions", "cd/m^2"}};
+
+openvdb::math::Transform::Ptr transform_of(const Grid& grid, bool corner_index) {
+    auto transform = openvdb::math::Transform::createLinearTransform(grid.cell);
+    const glm::dvec3 first = corner_index ? grid.origin : grid.center({0, 0, 0});
+    transform->postTranslate({first.x, first.y, first.z});
+    return transform;
+}
+
+/// Fills a grid with value(cell) where active. Uniform blocks become tiles, which cost nothing.
+template <typename GridType, typename Value>
+typename GridType::Ptr make_grid(const Grid& lattice, const std::vector<uint8_t>& active,
+                                 const Value& value) {
+    auto grid = GridType::create();
+    auto accessor = grid->getAccessor();
+    size_t i = 0;
+    for (int z = 0; z < lattice.dims.z; ++z)
+        for (int y = 0; y < lattice.dims.y; ++y)
+            for (int x = 0; x < lattice.dims.x; ++x, ++i)
+                if (active[i])
+                    accessor.setValueOn(Coord(x, y, z), value(i));
+    grid->tree().prune();
+    return grid;
+}
+
+} // namespace
+
+void initialise_vdb() {
+    static std::once_flag once;
+    std::call_once(once, [] { openvdb::initialize(); });
+}
+
+std::vector<volume::ConstGridView> grids_to_write(const Stored& stored) {
+    std::vector<volume::ConstGridView> views = volume::grids_of(stored.volume());
+    views.push_back({&density_kind, 0, stored.density().data(), stored.density().size()});
+    return views;
+}
+
+std::vector<uint8_t> active_cells(const Volume& volume) {
+    std::vector<uint8_t> active(volume.grid.size());
+    for (const volume::ConstGridView& grid : volume::grids_of(volume)) {
+        const auto width = size_t(grid.kind->width());
+        for (size_t i = 0; i < grid.values().size(); ++i)
+            active[i / width] |= grid.data[i] != 0;
+    }
+    return active;
+}
+
+openvdb::GridBase::Ptr make_grid(const volume::ConstGridView& view, const Stored& stored,
+                                 const std::vector<uint8_t>& active) {
+    const Grid& lattice = stored.volume().grid;
+    openvdb::GridBase::Ptr grid;
+    if (view.kind->width() == 1)
+        grid =
+            make_grid<openvdb::FloatGrid>(lattice, active, [&](size_t i) { return view.data[i]; });
+    else
+        grid = make_grid<openvdb::Vec3SGrid>(
+            lattice, active, [&](size_t i) { return openvdb::Vec3s(view.data + 3 * i); });
+    grid->setName(view.name());
+    grid->setTransform(transform_of(lattice, stored.encoding().corner_index));
+    grid->setVectorType(openvdb::VEC_INVARIANT); // colours do not turn with the transform
+    grid->setGridClass(view.kind == &density_kind ? openvdb::GRID_FOG_VOLUME
+                                                  : openvdb::GRID_UNKNOWN);
+    return grid;
+}
+
+} // namespace lpvbake::io
