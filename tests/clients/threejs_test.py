@@ -204,7 +204,8 @@ class ThreeJs(unittest.TestCase):
         cls.folder = pathlib.Path(temporary.name)
         cls.scene = cls.folder / "scene.gltf"
         cls.scene.write_bytes((EXAMPLES / "cornell_box.gltf").read_bytes())
-        run(LPVBAKE, "bake", cls.scene, "-o", cls.folder / "volume.exr", "--target", "threejs")
+        run(LPVBAKE, "bake", cls.scene, "-o", cls.folder / "volume.exr", "-o", cls.folder / "volume.ktx2",
+            "--target", "threejs")
         server = serve(cls.folder)
         cls.addClassCleanup(server.server_close)
         cls.addClassCleanup(server.shutdown)
@@ -240,6 +241,20 @@ class ThreeJs(unittest.TestCase):
             print(f"{show}: mean difference {difference:.4f}")
             self.assertGreater(self.expected[show].mean(), 0.05, show)
             self.assertLess(difference, TOLERANCE, show)
+
+    def test_ktx2_shows_what_the_exr_shows(self):
+        dark = self.folder / "dark.ktx2"
+        run(LPVBAKE, "bake", self.scene, "-o", dark, "--target", "threejs", "--max-albedo", "0.4")
+        for show in ("both", "indirect"):
+            exr = self.view(show)
+            difference = float(np.mean(np.abs(self.view(show, "volume_atlas.ktx2") - exr)))
+            print(f"KTX2, {show}: mean difference {difference:.6f}")
+            self.assertLess(difference, 0.001, show)
+        self.assertGreater(float(np.mean(np.abs(self.view("indirect", "dark_atlas.ktx2") - exr))), 0.01)
+        cut = (self.folder / "volume_atlas.ktx2").read_bytes()[:-1000]
+        (self.folder / "cut.ktx2").write_bytes(cut)
+        state, _ = self.chromium.open(f"{self.url}?scene=scene.gltf&volume=cut.ktx2&camera={CAMERA}")
+        self.assertEqual(state, "failed")
 
     def test_broken_volumes_look_different(self):
         facts = json.loads((self.folder / "volume.json").read_text())
