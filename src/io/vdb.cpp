@@ -8,6 +8,8 @@
 #include "volume/sh.h"
 
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_pipeline.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -15,6 +17,7 @@
 #include <fstream>
 #include <functional>
 #include <mutex>
+#include <sstream>
 
 namespace lpvbake::io {
 namespace {
@@ -34,17 +37,28 @@ constexpr uint64_t uuid_offset = 21, uuid_length = 36;
 /// Murmur 2): told apart are any two files that differ in one word, others all but surely.
 class ContentHash {
 public:
-    void add(const char* data, size_t size) { // only the last piece may have size % 8 != 0
-        size_ += size;
-        for (size_t i = 0; i < size; i += 8) {
-            uint64_t word = 0;
-            std::memcpy(&word, data + i, std::min<size_t>(8, size - i));
-            a_ = mix((a_ ^ word) * 0x100000001b3u);
-            b_ = mix((b_ ^ word) * 0xc6a4a7935bd1e995u);
+    void add(std::string_view bytes) {
+        size_ += bytes.size();
+        while (!bytes.empty()) {
+            if (held_ > 0 || bytes.size() < sizeof word_) {
+                const size_t more = std::min(sizeof word_ - held_, bytes.size());
+                std::memcpy(reinterpret_cast<char*>(&word_) + held_, bytes.data(), more);
+                held_ += more;
+                bytes.remove_prefix(more);
+                if (held_ == sizeof word_)
+                    add_word();
+                continue;
+            }
+            for (; bytes.size() >= sizeof word_; bytes.remove_prefix(sizeof word_)) {
+                std::memcpy(&word_, bytes.data(), sizeof word_);
+                add_word();
+            }
         }
     }
     /// As a UUID of version 8 (RFC 9562, custom content).
-    std::string uuid() const {
+    std::string uuid() {
+        if (held_ > 0)
+            add_word();
         const uint64_t high = (mix((a_ ^ size_) * 0x9e3779b97f4a7c15u) & ~0xf000ull) | 0x8000;
         const uint64_t low = mix((b_ ^ size_) * 0x9e3779b97f4a7c15u) << 2 >> 2 | 1ull << 63;
         std::string hex;
@@ -57,8 +71,16 @@ public:
     }
 
 private:
+    void add_word() {
+        a_ = mix((a_ ^ word_) * 0x100000001b3u);
+        b_ = mix((b_ ^ word_) * 0xc6a4a7935bd1e995u);
+        word_ = 0;
+        held_ = 0;
+    }
     static uint64_t mix(uint64_t x) { return x ^ x >> 31; }
     uint64_t size_ = 0;
+    uint64_t word_ = 0; ///< not yet added, and so many bytes of it are known
+    size_t held_ = 0;
     uint64_t a_ = 0xcbf29ce484222325u;
     uint64_t b_ = 0x9ae16a3b2f90404fu;
 };
@@ -98,7 +120,7 @@ Identity identify(const std::string& path, const std::string& name) {
             identity.stored.assign(&chunk[uuid_offset], uuid_length);
             std::memset(&chunk[uuid_offset], 0, uuid_length);
         }
-        hash.add(chunk.data(), got);
+        hash.add({chunk.data(), got});
     }
     identity.computed = hash.uuid();
     return identity;
@@ -106,31 +128,108 @@ Identity identify(const std::string& path, const std::string& name) {
 
 // ---- writing ----
 
-/// Writes grid after grid to any stream, with the offsets that let readers open single ones, as
-/// io::Archive::write does with a list of them. (io::File does so too, but to a file of its own,
-/// and it does not see a full disk.)
-class GridStream : openvdb::io::Archive {
+/// A file in memory. (A std::stringbuf copies all it holds each time it is asked.)
+class Bytes : public std::streambuf {
 public:
-    GridStream(std::ostream& out, const MetaMap& metadata, size_t grids) : out_(out) {
-        openvdb::io::setStreamMetadataPtr(out_, stream_metadata_, /*transfer=*/false);
-        openvdb::io::setWriteGridStatsMetadata(out_, isGridStatsMetadataEnabled());
-        openvdb::io::setDataCompression(out_, compression());
-        writeHeader(out_, /*seekable=*/true);
-        metadata.writeMeta(out_);
-        const auto count = int32_t(grids);
-        out_.write(reinterpret_cast<const char*>(&count), sizeof count);
+    std::string bytes;
+
+protected:
+    std::streamsize xsputn(const char* data, std::streamsize count) override {
+        bytes.resize(std::max(bytes.size(), at_ + size_t(count)));
+        std::memcpy(bytes.data() + at_, data, size_t(count));
+        at_ += size_t(count);
+        return count;
     }
-    void add(const openvdb::GridBase::ConstPtr& grid) {
-        openvdb::io::GridDescriptor descriptor(grid->getName(), grid->type(),
-                                               grid->saveFloatAsHalf());
-        writeGrid(descriptor, grid, out_, /*seekable=*/true);
-        openvdb::io::setDataCompression(out_, compression()); // each grid has set its own
+    int_type overflow(int_type c) override {
+        const char one = traits_type::to_char_type(c);
+        xsputn(&one, 1);
+        return c;
+    }
+    pos_type seekoff(off_type by, std::ios_base::seekdir from, std::ios_base::openmode) override {
+        const size_t start = from == std::ios_base::beg   ? 0
+                             : from == std::ios_base::cur ? at_
+                                                          : bytes.size();
+        at_ = start + size_t(by);
+        return pos_type(off_type(at_));
+    }
+    pos_type seekpos(pos_type to, std::ios_base::openmode mode) override {
+        return seekoff(off_type(to), std::ios_base::beg, mode);
     }
 
 private:
+    size_t at_ = 0;
+};
+
+/// A grid as it stands in a file that begins with it.
+struct PackedGrid {
+    openvdb::io::GridDescriptor descriptor;
+    size_t offsets_at = 0; ///< where its descriptor's offsets stand
+    std::string bytes;
+};
+
+/// Writes grid after grid to any stream, with the offsets that let readers open single ones, as
+/// io::Archive::write does with a list of them. (io::File does so too, but to a file of its own,
+/// it does not see a full disk, and it compresses on one thread.) The UUID is left zero.
+class GridStream : openvdb::io::Archive {
+public:
+    GridStream(std::ostream& out, const MetaMap& metadata, size_t grids) : out_(out) {
+        Bytes header;
+        auto settings = std::make_shared<openvdb::io::StreamMetadata>();
+        std::ostream stream(&header);
+        prepare(stream, settings);
+        writeHeader(stream, /*seekable=*/true);
+        metadata.writeMeta(stream);
+        const auto count = int32_t(grids);
+        stream.write(reinterpret_cast<const char*>(&count), sizeof count);
+        header.bytes.replace(uuid_offset, uuid_length, uuid_length, '\0');
+        write(header.bytes);
+    }
+    /// May be called by several threads at a time.
+    PackedGrid pack(const openvdb::GridBase::ConstPtr& grid) const {
+        PackedGrid packed{
+            {grid->getName(), grid->type(), grid->saveFloatAsHalf()}, 0, std::string()};
+        Bytes bytes;
+        bytes.bytes.reserve(grid->memUsage());
+        auto settings = std::make_shared<openvdb::io::StreamMetadata>();
+        std::ostream stream(&bytes);
+        packed.descriptor.writeHeader(stream);
+        packed.offsets_at = bytes.bytes.size();
+        stream.seekp(0);
+        prepare(stream, settings);
+        writeGrid(packed.descriptor, grid, stream, /*seekable=*/true);
+        packed.bytes = std::move(bytes.bytes);
+        return packed;
+    }
+    void add(PackedGrid packed) {
+        openvdb::io::GridDescriptor& descriptor = packed.descriptor;
+        descriptor.setGridPos(written_ + descriptor.getGridPos());
+        descriptor.setBlockPos(written_ + descriptor.getBlockPos());
+        descriptor.setEndPos(written_ + descriptor.getEndPos());
+        Bytes offsets;
+        std::ostream stream(&offsets);
+        descriptor.writeStreamPos(stream);
+        packed.bytes.replace(packed.offsets_at, offsets.bytes.size(), offsets.bytes);
+        write(packed.bytes);
+    }
+    /// What the UUID has to be, after the last grid.
+    std::string uuid() { return hash_.uuid(); }
+
+private:
+    /// `metadata` outlives the stream's use: it keeps where that stands.
+    void prepare(std::ostream& out, openvdb::io::StreamMetadata::Ptr& metadata) const {
+        openvdb::io::setStreamMetadataPtr(out, metadata, /*transfer=*/false);
+        openvdb::io::setWriteGridStatsMetadata(out, isGridStatsMetadataEnabled());
+        openvdb::io::setDataCompression(out, compression());
+    }
+    void write(std::string_view bytes) {
+        out_.write(bytes.data(), std::streamsize(bytes.size()));
+        hash_.add(bytes);
+        written_ += int64_t(bytes.size());
+    }
+
     std::ostream& out_;
-    openvdb::io::StreamMetadata::Ptr stream_metadata_ =
-        std::make_shared<openvdb::io::StreamMetadata>();
+    ContentHash hash_;
+    int64_t written_ = 0;
 };
 
 void insert_text(MetaMap& metadata, const std::string& key, const std::string& value) {
@@ -149,6 +248,13 @@ void insert_lattice(MetaMap& metadata, const Volume& volume, const volume::Encod
                         openvdb::Vec3DMetadata({grid.origin.x, grid.origin.y, grid.origin.z}));
     metadata.insertMeta("lpv:cell_size", openvdb::DoubleMetadata(grid.cell));
     metadata.insertMeta("lpv:sh_order", openvdb::Int32Metadata(volume.sh_order));
+}
+
+/// Grids that are made and compressed at a time: what fits 2 GiB, one at least.
+size_t grids_at_once(const Grid& lattice) {
+    constexpr uint64_t cell = sizeof(openvdb::Vec3s) + sizeof(openvdb::Vec3s); // tree and bytes
+    const uint64_t fit = (uint64_t(2) << 30) / (cell * lattice.size() + 1);
+    return size_t(std::clamp<uint64_t>(fit, 1, uint64_t(tbb::this_task_arena::max_concurrency())));
 }
 
 // ---- reading ----
@@ -283,12 +389,30 @@ WriteReport write_vdb(const std::string& path, const Stored& stored, Precision w
 
     const std::vector<volume::ConstGridView> views = grids_to_write(stored);
     AtomicFile file(path);
+    std::string uuid;
     file.write([&](std::ostream& out) {
         GridStream stream(out, metadata, views.size());
-        for (const volume::ConstGridView& view : views)
-            stream.add(make(view, volume::quantity_of(*view.kind, encoding.convention)));
+        size_t next = 0;
+        const auto number = [&](tbb::flow_control& control) {
+            if (next == views.size())
+                control.stop();
+            return next++;
+        };
+        const auto pack = [&](size_t i) {
+            const auto& kind = *views[i].kind;
+            return stream.pack(make(views[i], volume::quantity_of(kind, encoding.convention)));
+        };
+        using tbb::filter_mode;
+        tbb::parallel_pipeline(
+            grids_at_once(volume.grid),
+            tbb::make_filter<void, size_t>(filter_mode::serial_in_order, number)
+                & tbb::make_filter<size_t, PackedGrid>(filter_mode::parallel, pack)
+                & tbb::make_filter<PackedGrid, void>(
+                    filter_mode::serial_in_order,
+                    [&](PackedGrid packed) { stream.add(std::move(packed)); }));
+        uuid = stream.uuid();
     });
-    file.patch(uuid_offset, identify(file.temporary(), path).computed);
+    file.patch(uuid_offset, uuid);
     report.files.push_back({path, file.seal()});
     file.publish();
     return report;
