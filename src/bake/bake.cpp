@@ -1,31 +1,19 @@
 #include "bake/bake.h"
 
+#include "bake/lighting.h"
 #include "bake/surface_fit.h"
 #include "scene/lights.h"
-#include "scene/sky.h"
 #include "surface/lit_surfaces.h"
 #include "text.h"
-#include "visibility/backs.h"
 #include "visibility/visibility.h"
 #include "visibility/walls.h"
 #include "volume/compare.h"
-#include "volume/light_content.h"
 
 #include <algorithm>
 #include <cmath>
 
 namespace lpvbake::bake {
 namespace {
-
-void warn_of_backs(const Scene& scene, const visibility::Visibility& visibility,
-                   const scene::Frame& frame, solver::Stages& stages) {
-    for (const Light& light : scene.lights)
-        if (const double backs = visibility::share_of_backs(visibility, light, frame); backs > 0.25)
-            stages.warn(format(
-                "light '%s': %.0f %% of its first hits are backs of single-sided surfaces, which "
-                "are black; `cull_backfaces` lets light pass them",
-                light.name.c_str(), 100.0 * backs));
-}
 
 std::string share_with_walls(const std::vector<std::vector<glm::vec3>>& walls) {
     const auto without = std::ranges::count(walls[0], glm::vec3(0.0f));
@@ -85,15 +73,6 @@ void fit_volume(const Scene& scene, const BakePlan& plan, const visibility::Visi
 
 } // namespace
 
-surface::LightingSettings lighting_of(const BakePlan& plan) {
-    surface::LightingSettings lighting;
-    lighting.bounces = plan.settings.bounces;
-    lighting.emitters = plan.emitters;
-    lighting.maps = plan.maps.count > 0;
-    lighting.rays = plan.settings.solver.lighting_rays();
-    return lighting;
-}
-
 Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
            Progress& progress) {
     Baked baked;
@@ -106,33 +85,8 @@ Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
     const std::unique_ptr<solver::Solver> solver =
         kind.make(device, plan.grid, plan.settings.solver);
 
-    stages.begin("visibility");
-    const visibility::Visibility visibility(scene, plan.frame, plan.settings.isa);
-    warn_of_backs(scene, visibility, plan.frame, stages);
-    stages.end(counted(plan.triangles, "triangle"));
-
-    surface::LitSurfaces lit;
-    if (plan.lit) {
-        stages.begin("lighting");
-        lit = surface::light_surfaces(scene, visibility, plan.frame, lighting_of(plan), progress);
-        stages.end(counted(lit.patches.size(), "patch", "patches") + ", "
-                   + counted(uint64_t(lit.bounces), "reflection"));
-        if (lit.narrow > 0.05)
-            stages.warn(
-                format("%.3g %% of the light of lamps and suns falls on spots smaller than a "
-                       "quarter of a cell: cells show where its reflection comes from, but not "
-                       "the spots; a higher `resolution` does",
-                       100.0 * lit.narrow));
-        if (lit.lost > 0.001)
-            stages.warn(
-                format("%.2g %% of the light of lamps and suns is lost where surfaces lie on "
-                       "each other",
-                       100.0 * lit.lost));
-        if (lit.residual > 0.01)
-            stages.warn(format("%s: %.2g %% of the light is missing after %d reflections; set "
-                               "`max_albedo` lower",
-                               scene.path.c_str(), 100.0 * lit.residual, lit.bounces));
-    }
+    const visibility::Visibility visibility = open_scene(scene, plan, stages);
+    surface::LitSurfaces lit = light_scene(scene, plan, visibility, stages);
 
     solver->solve(
         {scene, device, plan.grid, plan.frame, visibility, plan.lit ? &lit : nullptr, plan.maps},
@@ -149,14 +103,7 @@ Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
     if (plan.settings.fit)
         fit_volume(scene, plan, visibility, std::move(lit), stages, volume);
 
-    volume.metadata["solver"] = kind.name;
-    volume::set_content(volume::content_of(!scene.lights.empty(), plan.emitters,
-                                           scene::has_sky(scene), plan.settings.bounces),
-                        volume.metadata);
-    volume.metadata["bounces"] =
-        plan.settings.bounces ? std::to_string(*plan.settings.bounces) : "inf";
-    volume.metadata["device"] = device.info().name;
-    volume.metadata["tracer"] = visibility.tracer();
+    describe_light(scene, plan, device, visibility, volume);
     baked.stages = stages.reports();
     return baked;
 }

@@ -7,16 +7,13 @@
 
 #include "bake/choose.h"
 #include "bake/facts.h"
+#include "bake/lighting.h"
 #include "bake/plan.h"
 #include "bake/settings.h"
 #include "gpu/gpu.h"
 #include "lpvbake/bake.h"
-#include "surface/lit_surfaces.h"
 
 namespace lpvbake::bake {
-
-/// How a bake of the plan lights surfaces.
-surface::LightingSettings lighting_of(const BakePlan& plan);
 
 /// Runs the plan, which must be one of this scene. Throws Error: memory, device, and whatever
 /// `progress` throws.

@@ -6,6 +6,8 @@
 #include "scene/lights.h"
 #include "solver/models.h"
 #include "text.h"
+#include "visibility/around.h"
+#include "volume/points.h"
 #include "volume/sh.h"
 #include "volume/volume.h"
 
@@ -60,7 +62,7 @@ void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan)
     const solver::SolverSettings& solver = settings.solver;
     const auto& [lo, hi] = scene.bounds;
     const Bounds box = settings.bounds.value_or(scene.bounds);
-    if (!settings.bounds)
+    if (!settings.bounds && settings.points == 0)
         warn_of_empty_bounds(scene, plan.warnings);
     if (glm::any(glm::greaterThan(box.lo, hi)) || glm::any(glm::lessThan(box.hi, lo)))
         plan.warnings.push_back(
@@ -174,6 +176,12 @@ void check_host_memory(const BakePlan& plan) {
     const uint64_t memory = uint64_t(sysconf(_SC_PHYS_PAGES)) * uint64_t(sysconf(_SC_PAGESIZE));
     if (plan.host_bytes <= memory)
         return;
+    if (plan.settings.points > 0)
+        throw Error(ErrorKind::memory,
+                    counted(plan.settings.points, "point")
+                        + format(" need about %.1f GiB of this machine's %.1f GiB of memory; bake "
+                                 "them in parts",
+                                 double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30));
     const glm::ivec3 dims = plan.grid.dims;
     const double fits =
         std::max({dims.x, dims.y, dims.z}) * std::cbrt(double(memory) / double(plan.host_bytes));
@@ -220,23 +228,31 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                            counted(plan.triangles, "triangle")});
     plan_lighting(scene, surfaces, plan);
     plan_maps(scene, map_size, plan);
-    const solver::Cost cost = solver.kind().cost({plan.grid, patches, plan.lit, plan.maps}, solver);
+    if (settings.points > 0)
+        plan.stages.push_back(
+            {"around", seconds::look_place * double(settings.points),
+             format("%d rays from every point, to backs and to the sky", visibility::looks)});
+    const solver::Cost cost =
+        solver.kind().cost({plan.grid, patches, plan.lit, plan.maps, settings.points}, solver);
     plan.stages.insert(plan.stages.end(), cost.stages.begin(), cost.stages.end());
     plan.skipped.insert(plan.skipped.end(), cost.skipped.begin(), cost.skipped.end());
-    plan.stages.push_back({"walls", seconds::walls_cell * cells,
-                           "what stands between cells and the points around them"});
-    plan_fit(surfaces, plan);
+    if (settings.points == 0) {
+        plan.stages.push_back({"walls", seconds::walls_cell * cells,
+                               "what stands between cells and the points around them"});
+        plan_fit(surfaces, plan);
+    }
     for (const StageReport& stage : plan.stages)
         plan.seconds += stage.seconds;
 
     // The volume itself takes 12 bytes a coefficient and a wall, and a copy while it is fitted, or
     // written more than once.
     plan.host_bytes += solver::models::bytes::triangle * plan.triangles
-                       + solver::models::bytes::fixed
-                       + plan.grid.size()
-                             * (solver::models::bytes::cell
-                                + 24 * uint64_t(volume::sh_count(solver.order()) + most_walls))
-                       + cost.host_bytes;
+                       + solver::models::bytes::fixed + cost.host_bytes;
+    plan.host_bytes += settings.points > 0
+                           ? settings.points * volume::point_bytes(solver.order())
+                           : plan.grid.size()
+                                 * (solver::models::bytes::cell
+                                    + 24 * uint64_t(volume::sh_count(solver.order()) + most_walls));
     check_host_memory(plan);
     return plan;
 }

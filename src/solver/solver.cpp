@@ -11,6 +11,10 @@ const Parameter* find_parameter(const SolverKind& kind, std::string_view name) {
     return found == kind.parameters.end() ? nullptr : &*found;
 }
 
+void Solver::solve_at(std::span<const glm::vec3>, const Inputs&, Stages&, Volume&) {
+    throw Error(ErrorKind::failure, "the solver knows cells of grids alone");
+}
+
 namespace {
 
 /// Where it stands among the kind's parameters. Throws Error (argument) where it does not.

@@ -69,6 +69,11 @@ public:
     /// same bits for any number of threads. Throws Error (memory, device), and whatever the
     /// progress throws.
     virtual void solve(const Inputs& inputs, Stages& stages, Volume& volume) = 0;
+    /// The same, but for the validity, which is there, at places (frame units) instead of the
+    /// grid's cells: the volume has a cell for each, in a row. Of a kind with SolverKind::at_places
+    /// alone.
+    virtual void solve_at(std::span<const glm::vec3> places, const Inputs& inputs, Stages& stages,
+                          Volume& volume);
 };
 
 /// How much time is given for how little error, in the words of --quality.
@@ -121,6 +126,7 @@ struct Workload {
     double patches = 0; ///< about
     bool lit = false;   ///< Inputs::lit is there
     ReflectiveMaps maps;
+    uint64_t places = 0; ///< that are given; 0: it is the grid's cells
 };
 
 /// What a solver is going to cost.
@@ -138,6 +144,7 @@ struct SolverKind {
     std::span<const int> orders;
     /// Reflections unless they are said; none: all.
     std::optional<int> default_bounces;
+    bool at_places = false; ///< it can solve given places, not only a grid
     std::span<const Parameter> parameters;
     /// From the fastest to the most accurate, at least one. One is Quality::balanced, or else the
     /// first stands for it.

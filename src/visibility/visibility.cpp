@@ -614,9 +614,13 @@ Capture Visibility::capture(glm::ivec3 cell) const {
     const auto known = impl_->captures.find(cell);
     if (known != impl_->captures.end())
         return known->second;
+    return impl_->captures.emplace(cell, capture_at(centre)).first->second;
+}
+
+Capture Visibility::capture_at(glm::vec3 place) const {
     std::vector<NearSurface> near;
-    surfaces_near(centre, surface_margin, near);
-    return impl_->captures.emplace(cell, find_capture(*this, centre, near)).first->second;
+    surfaces_near(place, surface_margin, near);
+    return near.empty() ? Capture{place} : find_capture(*this, place, near);
 }
 
 Visibility::~Visibility() = default;

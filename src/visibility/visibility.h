@@ -122,6 +122,8 @@ public:
     void sheets_at(glm::vec3 point, glm::vec3 normal, float reach, std::vector<Hit>& out) const;
     /// Where the light of a cell is taken, [i, i + 1] x ... in frame units, in the lattice or not.
     Capture capture(glm::ivec3 cell) const;
+    /// The same of any place, frame units.
+    Capture capture_at(glm::vec3 place) const;
 
     /// The box of all triangles, frame units.
     glm::vec3 lo() const;

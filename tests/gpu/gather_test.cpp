@@ -102,6 +102,20 @@ protected:
         return solver::gather::GatherProgram(device(), settings, window)
             .gather(lit, setting.scene.sky, setting.visibility, volume, silent);
     }
+
+    /// The light at places (frame units), of that validity.
+    std::vector<std::vector<glm::vec3>> run_at(const Setting& setting,
+                                               const surface::LitSurfaces& lit,
+                                               const std::vector<glm::vec3>& places,
+                                               const std::vector<float>& validity) {
+        Volume volume;
+        volume.grid.dims = {int(places.size()), 1, 1};
+        volume.validity = validity;
+        Progress silent;
+        solver::gather::GatherProgram(device(), everywhere(2))
+            .gather_at(places, lit, setting.scene.sky, setting.visibility, volume, silent);
+        return volume.sh;
+    }
 };
 
 TEST_F(Gather, LightThroughGlassHasItsColour) {
@@ -420,6 +434,69 @@ TEST_F(Gather, GroundHidesHalfOfTheSky) {
 
 TEST_F(Gather, TakesTheSameDeviceMemoryWhateverTheGrid) {
     EXPECT_LT(solver::gather::gather_device_bytes({}), uint64_t(128) << 20);
+}
+
+TEST_F(Gather, GivenPlacesAreSolvedAsTheCellsThere) {
+    for (const bool sky : {false, true}) {
+        Scene scene = two_rooms(0.5f);
+        if (sky) {
+            scene.instances.erase(scene.instances.begin()); // the wall stands in the open
+            scene.sky.luminance = glm::vec3(100.0f);
+        }
+        const Setting setting(std::move(scene), {glm::dvec3(-0.3, 0.05, 0.05), 0.1, {46, 19, 19}});
+        const surface::LitSurfaces lit = light(setting, {});
+        Volume grid = setting.volume();
+        run(setting, lit, grid, everywhere(2));
+        std::vector<glm::vec3> places;
+        for (size_t cell = 0; cell < grid.grid.size(); ++cell)
+            places.push_back(glm::vec3(grid.grid.cell_at(cell)) + 0.5f);
+        const auto points = run_at(setting, lit, places, grid.validity);
+        double wrong = 0, sum = 0;
+        int same = 0;
+        for (size_t cell = 0; cell < grid.grid.size(); ++cell) {
+            const glm::ivec3 at = grid.grid.cell_at(cell) % 8;
+            wrong += double(std::abs(points[0][cell].g - grid.sh[0][cell].g));
+            sum += double(grid.sh[0][cell].g);
+            // These test all there is themselves in a grid, too.
+            if (!sky && at == glm::ivec3(0) && grid.sh[0][cell].g > 0.0f) {
+                ++same;
+                for (size_t k = 0; k < grid.sh.size(); ++k)
+                    EXPECT_EQ(points[k][cell], grid.sh[k][cell]) << cell << ' ' << k;
+            }
+        }
+        EXPECT_GT(same, sky ? -1 : 20);
+        EXPECT_GT(sum, 0.0);
+        EXPECT_LT(wrong / sum, 0.002) << sky;
+    }
+}
+
+TEST_F(Gather, PlacesMayComeInAnyOrderAndTwice) {
+    const Setting setting(two_rooms(0.5f), {glm::dvec3(0.0), 0.1, {40, 20, 20}});
+    const surface::LitSurfaces lit = light(setting, {});
+    std::vector<glm::vec3> places;
+    std::vector<float> validity;
+    for (uint32_t i = 0; i < 9000; ++i) { // more than one chunk of one zone
+        const glm::vec3 at(i * 7919u % 1000u, i * 104729u % 997u, i * 1299709u % 991u);
+        places.push_back(at / (i % 3 ? 70.0f : 25.0f));
+        validity.push_back(i % 10 ? 1.0f : 0.0f);
+    }
+    places.push_back({-300.0f, 2000.0f, 5.0f}); // far outside
+    validity.push_back(1.0f);
+    const auto once = run_at(setting, lit, places, validity);
+    const size_t n = places.size();
+    for (size_t i = 0; i < n; ++i) {
+        places.push_back(places[n - 1 - i]);
+        validity.push_back(validity[n - 1 - i]);
+    }
+    const auto twice = run_at(setting, lit, places, validity);
+    for (size_t k = 0; k < once.size(); ++k)
+        for (size_t i = 0; i < n; ++i) {
+            ASSERT_EQ(twice[k][i], once[k][i]) << i << ' ' << k;
+            ASSERT_EQ(twice[k][2 * n - 1 - i], once[k][i]) << i << ' ' << k;
+            ASSERT_TRUE(std::isfinite(once[k][i].g));
+            ASSERT_TRUE(validity[i] > 0.0f || once[k][i] == glm::vec3(0.0f)) << i;
+        }
+    EXPECT_GT(once[0][1].g, 0.0f);
 }
 
 } // namespace

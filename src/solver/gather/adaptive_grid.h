@@ -1,7 +1,7 @@
 // Which cells are solved, and which are interpolated between those (Greger et al. 1998).
 #pragma once
 
-#include "solver/gather/zone.h"
+#include "solver/gather/cell_zone.h"
 #include "volume/volume.h"
 
 #include <cstdint>

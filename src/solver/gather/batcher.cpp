@@ -26,7 +26,7 @@ Batcher::Batcher(const gpu::Device& device, uint32_t local_size, int order, uint
     gpu::clear(device, centers_buffer_);
 }
 
-void Batcher::add(std::span<const glm::ivec3> cells, std::span<const glm::vec3> points,
+void Batcher::add(std::span<const size_t> cells, std::span<const glm::vec3> points,
                   const Sources& sources) {
     // In runs of at most job_words, the same whatever else is in the buffer.
     const size_t per[3] = {point_words, triangle_words, bin_words(order_)};
@@ -49,7 +49,7 @@ void Batcher::add(std::span<const glm::ivec3> cells, std::span<const glm::vec3> 
         }
         for (size_t lane = 0; lane < lanes; ++lane) {
             centers_.push_back(glm::vec4(points[std::min(lane, cells.size() - 1)], 0.0f));
-            cells_.push_back(lane < cells.size() ? int64_t(volume_.grid.index(cells[lane])) : -1);
+            cells_.push_back(lane < cells.size() ? int64_t(cells[lane]) : -1);
         }
     }
 }

@@ -27,9 +27,9 @@ public:
 
     /// What runs the jobs from here on; outlives them.
     void use(const gpu::Program& program) { program_ = &program; }
-    /// What up to eight cells gather at these points; `sources` stay until the next copy_lists() or
-    /// run().
-    void add(std::span<const glm::ivec3> cells, std::span<const glm::vec3> points,
+    /// What up to eight cells of the volume gather at these points; `sources` stay until the next
+    /// copy_lists() or run().
+    void add(std::span<const size_t> cells, std::span<const glm::vec3> points,
              const Sources& sources);
     /// Copies the lists of what was added, which then may change.
     void copy_lists();

@@ -7,6 +7,8 @@
 #include "surface/lit_surfaces.h"
 #include "volume/volume.h"
 
+#include <span>
+
 namespace lpvbake::solver::gather {
 
 struct GatherSettings {
@@ -33,6 +35,9 @@ uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSetti
 /// How long it will take, seconds: an estimate for two cores of a CPU.
 double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& settings);
 
+/// The same of so many places.
+double gather_seconds_at(uint64_t places, uint64_t patches, const GatherSettings& settings);
+
 /// What a gather did and cost.
 struct GatherReport {
     uint64_t solved = 0;       ///< cells
@@ -57,7 +62,20 @@ public:
                         const visibility::Visibility& visibility, Volume& volume,
                         Progress& progress, float above = 0.0f) const;
 
+    /// The same at places (frame units, less than 2^24 from its origin) instead of a grid's cells:
+    /// the volume has a cell for each, in a row. Every place with a validity above 0 is solved and
+    /// tests all that its cell would; places are put together by where they lie, so that a place's
+    /// light depends, within the error, on which others there are, and never on their order.
+    GatherReport gather_at(std::span<const glm::vec3> places, const surface::LitSurfaces& surfaces,
+                           const Sky& sky, const visibility::Visibility& visibility, Volume& volume,
+                           Progress& progress) const;
+
 private:
+    template <class Run>
+    GatherReport with_sources(const surface::LitSurfaces& surfaces, const Sky& sky,
+                              const visibility::Visibility& visibility, float above, Volume& volume,
+                              const Run& run) const;
+
     const gpu::Device& device_;
     GatherSettings settings_;
     uint64_t list_bytes_;

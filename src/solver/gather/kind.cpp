@@ -85,6 +85,12 @@ double expected_error(const SolverSettings& settings, bool) {
 Cost cost(const Workload& work, const SolverSettings& settings) {
     const auto [gather, samples] = settings_of(settings);
     const uint64_t patches = uint64_t(work.patches);
+    if (work.places > 0)
+        return {
+            {{"gather", gather_seconds_at(work.places, patches, gather),
+              format("%d clusters, order %d, every point by itself", gather.vpls, gather.order)}},
+            {},
+            gather_host_bytes({}, patches, gather)};
     Cost cost{{{"validity", validity_seconds(work.grid), "which cells lie outside geometry"},
                {"gather", gather_seconds(work.grid, patches, gather),
                 format("%d clusters, tolerance %.3g, order %d", gather.vpls,
@@ -113,13 +119,9 @@ public:
         find_validity(inputs, stages, volume);
         stages.begin("gather");
         const surface::LitSurfaces none;
-        const GatherReport report =
-            program_.get().gather(inputs.lit ? *inputs.lit : none, inputs.scene.sky,
-                                  inputs.visibility, volume, stages.progress());
-        stages.end(format("%s solved, %llu interpolated, %s",
-                          counted(report.solved, "cell").c_str(),
-                          (unsigned long long)report.interpolated,
-                          counted(report.rays, "visibility ray").c_str()));
+        end(program_.get().gather(inputs.lit ? *inputs.lit : none, inputs.scene.sky,
+                                  inputs.visibility, volume, stages.progress()),
+            "cell", stages);
         const auto [count, size] = inputs.maps;
         if (count == 0)
             return;
@@ -131,7 +133,22 @@ public:
                           size, counted(discs.rays, "visibility ray").c_str()));
     }
 
+    void solve_at(std::span<const glm::vec3> places, const Inputs& inputs, Stages& stages,
+                  Volume& volume) override {
+        stages.begin("gather");
+        end(program_.get().gather_at(places, *inputs.lit, inputs.scene.sky, inputs.visibility,
+                                     volume, stages.progress()),
+            "point", stages);
+    }
+
 private:
+    static void end(const GatherReport& report, const char* what, Stages& stages) {
+        stages.end(
+            counted(report.solved, what) + " solved, "
+            + (report.interpolated ? std::to_string(report.interpolated) + " interpolated, " : "")
+            + counted(report.rays, "visibility ray"));
+    }
+
     int rsm_samples_;
     std::future<GatherProgram> program_;
 };
@@ -143,6 +160,7 @@ constinit const SolverKind gather_kind{
     .help = "from clusters of patches straight to the cells",
     .orders = orders,
     .default_bounces = std::nullopt,
+    .at_places = true,
     .parameters = parameters,
     .ladder = ladder,
     .map_size = map_size,

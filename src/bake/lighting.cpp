@@ -1,0 +1,82 @@
+#include "bake/lighting.h"
+
+#include "scene/lights.h"
+#include "scene/sky.h"
+#include "text.h"
+#include "visibility/backs.h"
+#include "volume/light_content.h"
+
+namespace lpvbake::bake {
+namespace {
+
+void warn_of_backs(const Scene& scene, const visibility::Visibility& visibility,
+                   const scene::Frame& frame, solver::Stages& stages) {
+    for (const Light& light : scene.lights)
+        if (const double backs = visibility::share_of_backs(visibility, light, frame); backs > 0.25)
+            stages.warn(format(
+                "light '%s': %.0f %% of its first hits are backs of single-sided surfaces, which "
+                "are black; `cull_backfaces` lets light pass them",
+                light.name.c_str(), 100.0 * backs));
+}
+
+} // namespace
+
+surface::LightingSettings lighting_of(const BakePlan& plan) {
+    surface::LightingSettings lighting;
+    lighting.bounces = plan.settings.bounces;
+    lighting.emitters = plan.emitters;
+    lighting.maps = plan.maps.count > 0;
+    lighting.rays = plan.settings.solver.lighting_rays();
+    return lighting;
+}
+
+visibility::Visibility open_scene(const Scene& scene, const BakePlan& plan,
+                                  solver::Stages& stages) {
+    stages.begin("visibility");
+    visibility::Visibility visibility(scene, plan.frame, plan.settings.isa);
+    warn_of_backs(scene, visibility, plan.frame, stages);
+    stages.end(counted(plan.triangles, "triangle"));
+    return visibility;
+}
+
+surface::LitSurfaces light_scene(const Scene& scene, const BakePlan& plan,
+                                 const visibility::Visibility& visibility, solver::Stages& stages) {
+    surface::LitSurfaces lit;
+    if (plan.lit) {
+        stages.begin("lighting");
+        lit = surface::light_surfaces(scene, visibility, plan.frame, lighting_of(plan),
+                                      stages.progress());
+        stages.end(counted(lit.patches.size(), "patch", "patches") + ", "
+                   + counted(uint64_t(lit.bounces), "reflection"));
+        if (lit.narrow > 0.05)
+            stages.warn(
+                format("%.3g %% of the light of lamps and suns falls on spots smaller than a "
+                       "quarter of a cell: cells show where its reflection comes from, but not "
+                       "the spots; a higher `resolution` does",
+                       100.0 * lit.narrow));
+        if (lit.lost > 0.001)
+            stages.warn(
+                format("%.2g %% of the light of lamps and suns is lost where surfaces lie on "
+                       "each other",
+                       100.0 * lit.lost));
+        if (lit.residual > 0.01)
+            stages.warn(format("%s: %.2g %% of the light is missing after %d reflections; set "
+                               "`max_albedo` lower",
+                               scene.path.c_str(), 100.0 * lit.residual, lit.bounces));
+    }
+    return lit;
+}
+
+void describe_light(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
+                    const visibility::Visibility& visibility, Volume& volume) {
+    volume.metadata["solver"] = plan.settings.solver.kind().name;
+    volume::set_content(volume::content_of(!scene.lights.empty(), plan.emitters,
+                                           scene::has_sky(scene), plan.settings.bounces),
+                        volume.metadata);
+    volume.metadata["bounces"] =
+        plan.settings.bounces ? std::to_string(*plan.settings.bounces) : "inf";
+    volume.metadata["device"] = device.info().name;
+    volume.metadata["tracer"] = visibility.tracer();
+}
+
+} // namespace lpvbake::bake

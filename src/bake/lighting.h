@@ -1,0 +1,25 @@
+// The stages that all bakes begin with: rays into the scene, and its surfaces lit.
+#pragma once
+
+#include "bake/plan.h"
+#include "surface/lit_surfaces.h"
+#include "visibility/visibility.h"
+
+namespace lpvbake::bake {
+
+/// How a bake of the plan lights surfaces.
+surface::LightingSettings lighting_of(const BakePlan& plan);
+
+/// What answers rays; warns of lights that meet backs.
+visibility::Visibility open_scene(const Scene& scene, const BakePlan& plan, solver::Stages& stages);
+
+/// The surfaces as the plan wants them lit, empty where it does not; warns of light that is not
+/// told. Throws as surface::light_surfaces.
+surface::LitSurfaces light_scene(const Scene& scene, const BakePlan& plan,
+                                 const visibility::Visibility& visibility, solver::Stages& stages);
+
+/// Adds to the metadata what light it is, and by what it was computed.
+void describe_light(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
+                    const visibility::Visibility& visibility, Volume& volume);
+
+} // namespace lpvbake::bake
