@@ -66,17 +66,15 @@ void Emitters::halve(const scene::EmissionMaps& maps, const Mesh& mesh, uint32_t
     };
     nodes_.emplace_back();
     // The large ones first.
-    std::vector<Open> open{
-        {{triangle, {glm::vec2(0, 0), glm::vec2(1, 0), glm::vec2(0, 1)}}, placed.root}};
+    std::vector<Open> open{{{triangle, whole_triangle}, placed.root}};
     for (size_t next = 0; next < open.size(); ++next) {
         const Piece piece = open[next].piece;
         const uint32_t node = open[next].node;
-        const auto edge = [&](size_t from, size_t to) {
-            const glm::vec2 w = piece.corners[to % 3] - piece.corners[from];
+        const auto edge = [&](size_t to) {
+            const glm::vec2 w = piece.corners[to] - piece.corners[0];
             return w.x * placed.ab + w.y * placed.ac;
         };
-        const glm::vec3 u = edge(0, 1), v = edge(0, 2);
-        const double area = area_of(u, v);
+        const double area = area_of(edge(1), edge(2));
         if (!(area > 0.0))
             continue;
         const scene::PieceEmission emission = maps.over(mesh, placed.triangle, piece.corners);
@@ -84,16 +82,11 @@ void Emitters::halve(const scene::EmissionMaps& maps, const Mesh& mesh, uint32_t
         if (!(luminance > 0.0))
             continue;
         if (open.size() < 2 * most - 1 && emission.lit < 0.8f) {
-            size_t at = 0;
-            for (size_t i = 1; i < 3; ++i)
-                if (glm::length(edge(i, i + 1)) > glm::length(edge(at, at + 1)))
-                    at = i;
-            const glm::vec2 a = piece.corners[at], b = piece.corners[(at + 1) % 3],
-                            c = piece.corners[(at + 2) % 3], middle = 0.5f * (a + b);
+            const Halves halves = halves_of(piece.corners, placed.ab, placed.ac);
             nodes_[node].first_half = uint32_t(nodes_.size());
-            nodes_[node].edge = uint8_t(at);
-            open.push_back({{triangle, {middle, b, c}}, uint32_t(nodes_.size())});
-            open.push_back({{triangle, {a, middle, c}}, uint32_t(nodes_.size() + 1)});
+            nodes_[node].edge = halves.edge;
+            open.push_back({{triangle, halves.first}, uint32_t(nodes_.size())});
+            open.push_back({{triangle, halves.second}, uint32_t(nodes_.size() + 1)});
             nodes_.resize(nodes_.size() + 2);
             continue;
         }
@@ -112,10 +105,7 @@ Emitters::Target Emitters::target(glm::dvec2 sample) const {
     const double below = i ? cumulative_[i - 1] : 0.0;
     const double rest =
         std::clamp((sample.x - below) / std::max(*chosen - below, 1e-300), 0.0, 1.0);
-    const double root = std::sqrt(rest);
-    const auto& [a, b, c] = pieces_[i].corners;
-    const glm::dvec2 weights = glm::dvec2(a) + root * (1.0 - sample.y) * glm::dvec2(b - a)
-                               + root * sample.y * glm::dvec2(c - a);
+    const glm::dvec2 weights = point_in(pieces_[i].corners, {rest, sample.y});
     const Triangle& t = triangles_[pieces_[i].triangle];
     return {t.instance, t.triangle,
             glm::dvec3(t.a) + weights.x * glm::dvec3(t.ab) + weights.y * glm::dvec3(t.ac)};
@@ -124,19 +114,11 @@ Emitters::Target Emitters::target(glm::dvec2 sample) const {
 double Emitters::density(const visibility::Hit& hit, glm::dvec3 towards) const {
     if (pieces_.empty() || first_[hit.instance] == ~0u)
         return 0.0;
-    const Node* node = &nodes_[triangles_[first_[hit.instance] + hit.triangle].root];
-    std::array<float, 3> w{1.0f - hit.barycentric.x - hit.barycentric.y, hit.barycentric.x,
-                           hit.barycentric.y};
-    while (node->first_half != 0) {
-        const float a = w[node->edge], b = w[(node->edge + 1u) % 3], c = w[(node->edge + 2u) % 3];
-        // The halves' corners are (middle, b, c) and (a, middle, c).
-        const bool second = b < a;
-        w = second ? std::array{a - b, 2.0f * b, c} : std::array{2.0f * a, b - a, c};
-        node = &nodes_[node->first_half + uint32_t(second)];
-    }
+    const Node& node =
+        piece_at(nodes_, triangles_[first_[hit.instance] + hit.triangle].root, hit.barycentric);
     const double cosine = std::abs(glm::dot(glm::dvec3(hit.normal), towards));
     const double distance = double(hit.t);
-    return cosine > 0.0 ? node->density * distance * distance / cosine : 0.0;
+    return cosine > 0.0 ? node.density * distance * distance / cosine : 0.0;
 }
 
 } // namespace lpvbake::reference

@@ -1,10 +1,10 @@
 // Emissive triangles as targets of rays.
 #pragma once
 
+#include "reference/halves.h"
 #include "scene/emission.h"
 #include "visibility/visibility.h"
 
-#include <array>
 #include <vector>
 
 namespace lpvbake::reference {
@@ -21,6 +21,9 @@ public:
         uint32_t instance = 0;
         uint32_t triangle = 0; ///< of the instance's mesh
         glm::dvec3 point{0.0}; ///< frame units
+        bool is_met(const visibility::Hit& hit) const {
+            return hit.instance == instance && hit.triangle == triangle;
+        }
     };
     /// A piece of a triangle with probability proportional to its area times luminance, and a point
     /// uniform over it.
@@ -38,17 +41,13 @@ private:
         uint32_t instance, triangle;
         uint32_t root = 0; ///< in nodes_
     };
-    /// A piece of a triangle: two halves at `first_half` and the node after it, or one of one
-    /// density.
-    struct Node {
-        uint32_t first_half = 0; ///< 0: not halved
-        uint8_t edge = 0;        ///< the one that was halved, between this corner and the next
-        double density = 0.0;    ///< per unit of area
+    struct Node : Halved {
+        double density = 0.0; ///< per unit of area, of a piece that is not halved
     };
     /// A piece that glows.
     struct Piece {
-        uint32_t triangle;                ///< in triangles_
-        std::array<glm::vec2, 3> corners; ///< weights of the triangle's second and third vertex
+        uint32_t triangle; ///< in triangles_
+        Corners corners;
     };
 
     void halve(const scene::EmissionMaps& maps, const Mesh& mesh, uint32_t triangle, size_t most);

@@ -14,13 +14,8 @@
 namespace lpvbake::reference {
 namespace {
 
-/// Below this throughput a path of unlimited reflections goes on by chance.
-constexpr double faint = 0.1;
 /// No path of a scene that loses light is this long.
 constexpr int longest_path = 100'000;
-
-/// Density of a direction that is uniform over the sphere, 1 / sr.
-constexpr double over_sphere = 0.25 * glm::one_over_pi<double>();
 
 } // namespace
 
@@ -42,6 +37,8 @@ Paths::Paths(const Scene& scene, const visibility::Visibility& visibility,
                             frame.from_world(light.position), light.direction, light.range,
                             std::cos(std::min(light.inner_cone, light.outer_cone)),
                             std::cos(light.outer_cone)});
+    if (goes_on(0) && !sources_.empty())
+        lit_.emplace(scene, visibility, frame);
 }
 
 glm::dvec3 Paths::illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays) const {
@@ -84,9 +81,32 @@ glm::dvec3 Paths::emission(const visibility::Hit& hit) const {
            / double(scene::sample_surface(scene_, mesh, hit.triangle, hit.barycentric).alpha);
 }
 
-template <class Density>
-Paths::Glimpse Paths::aim(glm::vec3 origin, const Density& density, PathSampler& sampler,
+glm::dvec3 Paths::Lobe::sample(glm::dvec2 sample) const {
+    return n ? sample_cosine(*n, sample) : on_sphere(sample);
+}
+
+double Paths::Lobe::density(glm::dvec3 towards) const {
+    return n ? glm::dot(*n, towards) / glm::pi<double>() : 0.25 * glm::one_over_pi<double>();
+}
+
+bool Paths::is_guided(int reflections) const {
+    return reflections == 0 && lit_ && !lit_->empty();
+}
+
+double Paths::density_of(const visibility::Hit& hit, glm::vec3 origin, glm::dvec3 towards,
+                         const Lobe& lobe, int reflections) const {
+    const double own = lobe.density(towards);
+    if (!is_guided(reflections))
+        return own;
+    return hit.instance == visibility::no_hit
+               ? 0.5 * own
+               : 0.5 * (own + lit_->density(hit, glm::dvec3(origin), towards));
+}
+
+Paths::Glimpse Paths::aim(glm::vec3 origin, const Lobe& lobe, int reflections, PathSampler& sampler,
                           uint64_t& rays) const {
+    if (emitters_.empty())
+        return {};
     const Emitters::Target target = emitters_.target(sampler.pair());
     const glm::dvec3 way = target.point - glm::dvec3(origin);
     const double distance = glm::length(way);
@@ -94,79 +114,88 @@ Paths::Glimpse Paths::aim(glm::vec3 origin, const Density& density, PathSampler&
         return {};
     Glimpse seen;
     seen.direction = way / distance;
-    const double own = density(seen.direction);
+    const double own = lobe.density(seen.direction);
     if (!(own > 0.0))
         return {};
     ++rays;
     const float end = float(distance + ray_offset(target.point));
     const visibility::Hit hit = visibility_.closest({origin, glm::vec3(seen.direction), 0.0f, end});
     // Of two triangles at one place only one is ever hit, and only it may count.
-    if (hit.instance != target.instance || hit.triangle != target.triangle
-        || hit.facing == visibility::Facing::back)
+    if (!target.is_met(hit) || hit.facing == visibility::Facing::back)
         return seen;
+    const double path = density_of(hit, origin, seen.direction, lobe, reflections);
     seen.luminance = glm::dvec3(hit.tint) * emission(hit)
-                     * (own / (own + emitters_.density(hit, seen.direction)));
+                     * (own / (path + emitters_.density(hit, seen.direction)));
     return seen;
 }
 
-Paths::Glimpse Paths::glimpse(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const {
-    if (emitters_.empty())
+Paths::Glimpse Paths::aim_at_sky(glm::vec3 origin, const Lobe& lobe, int reflections,
+                                 PathSampler& sampler, uint64_t& rays) const {
+    if (!sky_)
         return {};
-    return aim(
-        origin, [](glm::dvec3) { return over_sphere; }, sampler, rays);
-}
-
-template <class Density>
-Paths::Glimpse Paths::aim_at_sky(glm::vec3 origin, const Density& density, PathSampler& sampler,
-                                 uint64_t& rays) const {
     Glimpse seen;
     seen.direction = scene::sample_sky(*sky_, sampler.pair());
-    const double own = density(seen.direction);
+    const double own = lobe.density(seen.direction);
     if (!(own > 0.0))
         return {};
     ++rays;
     const glm::vec3 towards(seen.direction);
     const glm::dvec3 passes(visibility_.filter({origin, towards, 0.0f, HUGE_VALF}));
-    seen.luminance = passes * own / (own + scene::sky_density(*sky_, towards))
+    const double path = density_of({}, origin, seen.direction, lobe, reflections);
+    seen.luminance = passes * own / (path + scene::sky_density(*sky_, towards))
                      * glm::dvec3(scene::sky_luminance(scene_.sky, towards));
     return seen;
 }
 
-Paths::Glimpse Paths::glimpse_sky(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const {
-    if (!sky_)
-        return {};
-    return aim_at_sky(
-        origin, [](glm::dvec3) { return over_sphere; }, sampler, rays);
-}
-
-glm::dvec3 Paths::luminance(glm::vec3 origin, glm::dvec3 towards, PathSampler& sampler,
-                            uint64_t& rays) const {
-    return trace(origin, towards, over_sphere, sampler, rays);
+std::array<Paths::Glimpse, 3> Paths::arriving(glm::vec3 origin, PathSampler& sampler,
+                                              uint64_t& rays) const {
+    const Glimpse path = trace(origin, {}, sampler, rays);
+    const Glimpse emitter = aim(origin, {}, 0, sampler, rays);
+    return {path, emitter, aim_at_sky(origin, {}, 0, sampler, rays)};
 }
 
 glm::dvec3 Paths::irradiance(glm::vec3 origin, glm::dvec3 n, PathSampler& sampler,
                              uint64_t& rays) const {
-    const auto density = [n](glm::dvec3 w) { return glm::dot(n, w) / glm::pi<double>(); };
-    const glm::dvec3 towards = sample_cosine(n, sampler.pair());
-    glm::dvec3 sum = trace(origin, towards, density(towards), sampler, rays);
-    if (!emitters_.empty())
-        sum += aim(origin, density, sampler, rays).luminance;
-    if (sky_)
-        sum += aim_at_sky(origin, density, sampler, rays).luminance;
+    const Lobe lobe{n};
+    glm::dvec3 sum = trace(origin, lobe, sampler, rays).luminance;
+    sum += aim(origin, lobe, 0, sampler, rays).luminance;
+    sum += aim_at_sky(origin, lobe, 0, sampler, rays).luminance;
     return glm::pi<double>() * sum;
 }
 
-glm::dvec3 Paths::trace(glm::vec3 origin, glm::dvec3 towards, double density, PathSampler& sampler,
-                        uint64_t& rays) const {
-    glm::dvec3 sum{0.0}, throughput{1.0};
+Paths::Glimpse Paths::trace(glm::vec3 origin, Lobe lobe, PathSampler& sampler,
+                            uint64_t& rays) const {
+    Glimpse seen;
+    glm::dvec3& sum = seen.luminance;
+    glm::dvec3 throughput{1.0};
     for (int reflections = 0;; ++reflections) {
-        const bool last = rules_.bounces && reflections == *rules_.bounces;
+        const bool last = !goes_on(reflections);
         if (last && emitters_.empty() && !scene::has_sky(scene_))
+            break;
+        const glm::dvec2 sample = sampler.pair();
+        std::optional<Emitters::Target> target;
+        glm::dvec3 towards;
+        if (!is_guided(reflections)) {
+            towards = lobe.sample(sample);
+        } else if (sample.x >= 0.5) {
+            towards = lobe.sample({2.0 * sample.x - 1.0, sample.y});
+        } else {
+            target = lit_->target(glm::dvec3(origin), {2.0 * sample.x, sample.y});
+            towards = target->point - glm::dvec3(origin);
+            towards /= std::max(glm::length(towards), 1e-300);
+        }
+        if (reflections == 0)
+            seen.direction = towards;
+        const double own = lobe.density(towards);
+        if (!(own > 0.0))
             break;
         ++rays;
         const visibility::Hit hit =
             visibility_.closest({origin, glm::vec3(towards), 0.0f, HUGE_VALF});
-        throughput *= glm::dvec3(hit.tint);
+        if (target && !target->is_met(hit))
+            break;
+        const double density = density_of(hit, origin, towards, lobe, reflections);
+        throughput *= glm::dvec3(hit.tint) * (own / density);
         if (hit.instance == visibility::no_hit) {
             const double share =
                 sky_ ? density / (density + scene::sky_density(*sky_, glm::vec3(towards))) : 1.0;
@@ -192,27 +221,21 @@ glm::dvec3 Paths::trace(glm::vec3 origin, glm::dvec3 towards, double density, Pa
         glm::dvec3 point = glm::dvec3(origin) + double(hit.t) * towards;
         point = off_surface(point, n);
         origin = glm::vec3(point);
+        lobe = {n};
         sum += throughput / glm::pi<double>() * illuminance(point, n, rays);
-        const auto cosine_density = [n](glm::dvec3 w) {
-            return glm::dot(n, w) / glm::pi<double>();
-        };
-        if (!emitters_.empty())
-            sum += throughput * aim(origin, cosine_density, sampler, rays).luminance;
-        if (sky_)
-            sum += throughput * aim_at_sky(origin, cosine_density, sampler, rays).luminance;
+        sum += throughput * aim(origin, lobe, reflections + 1, sampler, rays).luminance;
+        sum += throughput * aim_at_sky(origin, lobe, reflections + 1, sampler, rays).luminance;
 
-        if (!rules_.bounces && max_component(throughput) < faint) {
-            const double survival = max_component(throughput) / faint;
+        if (!rules_.bounces && max_component(throughput) < rules_.faint) {
+            const double survival = max_component(throughput) / rules_.faint;
             if (sampler.plain() >= survival)
                 break;
             throughput /= survival;
         }
         if (reflections > longest_path)
             throw Error(ErrorKind::invalid, scene::endless_reflection(scene_, hit.instance));
-        towards = sample_cosine(n, sampler.pair());
-        density = cosine_density(towards);
     }
-    return sum;
+    return seen;
 }
 
 } // namespace lpvbake::reference

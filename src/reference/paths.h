@@ -1,10 +1,11 @@
 // Light along paths, traced backwards from a point.
 #pragma once
 
-#include "reference/emitters.h"
+#include "reference/lit_pieces.h"
 #include "reference/sampler.h"
 #include "visibility/visibility.h"
 
+#include <array>
 #include <optional>
 
 namespace lpvbake::reference {
@@ -13,6 +14,9 @@ namespace lpvbake::reference {
 struct PathRules {
     std::optional<int> bounces = 1; ///< reflections at most; none: all
     bool emitters = true;           ///< emissive surfaces give light
+    /// Below this throughput a path of unlimited reflections goes on by chance. Many short paths
+    /// say more of many places, few long ones of one.
+    double faint = 0.1;
 
     bool operator==(const PathRules&) const = default;
 };
@@ -28,30 +32,24 @@ public:
     Paths(const Scene& scene, const visibility::Visibility& visibility, const scene::Frame& frame,
           const PathRules& rules);
 
-    /// An unbiased estimate of the light (RGB, nits) that arrives at `origin` (frame units), of
-    /// punctual lights after one reflection to PathRules::bounces and of emitters and the sky
-    /// after none to PathRules::bounces, in parts: the mean over the sphere of luminance times
-    /// f(direction) is the expectation of luminance(towards) f(towards), `towards` uniform over the
-    /// sphere, plus those of g.luminance f(g.direction), g being glimpse() and glimpse_sky().
-    /// Surfaces reflect as Lambert. At each the punctual lights' illuminance is summed in full;
-    /// emitters, and a sky with a map, count where a path meets them and, by a ray of their own,
-    /// where it aims at one (multiple importance sampling, balance heuristic: Veach and Guibas
-    /// 1995). Adds the rays it took to `rays`. Throws Error (invalid)
-    /// where a path does not end: a closed scene of albedo 1.
-    glm::dvec3 luminance(glm::vec3 origin, glm::dvec3 towards, PathSampler& sampler,
-                         uint64_t& rays) const;
-
+    /// Light from a direction.
     struct Glimpse {
         glm::dvec3 direction{0.0, 1.0, 0.0};
-        glm::dvec3 luminance{0.0}; ///< weighted by the share that luminance() leaves
+        glm::dvec3 luminance{0.0}; ///< nits, RGB, weighted
     };
-    /// Looks from `origin` at a point of an emitter; dark where there are none.
-    Glimpse glimpse(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const;
-    /// Looks from `origin` where the sky's map is bright; dark where there is none.
-    Glimpse glimpse_sky(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const;
+    /// An unbiased estimate of the light that arrives at `origin` (frame units), of punctual lights
+    /// after one reflection to PathRules::bounces and of emitters and the sky after none to
+    /// PathRules::bounces, in parts: the mean over the sphere of luminance times f(direction) is
+    /// the expectation of the sum of g.luminance f(g.direction). Surfaces reflect as Lambert. At
+    /// each the punctual lights' illuminance is summed in full; emitters, and a sky with a map,
+    /// count where a path meets them and, by a ray of their own, where it aims at one (multiple
+    /// importance sampling, balance heuristic: Veach and Guibas 1995). The first ray of a path goes
+    /// one time of two where photons of the punctual lights fell. Adds the rays it took to `rays`.
+    /// Throws Error (invalid) where a path does not end: a closed scene of albedo 1.
+    std::array<Glimpse, 3> arriving(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const;
 
     /// An unbiased estimate of the irradiance (lux, RGB) that a surface at `origin` (frame units,
-    /// off the surface: see off_surface) with unit normal n gets from the light of luminance().
+    /// off the surface: see off_surface) with unit normal n gets from the light of arriving().
     glm::dvec3 irradiance(glm::vec3 origin, glm::dvec3 n, PathSampler& sampler,
                           uint64_t& rays) const;
 
@@ -72,17 +70,27 @@ private:
         double cos_inner, cos_outer;
     };
 
-    /// luminance() towards a direction that was drawn with a given density (1 / sr).
-    glm::dvec3 trace(glm::vec3 origin, glm::dvec3 towards, double density, PathSampler& sampler,
-                     uint64_t& rays) const;
-    /// Looks at an emitter; `density` of a direction is that with which a path would go there.
-    template <class Density>
-    Glimpse aim(glm::vec3 origin, const Density& density, PathSampler& sampler,
+    /// How rays leave a place: evenly, or by the cosine over a surface of normal n.
+    struct Lobe {
+        std::optional<glm::dvec3> n;
+        glm::dvec3 sample(glm::dvec2 sample) const;
+        double density(glm::dvec3 towards) const; ///< 1 / sr
+    };
+    /// arriving(), from a lobe, after so many reflections: by a path, and by aiming at an emitter
+    /// and the sky. What arrives is weighted as if its direction were drawn from the lobe.
+    Glimpse trace(glm::vec3 origin, Lobe lobe, PathSampler& sampler, uint64_t& rays) const;
+    Glimpse aim(glm::vec3 origin, const Lobe& lobe, int reflections, PathSampler& sampler,
                 uint64_t& rays) const;
-    /// The same at the sky, which has a map.
-    template <class Density>
-    Glimpse aim_at_sky(glm::vec3 origin, const Density& density, PathSampler& sampler,
+    Glimpse aim_at_sky(glm::vec3 origin, const Lobe& lobe, int reflections, PathSampler& sampler,
                        uint64_t& rays) const;
+    /// How likely a path goes in the direction in which `hit` was met.
+    double density_of(const visibility::Hit& hit, glm::vec3 origin, glm::dvec3 towards,
+                      const Lobe& lobe, int reflections) const;
+    /// Whether what was reflected so often may be reflected once more.
+    bool goes_on(int reflections) const { return !rules_.bounces || reflections < *rules_.bounces; }
+    /// Whether a path that was reflected so often goes where photons fell, one time of two: of the
+    /// first ray, since what is dark from a place costs the path.
+    bool is_guided(int reflections) const;
 
     const Scene& scene_;
     const visibility::Visibility& visibility_;
@@ -91,6 +99,7 @@ private:
     double across_; ///< longer than the way from any surface out of the scene, frame units
     std::vector<PunctualLight> sources_;
     Emitters emitters_;
+    std::optional<LitPieces> lit_;
     const SkyMap* sky_ = nullptr; ///< unless it is black
 };
 

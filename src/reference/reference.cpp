@@ -1,6 +1,7 @@
 #include "reference/reference.h"
 
 #include "lpvbake/error.h"
+#include "reference/sampling.h"
 #include "scene/lights.h"
 #include "text.h"
 #include "visibility/validity.h"
@@ -30,13 +31,6 @@ std::string short_number(double value) {
     char text[32];
     std::snprintf(text, sizeof text, "%.6g", value);
     return text;
-}
-
-/// A direction of uniform density over the sphere, 1 / (4 pi).
-glm::dvec3 on_sphere(glm::dvec2 sample) {
-    const double z = 1.0 - 2.0 * sample.x, turn = glm::two_pi<double>() * sample.y;
-    const double radius = std::sqrt(std::max(0.0, 1.0 - z * z));
-    return {radius * std::cos(turn), radius * std::sin(turn), z};
 }
 
 /// What is estimated at a point, as a row of RGB numbers: its coefficients, then its irradiance on
@@ -70,12 +64,8 @@ uint64_t trace_batch(const Paths& paths, glm::vec3 point, uint64_t key, uint32_t
     };
     for (uint32_t i = 0; i < rays; ++i) {
         PathSampler sampler(key, i);
-        const glm::dvec3 towards = on_sphere(sampler.pair());
-        const Paths::Glimpse seen = paths.glimpse(point, sampler, traced);
-        const Paths::Glimpse sky = paths.glimpse_sky(point, sampler, traced);
-        add(towards, paths.luminance(point, towards, sampler, traced));
-        add(seen.direction, seen.luminance);
-        add(sky.direction, sky.luminance);
+        for (const Paths::Glimpse& seen : paths.arriving(point, sampler, traced))
+            add(seen.direction, seen.luminance);
     }
     for (size_t i = 0; i < row.size(); ++i)
         mean[i] *= 4.0 * glm::pi<double>() / double(rays);

@@ -57,7 +57,7 @@ struct ProbeField {
 /// Traces paths from `points` (frame units). `keys` are one a point and choose its random numbers:
 /// a point of the same place and key gives the same bits in whatever set it is, on any number of
 /// threads, whatever `normals` asks for besides. Directions are uniform over the sphere, stratified
-/// within a batch; sums are in double. Throws Error (invalid: see Paths::luminance), and whatever
+/// within a batch; sums are in double. Throws Error (invalid: see Paths::arriving), and whatever
 /// `progress` throws.
 ProbeField trace_probes(const Scene& scene, const visibility::Visibility& visibility,
                         const scene::Frame& frame, std::span<const glm::vec3> points,

@@ -23,6 +23,13 @@ Number ray_offset(glm::vec<3, Number> point) {
     return Number(0x1p-18) * std::max(Number(1), max_component(glm::abs(point)));
 }
 
+/// A direction of uniform density over the sphere, 1 / (4 pi), of a sample in [0, 1)^2.
+inline glm::dvec3 on_sphere(glm::dvec2 sample) {
+    const double z = 1.0 - 2.0 * sample.x, turn = glm::two_pi<double>() * sample.y;
+    const double radius = std::sqrt(std::max(0.0, 1.0 - z * z));
+    return {radius * std::cos(turn), radius * std::sin(turn), z};
+}
+
 /// A direction of density cos / pi around the unit normal n, of a sample in [0, 1)^2 (Malley's
 /// method).
 template <class Number>

@@ -40,7 +40,7 @@ Rendering render(const LitScene& lit, const Volume& volume, const raster::Raster
 
 /// The same picture by ViewSettings::samples paths a pixel, from the eye on: instead of the field
 /// the light that it should hold. Of Show only final, direct, indirect, albedo, normal and
-/// irradiance. Throws what Paths::luminance and `progress` throw.
+/// irradiance. Throws what Paths::arriving and `progress` throw.
 Rendering trace_picture(const LitScene& lit, const ViewSettings& settings, Progress& progress);
 
 } // namespace lpvbake::render

@@ -1,10 +1,16 @@
 #include "report/verify.h"
 
+#include "reference/sampler.h"
+#include "reference/sampling.h"
 #include "report/measure.h"
 #include "visibility/visibility.h"
 #include "volume/compare.h"
 
+#include <glm/gtc/constants.hpp>
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <numbers>
@@ -15,6 +21,10 @@ namespace {
 
 constexpr std::size_t most_places = 5;
 constexpr int samples = 1000;
+/// From each place, before it is known what is wanted.
+constexpr uint64_t first_paths = 64;
+/// Noise that is none.
+constexpr double least_noise = 0.01;
 
 struct Drawn {
     std::size_t place = 0;
@@ -111,38 +121,153 @@ Sample sample_surfaces(const Scene& scene, const Volume& volume,
     return sample;
 }
 
-MeasuredError measure(const Sample& sample, const Truth& truth, uint64_t seed, Verified& verified) {
-    const std::size_t normals = sample.normals.empty() ? volume::neighbour_normals().size() : 1;
+/// Irradiance that paths bring to the places of a sample. Those of a place come in a few groups,
+/// each stratified in itself: few, since what is wanted is the noise of all places together, and
+/// the stratification is what keeps it small.
+class Traced {
+public:
+    Traced(const reference::Paths& paths, const Sample& sample, uint64_t seed)
+        : paths_(paths),
+          sample_(sample),
+          seed_(seed),
+          normals_(sample.normals.empty() ? volume::neighbour_normals().size() : 1),
+          sums_(groups * sample.shown.size(), glm::dvec3(0.0)) {}
+
+    std::size_t normals() const { return normals_; }
+    uint64_t rays() const { return rays_; }
+
+    /// Goes on until `paths` came from each place, a multiple of `groups`; returns the number of
+    /// rays that were traced for it.
+    uint64_t go_on(uint64_t paths, Progress& progress) {
+        constexpr std::size_t step = 32; // places at a time, between which progress is told
+        progress.begin("trace " + std::to_string(paths), sample_.points.size());
+        std::atomic<uint64_t> traced = 0;
+        for (std::size_t first = 0; first < sample_.points.size(); first += step) {
+            progress.advance(first);
+            const std::size_t last = std::min(first + step, sample_.points.size());
+            tbb::parallel_for(first * groups, last * groups, [&](std::size_t i) {
+                uint64_t own = 0;
+                for (uint64_t path = rays_ / groups; path < paths / groups; ++path)
+                    add(i, path, own);
+                traced += own;
+            });
+        }
+        rays_ = paths;
+        return traced;
+    }
+
+    glm::dvec3 mean(std::size_t place, std::size_t normal) const {
+        glm::dvec3 sum(0.0);
+        for (std::size_t group = 0; group < groups; ++group)
+            sum += sums_[(place * groups + group) * normals_ + normal];
+        return sum / double(rays_);
+    }
+    /// Its standard error.
+    glm::dvec3 error(std::size_t place, std::size_t normal) const {
+        const glm::dvec3 all = mean(place, normal);
+        glm::dvec3 squares(0.0);
+        for (std::size_t group = 0; group < groups; ++group) {
+            const glm::dvec3 off =
+                sums_[(place * groups + group) * normals_ + normal] * double(groups) / double(rays_)
+                - all;
+            squares += off * off;
+        }
+        // The mean deviation of so few is below the true one.
+        return glm::sqrt(squares / double(groups * (groups - 1))) / mean_deviation;
+    }
+
+    static constexpr std::size_t groups = 4;
+
+private:
+    static constexpr double mean_deviation = 0.92132; // c4 of four Gaussian numbers
+
+    void add(std::size_t i, uint64_t path, uint64_t& traced) {
+        const std::size_t place = i / groups;
+        const glm::vec3 point = sample_.points[place];
+        reference::PathSampler sampler(
+            reference::join_bits(reference::join_bits(seed_, place), i % groups), uint32_t(path));
+        glm::dvec3* const sum = &sums_[i * normals_];
+        if (!sample_.normals.empty()) {
+            *sum += paths_.irradiance(point, sample_.normals[place], sampler, traced);
+            return;
+        }
+        const auto add_light = [&](glm::dvec3 direction, glm::dvec3 luminance) {
+            if (luminance != glm::dvec3(0.0))
+                for (std::size_t n = 0; n < normals_; ++n)
+                    sum[n] += 4 * glm::pi<double>()
+                              * std::max(0.0, glm::dot(volume::neighbour_normals()[n], direction))
+                              * luminance;
+        };
+        for (const reference::Paths::Glimpse& seen : paths_.arriving(point, sampler, traced))
+            add_light(seen.direction, seen.luminance);
+    }
+
+    const reference::Paths& paths_;
+    const Sample& sample_;
+    uint64_t seed_;
+    std::size_t normals_;
+    uint64_t rays_ = 0;            ///< from each place
+    std::vector<glm::dvec3> sums_; ///< [(place * groups + group) * normals_ + normal]
+};
+
+/// What is wrong at the places, and adds where to `worst`.
+std::vector<VerifiedPoint> compare(const Sample& sample, const Traced& traced,
+                                   std::vector<WrongPlace>& worst) {
+    const std::size_t normals = traced.normals();
     std::vector<VerifiedPoint> points;
     std::vector<WrongPlace> places;
     double all = 0;
     for (std::size_t i = 0; i < sample.points.size(); ++i) {
-        // Where no light arrives at all, such as below what stands on a floor, nothing is read.
-        if (normals == 1 && truth.irradiance[i] == glm::dvec3(0.0))
-            continue;
-        VerifiedPoint& point = points.emplace_back();
+        VerifiedPoint point;
         point.stands_for = sample.drawn[i].stands_for;
-        WrongPlace& place = places.emplace_back();
+        WrongPlace place;
         place.on_surface = !sample.normals.empty();
         place.position = sample.places[i];
-        for (std::size_t n = i * normals; n < (i + 1) * normals; ++n) {
-            point.wrong += sum_of(glm::abs(sample.shown[n] - truth.irradiance[n]));
-            point.true_ += sum_of(truth.irradiance[n]);
-            point.noise += sum_of(truth.error[n]);
-            place.shown += sum_of(sample.shown[n]) / double(3 * normals);
+        for (std::size_t n = 0; n < normals; ++n) {
+            const glm::dvec3 shown = sample.shown[i * normals + n], mean = traced.mean(i, n);
+            point.wrong += sum_of(glm::abs(shown - mean));
+            point.true_ += sum_of(mean);
+            point.noise += sum_of(traced.error(i, n));
+            place.shown += sum_of(shown) / double(3 * normals);
         }
+        // Where no light arrives at all, such as below what stands on a floor, nothing is read.
+        if (place.on_surface && point.true_ == 0)
+            continue;
         place.true_ = point.true_ / double(3 * normals);
         place.share = point.stands_for * std::max(0.0, point.wrong - 2 * point.noise);
         all += point.stands_for * point.wrong;
+        points.push_back(point);
+        places.push_back(place);
     }
     for (WrongPlace& place : places)
         if (place.share > 0) {
             place.share /= all;
-            verified.worst.push_back(place);
+            worst.push_back(place);
         }
-    verified.rays += truth.traced;
-    verified.converged = verified.converged && truth.converged;
-    return measured_error(points, seed);
+    return points;
+}
+
+/// Traces until the noise hardly matters beside the error that is found.
+MeasuredError measure(const reference::Paths& paths, const Sample& sample,
+                      const VerifySettings& settings, Verified& verified, Progress& progress) {
+    Traced traced(paths, sample, settings.seed);
+    for (uint64_t wanted = first_paths;;) {
+        verified.rays += traced.go_on(wanted, progress);
+        std::vector<WrongPlace> worst;
+        const MeasuredError error = measured_error(compare(sample, traced, worst), settings.seed);
+        const double limit = std::max(settings.noise * error.error, least_noise);
+        if (error.noise <= limit || wanted >= settings.most_paths) {
+            verified.converged = verified.converged && error.noise <= limit;
+            verified.worst.insert(verified.worst.end(), worst.begin(), worst.end());
+            return error;
+        }
+        // In powers of two, which are stratified.
+        const double more = error.noise / limit;
+        do
+            wanted *= 2;
+        while (double(wanted) < double(traced.rays()) * more * more
+               && wanted < settings.most_paths);
+    }
 }
 
 } // namespace
@@ -193,15 +318,14 @@ Verified verify(const Scene& scene, const Volume& volume, const reference::PathR
     const auto begin = std::chrono::steady_clock::now();
     const scene::Frame frame = scene::frame_of(volume.grid);
     const visibility::Visibility visibility(scene, frame, settings.isa);
-    const TruthSettings exact{settings.noise, settings.most_rays, settings.seed};
+    reference::PathRules short_paths = rules;
+    short_paths.faint = 1;
+    const reference::Paths paths(scene, visibility, frame, short_paths);
     Verified verified;
     const uint64_t half = std::max<uint64_t>(1, settings.points / 2);
     const auto measure_at = [&](const Sample& sample) {
-        if (sample.points.empty())
-            return MeasuredError();
-        const Truth truth = trace_truth(scene, visibility, frame, sample.points, sample.normals,
-                                        rules, exact, progress);
-        return measure(sample, truth, settings.seed, verified);
+        return sample.points.empty() ? MeasuredError()
+                                     : measure(paths, sample, settings, verified, progress);
     };
     verified.cells = measure_at(sample_cells(volume, visibility, half, settings.seed));
     verified.surfaces =

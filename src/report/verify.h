@@ -14,9 +14,9 @@
 namespace lpvbake::report {
 
 struct VerifySettings {
-    uint64_t points = 256;        ///< half of them cells, half of them on surfaces
-    double noise = 0.03;          ///< of what paths bring, as ReferenceSettings::noise
-    uint64_t most_rays = 1 << 13; ///< from each point
+    uint64_t points = 256;         ///< half of them cells, half on surfaces
+    double noise = 1.0;            ///< of what paths bring, of the error, at most
+    uint64_t most_paths = 1 << 11; ///< from each point
     uint64_t seed = 1;
     visibility::Isa isa = visibility::Isa::automatic;
 };

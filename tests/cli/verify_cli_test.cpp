@@ -25,7 +25,7 @@ protected:
         return run_lpvbake(folder_, "verify " + arguments);
     }
     json run_json(const std::string& arguments, int status = 0) {
-        const CliResult result = run(arguments + " --points 32 --format json");
+        const CliResult result = run(arguments + " --points 128 --format json");
         EXPECT_EQ(result.status, status) << result.err;
         return json::parse(result.out);
     }
@@ -46,7 +46,7 @@ TEST_F(VerifyCli, TakesTheLightOfTheVolume) {
     const json own = run_json("v.vdb" + room_);
     EXPECT_EQ(own["warnings"], json::array());
     EXPECT_EQ(own["bounces"], 2);
-    EXPECT_EQ(own["verified"]["cells"]["points"], 16);
+    EXPECT_EQ(own["verified"]["cells"]["points"], 64);
     EXPECT_EQ(own["verified"]["reader"], "lpvbake");
     EXPECT_EQ(own["fail"], nullptr);
     EXPECT_LT(own["verified"]["cells"]["low"], 0.1);
@@ -69,7 +69,7 @@ TEST_F(VerifyCli, FailsAboveALimit) {
     EXPECT_EQ(run_json(with_limit(1.01 * high))["result"], "pass");
     const int differs = int(cmd::ExitCode::difference);
     EXPECT_EQ(run_json(with_limit(0.5 * (low + high)), differs)["result"], "fail");
-    const CliResult above = run(with_limit(0.5 * low) + " --points 32");
+    const CliResult above = run(with_limit(0.5 * low) + " --points 128");
     EXPECT_EQ(above.status, differs);
     EXPECT_NE(above.err.find("v.vdb: the error is "), std::string::npos) << above.err;
     EXPECT_NE(above.out.find("result        fail"), std::string::npos) << above.out;

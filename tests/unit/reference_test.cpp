@@ -151,8 +151,11 @@ TEST(Reference, PointLightInAnIntegratingSphere) {
         for (int k = 1; k <= bounces.value_or(60); ++k)
             series += std::pow(0.6, k);
         const reference::Reference r = reference(scene, grid, settings_of(bounces, 1024));
-        for (const glm::vec3& c : r.volume.sh[0]) {
-            ASSERT_NEAR(double(c.x) * y0 / (direct * series), 1.0, bounces ? 2e-3 : 3e-2);
+        EXPECT_LT(r.noise, 0.035);
+        for (size_t i = 0; i < r.volume.sh[0].size(); ++i) {
+            const glm::vec3 c = r.volume.sh[0][i];
+            const double error = double(r.error.sh[0][i].x / c.x);
+            ASSERT_NEAR(double(c.x) * y0 / (direct * series), 1.0, 4 * error + 5e-4);
             ASSERT_NEAR(c.y, 0.5f * c.x, 1e-5f * c.x);
             ASSERT_EQ(c.z, 0.0f);
         }
@@ -268,8 +271,6 @@ TEST(Reference, PunctualLightsOverAFloorAgreeWithQuadrature) {
     for (const Case& c : cases) {
         Scene scene = scenes::floor_quad(200, glm::vec3(0.5f));
         scene.lights.push_back(c.light);
-        const reference::Reference r =
-            reference(scene, cube({-1, 0.1, -1}, 2.0, 3), settings_of(1, 8192));
         Tally own;
         const auto truth = [&](glm::dvec3 x) {
             const std::array<double, 4> floor =
@@ -279,10 +280,29 @@ TEST(Reference, PunctualLightsOverAFloorAgreeWithQuadrature) {
                 all[k] = glm::dvec3(floor[k]);
             return all;
         };
-        own.add(r, truth);
+        for (uint64_t seed = 1; seed <= 4; ++seed) {
+            const reference::Reference r =
+                reference(scene, cube({-1, 0.1, -1}, 2.0, 3), settings_of(1, 8192, seed));
+            own.add(r, truth);
+            EXPECT_LT(r.noise, 0.03) << c.name;
+        }
         EXPECT_LE(own.beyond, 0.01 * own.values) << c.name;
-        EXPECT_LT(r.noise, 0.03) << c.name;
     }
+}
+
+/// A lamp of 1 cm above a table in a dark hall of 20 m: half of its light is on a spot that is a
+/// millionth of what a cell sees.
+TEST(Reference, WhatSmallLampsLightIsAimedAt) {
+    Scene scene = scenes::furnace(20.0f, 0.5f, 0.0f);
+    scene.lights.push_back(scenes::point_light({7, 0.01, 7}, 10));
+    const reference::Reference r = reference(scene, cube({2, 2, 2}, 10.0, 3), settings_of(1, 1024));
+    EXPECT_LT(r.noise, 0.08);
+    // Seen from afar the spot is a lamp of cosine that gives half the flux times the albedo.
+    const glm::dvec3 way = r.volume.grid.center({0, 2, 0}) - glm::dvec3(7, 0, 7);
+    const double spot = 0.5 * (2 * pi * 10) / pi * (way.y / glm::length(way)) / glm::dot(way, way);
+    const double all = double(r.volume.sh[0][r.volume.grid.index({0, 2, 0})].x) / y0 / (4 * pi);
+    EXPECT_GT(all * 4 * pi, spot);
+    EXPECT_LT(all * 4 * pi, 2 * spot);
 }
 
 // ---------------------------------------------------------------- surfaces
@@ -356,7 +376,7 @@ TEST(Reference, SmallLampsAreAimedAt) {
     scenes::add_quad(scene, lamp, {-0.002f, 2, -0.002f}, {0.004f, 0, 0}, {0, 0, 0.004f});
     const Grid grid = cube({-0.6, 0.5, -0.5}, 1, 3);
     const reference::Reference r = reference(scene, grid, settings_of(1, 2048));
-    EXPECT_LT(r.noise, 0.02);
+    EXPECT_LT(r.noise, 0.035);
     for (const glm::ivec3 c : {glm::ivec3(0, 0, 0), glm::ivec3(1, 1, 1), glm::ivec3(2, 0, 1)}) {
         const glm::dvec3 x = grid.center(c), w = glm::normalize(place - x);
         std::array<double, 4> expected = above_floor(x, [&](glm::dvec3 p) {
@@ -485,7 +505,7 @@ TEST(Reference, ASmallSunInAPictureIsAimedAt) {
     const reference::Reference r = reference(scene, grid, settings_of(1, 4096));
     const double expected = y0 * (sun + 2 * pi + 2 * pi * 0.25 / pi * (sun_lux + pi));
     EXPECT_NEAR(r.volume.sh[0][0].y / expected, 1.0, 0.01);
-    EXPECT_LT(r.noise, 0.02);
+    EXPECT_LT(r.noise, 0.035);
 }
 
 TEST(Reference, StopsAtTheWantedNoise) {

@@ -1,6 +1,7 @@
 // Whether what a volume is said to err by holds what it errs by.
 #include "report/verify.h"
 
+#include "reference/reference.h"
 #include "scenes.h"
 #include "volume/sh.h"
 
@@ -35,7 +36,7 @@ report::Verified verify(double wrong, double noise, uint64_t seed, uint64_t poin
     report::VerifySettings settings;
     settings.points = points;
     settings.noise = noise;
-    settings.most_rays = 1 << 12;
+    settings.most_paths = 1 << 12;
     settings.seed = seed;
     reference::PathRules rules;
     rules.bounces.reset();
@@ -71,6 +72,7 @@ TEST(Verify, SaysWhere) {
     volume.sh[0][worst] *= 4.0f;
     report::VerifySettings settings;
     settings.points = 1024;
+    settings.most_paths = 256;
     reference::PathRules rules;
     rules.bounces.reset();
     Progress silent;
@@ -115,6 +117,38 @@ TEST(Verify, IntervalsHoldTheTruth) {
         holds += error.low <= truth && truth <= error.high;
     }
     EXPECT_GE(holds, 180);
+}
+
+TEST(Verify, IntervalsHoldWhatLongPathsFind) {
+    const Scene scene = scenes::cornell_box_with_point();
+    Progress silent;
+    reference::ReferenceSettings exact;
+    exact.rays = 2048;
+    exact.seed = 77;
+    const Volume volume =
+        reference::make_reference(scene, {glm::dvec3(-1.1, -0.1, -1.1), 0.275, glm::ivec3(8)},
+                                  exact, silent)
+            .volume;
+    const auto cells = [&](const report::VerifySettings& settings) {
+        return report::verify(scene, volume, exact.paths, *readers::reader_named("lpvbake"),
+                              settings, silent)
+            .cells;
+    };
+    report::VerifySettings all;
+    all.points = 2 * volume.grid.size();
+    all.noise = 0.05;
+    all.seed = 99;
+    const double truth = cells(all).error;
+    EXPECT_GT(truth, 0.05);
+    int holds = 0;
+    for (uint64_t seed = 1; seed <= 20; ++seed) {
+        report::VerifySettings few;
+        few.points = 128;
+        few.seed = seed;
+        const report::MeasuredError error = cells(few);
+        holds += error.low <= truth && truth <= error.high;
+    }
+    EXPECT_GE(holds, 17);
 }
 
 TEST(Verify, WhereNoLightArrivesNothingIsKnown) {
