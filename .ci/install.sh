@@ -20,7 +20,8 @@ packages=(
     libopenvdb-tools libnanovdb-tools openimageio-tools python3 python3-openvdb python3-openimageio python3-numpy python3-jsonschema
 )
 if [[ ${1:-} == --clients ]]; then
-    packages+=(blender chromium chromium-driver godot3-server nodejs libogre-1.12-dev)
+    packages+=(blender chromium chromium-driver godot3-server nodejs libogre-1.12-dev
+        mmdebstrap dpkg-dev zstd)
 fi
 
 missing=()

@@ -2,8 +2,10 @@
 
 #include "commands.h"
 #include "lpvbake/error.h"
+#include "options/completion.h"
 #include "options/file.h"
 #include "options/help_text.h"
+#include "options/man.h"
 #include "options/reference.h"
 #include "result.h"
 
@@ -17,7 +19,7 @@ const char manual[] =
 #include "manual/help.txt.h"
     ;
 
-enum class HelpFormat { text, markdown, json };
+enum class HelpFormat { text, markdown, json, man, bash, zsh, fish };
 
 struct HelpOptions {
     std::string command;
@@ -42,6 +44,16 @@ void print_text(const options::Commands& commands, const std::string& command) {
         options::run_command_line(commands, {command, "--help"});
 }
 
+/// For other programs that help: man, and shells, which need all commands.
+std::string script_of(const HelpOptions& o, const options::Commands& commands) {
+    if (o.format == HelpFormat::man)
+        return o.command.empty() ? options::man_page(commands)
+                                 : options::man_page(commands.front());
+    return o.format == HelpFormat::bash  ? options::bash_completion(commands)
+           : o.format == HelpFormat::zsh ? options::zsh_completion(commands)
+                                         : options::fish_completion(commands);
+}
+
 void run(const HelpOptions& o) {
     options::Commands commands = all_commands();
     if (!o.command.empty() && o.command != documents_of_all)
@@ -56,6 +68,8 @@ void run(const HelpOptions& o) {
     }
     if (o.format == HelpFormat::text) {
         print_text(commands, o.command);
+    } else if (o.format >= HelpFormat::man) {
+        std::fputs(script_of(o, commands).c_str(), stdout);
     } else if (o.format == HelpFormat::json) {
         report::Json document{
             {"command", "help"}, {"version", LPVBAKE_VERSION}, {"commands", report::Json::array()}};
@@ -84,8 +98,13 @@ options::Action declare(options::Options& options) {
     options.choice("--format", fields->format,
                    options::Choices<HelpFormat>{{"text", HelpFormat::text},
                                                 {"markdown", HelpFormat::markdown},
-                                                {"json", HelpFormat::json}},
-                   "Form of the reference");
+                                                {"json", HelpFormat::json},
+                                                {"man", HelpFormat::man},
+                                                {"bash", HelpFormat::bash},
+                                                {"zsh", HelpFormat::zsh},
+                                                {"fish", HelpFormat::fish}},
+                   "Form of the reference; man: a manual page; bash, zsh, fish: what the shell "
+                   "completes by");
     return [fields] { run(*fields); };
 }
 
