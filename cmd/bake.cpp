@@ -3,7 +3,9 @@
 #include "bake/bake.h"
 
 #include "background.h"
+#include "bake/points.h"
 #include "commands.h"
+#include "io/points.h"
 #include "lpvbake/error.h"
 #include "options/wording.h"
 #include "readers/readers.h"
@@ -42,6 +44,7 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::map<std::string, double> parameters; ///< of solvers
     FitOptions fit;
     std::optional<uint64_t> verify; ///< points
+    std::string at;                 ///< file of points; empty: a grid is baked
 };
 
 // ---------------------------------------------------------------- options of solvers
@@ -101,6 +104,8 @@ std::vector<const solver::SolverKind*> solvers_of(const BakeOptions& o) {
             why = "--" + option;
         solvers = left;
     };
+    if (!o.at.empty())
+        keep("at", solvers_with([](const solver::SolverKind& kind) { return kind.at_places; }));
     if (o.quality)
         keep("quality", solvers_with(has_presets));
     for (const auto& [name, value] : o.parameters)
@@ -163,9 +168,11 @@ void add_parameters(options::Options& options, BakeOptions& o) {
 
 /// All that can be known to be wrong before any work is done.
 void check_options(const BakeOptions& o) {
-    check_paths("bake", o, o, o.outputs.paths);
+    check_paths("bake", o, o, o.outputs.paths, o.at);
     if (o.outputs.paths.empty() && !o.dry_run)
-        throw Error(ErrorKind::argument, "no output: add -o FILE" + io::format_list(" or -o FILE"));
+        throw Error(ErrorKind::argument,
+                    o.at.empty() ? "no output: add -o FILE" + io::format_list(" or -o FILE")
+                                 : "no output: add -o FILE, " + io::lit_point_format_list());
     const solver::SolverKind& solver = *solvers_of(o).front();
     for (const auto& [name, value] : o.parameters)
         if (const solver::Parameter* own = solver::find_parameter(solver, name);
@@ -221,20 +228,27 @@ report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
                                          ? report::Json(int64_t(value))
                                          : report::Json(value);
         }
-    return {{"command", "bake"},
-            {"version", LPVBAKE_VERSION},
-            {"scene", o.scene},
-            {"triangles", triangles},
-            {"device", device_json(device)},
-            {"isa", visibility::name_of(choice.plan.settings.isa)},
-            {"grid", report::grid_json(grid)},
-            {"dry_run", o.dry_run},
-            {"choice", chosen}};
+    report::Json document{{"command", "bake"},
+                          {"version", LPVBAKE_VERSION},
+                          {"scene", o.scene},
+                          {"triangles", triangles},
+                          {"device", device_json(device)},
+                          {"isa", visibility::name_of(choice.plan.settings.isa)},
+                          {"grid", report::grid_json(grid)},
+                          {"dry_run", o.dry_run},
+                          {"choice", chosen}};
+    if (choice.plan.settings.points > 0)
+        document["points"] = choice.plan.settings.points;
+    return document;
 }
 
 void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice) {
     std::printf("device        %s\n", device.name.c_str());
-    print_grid(choice.plan.grid);
+    if (const uint64_t points = choice.plan.settings.points)
+        std::printf("points        %llu, surfaces in patches of at most %.4g m\n",
+                    (unsigned long long)points, choice.plan.grid.cell);
+    else
+        print_grid(choice.plan.grid);
     std::printf("choice        %s: about %.2g %% error in a Cornell box, %.2g s on 2 CPU threads\n",
                 choice.text.c_str(), 100 * choice.error, choice.plan.seconds);
 }
@@ -244,6 +258,10 @@ std::vector<Written> planned_outputs(const BakeOptions& o, const bake::BakePlan&
     std::vector<Written> outputs;
     for (const std::string& path : o.outputs.paths) {
         Written& output = outputs.emplace_back(Written{path, {}});
+        if (!o.at.empty()) {
+            output.files.push_back({path, 0});
+            continue;
+        }
         for (const std::string& file :
              io::files_for(o.outputs.storage(), path, bake::grids_of(plan)))
             output.files.push_back({file, 0});
@@ -388,6 +406,29 @@ Attempt bake_until(const BakeOptions& o, const Scene& scene, const bake::BakeSet
     }
 }
 
+/// Bakes at points, writes and tells of it.
+void run_at(const BakeOptions& o, const std::string& settings, const Scene& scene,
+            volume::Points points, const bake::Choice& choice, gpu::Device& device, Run& run) {
+    bake::BakedPoints baked =
+        bake::bake_points(scene, choice.plan, std::move(points), device, run.progress);
+    run.stages.insert(run.stages.end(), baked.stages.begin(), baked.stages.end());
+    run.warn(baked.warnings);
+    baked.lit.light.metadata["choice"] = choice.text;
+    fill_metadata(o, scene, settings, baked.lit.light);
+    run.begin_stage();
+    std::vector<Written> written;
+    run.progress.begin("write", o.outputs.paths.size());
+    for (const std::string& path : o.outputs.paths) {
+        written.push_back({path, io::write_points(path, baked.lit).files});
+        tell("wrote " + path);
+    }
+    run.end_stage("write", counted(written.size(), "output"));
+    device.check_validation();
+    run.progress.end();
+    baked.lit.light.grid = choice.plan.grid;
+    print_result(o, device.info(), choice, baked.lit.light, {}, written, run);
+}
+
 void run(const BakeOptions& o, const std::string& settings) {
     check_options(o);
     const readers::Reader reader = reader_of(*o.outputs.target, o.fit);
@@ -395,6 +436,10 @@ void run(const BakeOptions& o, const std::string& settings) {
     bake::BakeSettings base = to_settings(o, reader);
     const bake::Wish wish = wish_of(o);
     Run run(o, o, o.outputs.paths);
+    volume::Points points;
+    if (!o.at.empty())
+        points = io::read_points(o.at);
+    base.points = points.positions.size();
     auto opening = std::async(in_background(), [&o] {
         return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
     });
@@ -417,6 +462,10 @@ void run(const BakeOptions& o, const std::string& settings) {
         return;
     }
 
+    if (!o.at.empty()) {
+        run_at(o, settings, scene, std::move(points), choice, *device, run);
+        return;
+    }
     Attempt made = bake_until(o, scene, base, wish, std::move(choice), reader, *device, run);
     made.volume.metadata["choice"] = made.choice.text;
     fill_metadata(o, scene, settings, made.volume);
@@ -481,6 +530,15 @@ options::Action declare(options::Options& options) {
     add_scene_option(options, o);
     options.texts("-o,--output", o.outputs.paths, "FILE", outputs_help()).keep_to_one_run();
     add_grid_options(options, o);
+    options
+        .text("--at", o.at, "FILE",
+              "Bake the light at the points of a file (" + io::point_format_list()
+                  + ") instead of a grid, into " + io::lit_point_format_list()
+                  + "; --cell-size is how large patches of surfaces are at most then; see below")
+        .exclude({"resolution", "bounds", "margin", "rsm-samples", "rsm-size", "tolerance",
+                  "target", "precision", "sh-convention", "axes", "packing", "dering", "l1-scale",
+                  "exr-columns", "dilate", "fit", "evaluation", "verify"})
+        .keep_to_one_run();
     add_light_options(options, o);
     add_solver_options(options, o);
     add_output_options(options, o.outputs);

@@ -2,6 +2,7 @@
 
 #include "file_error.h"
 #include "io/atomic_file.h"
+#include "io/points.h"
 #include "lpvbake/error.h"
 #include "lpvbake/scene.h"
 #include "options/lights.h"
@@ -454,16 +455,21 @@ void check_files(const std::vector<std::string>& inputs, const std::vector<std::
 }
 
 void check_paths(const char* command, const SceneOptions& scene, const RunOptions& run,
-                 const std::vector<std::string>& outputs) {
+                 const std::vector<std::string>& outputs, const std::string& points) {
     if (scene.scene.empty())
         throw Error(ErrorKind::argument, std::string("no scene: lpvbake ") + command
                                              + " SCENE -o OUTPUT (see lpvbake " + command
                                              + " --help)");
+    const bool at_points = !points.empty();
     for (const std::string& output : outputs)
-        if (!io::volume_format(output))
+        if (at_points ? !io::is_lit_point_format(output) : !io::volume_format(output))
             throw Error(ErrorKind::argument,
-                        output + ": the name of an output ends in " + io::format_list());
-    check_files(inputs_of(scene, run), {}, outputs);
+                        output + ": the name of an output "
+                            + (at_points ? "of --at ends in " + io::lit_point_format_list()
+                                         : "ends in " + io::format_list()));
+    std::vector<std::string> inputs = inputs_of(scene, run);
+    inputs.push_back(points);
+    check_files(inputs, {}, outputs, at_points);
 }
 
 void probe_outputs(const std::vector<std::string>& outputs) {

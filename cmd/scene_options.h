@@ -153,8 +153,9 @@ void check_files(const std::vector<std::string>& inputs, const std::vector<std::
 
 /// All that can be known to be wrong before any work is done: no scene, an output that is no
 /// volume, and what check_files finds. Throws Error (argument).
+/// With a file of points the outputs are light at these.
 void check_paths(const char* command, const SceneOptions& scene, const RunOptions& run,
-                 const std::vector<std::string>& outputs);
+                 const std::vector<std::string>& outputs, const std::string& points = "");
 
 /// Makes and removes a file beside each output, so that work does not end with nowhere to go.
 /// Throws Error (file).

@@ -21,7 +21,8 @@ SCHEMAS = pathlib.Path(__file__).resolve().parent
 LOADED = {path.stem: json.loads(path.read_text()) for path in SCHEMAS.glob("*.json")}
 SMALL = ["--threads", "1", "--resolution", "8"]
 # Members that are there after one option alone.
-OPTIONAL = [("bake", "fit"), ("convert", "fit"), ("bake", "verified")]
+OPTIONAL = [("bake", "fit"), ("convert", "fit"), ("bake", "verified"), ("bake", "points"),
+            ("bake_dry_run", "points")]
 TARGETS = ["generic", "unity", "threejs", "vrc", "bevy"]  # each packing once
 
 
@@ -78,6 +79,10 @@ class Documents(unittest.TestCase):
         run("verify", *verify, "--fail", "0.01%", status=7)
         run("bake", *bake, "-o", "gather.vdb", "--solver", "gather", "--sky", "#ffffff,10")
         run("bake", *bake, "-o", "lpv.vdb", "--solver", "lpv")
+        (cls.folder / "points.json").write_text('{"points": [[0, 1, 0], [0.5, 1, 0]]}')
+        points = ["bake", "box.gltf", "--threads", "1", "--cell-size", "0.25", "--at", "points.json", "-o", "lit.json"]
+        run("bake", *points)
+        run("bake_dry_run", *points, "--dry-run")
         run("bake_dry_run", *bake, "-o", "none.vdb", "--dry-run")
         run("bake_dry_run", *bake, "-o", "none.vdb", "--dry-run", "--solver", "lpv")
         reference = ["reference", "box.gltf", *SMALL, "--rays", "16", "--noise", "1"]

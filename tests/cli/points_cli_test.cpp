@@ -1,0 +1,162 @@
+// `lpvbake bake --at` from outside.
+#include "cli/run.h"
+#include "io/io.h"
+#include "volume/sh.h"
+
+#include <nlohmann/json.hpp>
+
+#include <cmath>
+#include <fstream>
+
+namespace lpvbake {
+namespace {
+
+using cmd::ExitCode;
+using nlohmann::json;
+
+class PointsCli : public ::testing::Test {
+protected:
+    void write(const std::string& name, const std::string& text) {
+        std::ofstream(folder_ / name, std::ios::binary) << text;
+    }
+    CliResult run(const std::string& arguments) {
+        return run_lpvbake(folder_, "bake \"$ROOM\" " + arguments);
+    }
+    json light_at(const json& points, const std::string& arguments = "") {
+        write("in.json", points.dump());
+        const CliResult result = run("--at in.json -o out.json " + arguments);
+        EXPECT_EQ(result.status, 0) << result.err;
+        return json::parse(slurp(folder_ / "out.json"));
+    }
+    void refuse(const std::string& text, ExitCode code, const std::string& why) {
+        write("in.json", text);
+        expect_one_error(run("--at in.json -o out.json"), text.substr(0, 80), code, why);
+        EXPECT_FALSE(std::filesystem::exists(folder_ / "out.json"));
+    }
+
+    TemporaryFolder folder_;
+};
+
+/// What another program may rely on: the centres of cells have the light that a volume has there.
+TEST_F(PointsCli, CentresOfCellsHaveTheLightOfTheGrid) {
+    const std::string same = " --cell-size 0.2 --sky '#ffffff,10' ";
+    ASSERT_EQ(run("-o v.vdb --solver gather --tolerance 0" + same).status, 0);
+    const Volume grid = read_volume(folder_ / "v.vdb");
+    json points = json::array();
+    for (std::size_t cell = grid.grid.size(); cell-- > 0;) { // in another order
+        const glm::dvec3 at = grid.grid.center(grid.grid.cell_at(cell));
+        points.push_back({at.x, at.y, at.z});
+    }
+    const json lit = light_at({{"points", points}}, same);
+    EXPECT_EQ(lit["format"], "lpvbake points");
+    EXPECT_EQ(lit["sh_order"], 2);
+    EXPECT_EQ(lit["metadata"]["scene_hash"], grid.metadata.at("scene_hash"));
+    ASSERT_EQ(lit["points"].size(), grid.grid.size());
+    double wrong = 0, sum = 0;
+    for (std::size_t cell = 0; cell < grid.grid.size(); ++cell) {
+        const json& point = lit["points"][grid.grid.size() - 1 - cell];
+        EXPECT_EQ(float(point["validity"]), grid.validity[cell]) << cell;
+        for (std::size_t k = 0; k < 9; ++k)
+            for (int channel = 0; channel < 3; ++channel) {
+                const double own = point["sh"][k][std::size_t(channel)];
+                wrong += std::abs(own - double(grid.sh[k][cell][channel]));
+                sum += std::abs(double(grid.sh[k][cell][channel]));
+            }
+    }
+    EXPECT_GT(sum, 0.0);
+    EXPECT_LT(wrong / sum, 0.005);
+}
+
+TEST_F(PointsCli, TellsOfSolidsBacksSkyAndNormals) {
+    // In the air, in the short box, far above the open front, on the floor, and 2 km away.
+    const json lit = light_at(
+        {{"points", {{0, 1.5, 0.5}, {0.35, 0.3, 0.35}, {0, 1, 30}, {-0.8, 0, 0.8}, {0, 2000, 0}}},
+         {"normals", {{0, 3, 0}, {1, 0, 0}, {0, 0, -1}, {0, 1e-30, 0}, {0, 1, 0}}}},
+        "--sky '#ffffff,10'");
+    const json& points = lit["points"];
+    ASSERT_EQ(points.size(), 5u);
+    EXPECT_EQ(points[0]["validity"], 1);
+    EXPECT_EQ(points[0]["normal"], json({0.0, 1.0, 0.0}));
+    EXPECT_GT(double(points[0]["irradiance"][1]), 0.0);
+    EXPECT_EQ(points[1]["validity"], 0);
+    EXPECT_GT(double(points[1]["backs"]), 0.8); // all but the floor under it
+    EXPECT_EQ(double(points[4]["backs"]), 0.0);
+    for (const json& coefficient : points[1]["sh"])
+        EXPECT_EQ(coefficient, json({0.0, 0.0, 0.0}));
+    EXPECT_EQ(points[3]["validity"], 1);
+    EXPECT_GT(double(points[3]["irradiance"][1]), 0.0);
+    const double whole = std::sqrt(4.0 * std::acos(-1.0));
+    EXPECT_NEAR(double(points[4]["sky"][0]), whole, 1e-5);
+    EXPECT_NEAR(double(points[4]["sky"][1]), 0.0, 1e-5);
+    EXPECT_LT(double(points[0]["sky"][0]), 0.5 * whole);
+    // The same as the coefficients say.
+    for (int channel = 0; channel < 3; ++channel) {
+        std::array<float, 9> c{};
+        for (std::size_t k = 0; k < 9; ++k)
+            c[k] = points[3]["sh"][k][std::size_t(channel)];
+        EXPECT_FLOAT_EQ(float(points[3]["irradiance"][std::size_t(channel)]),
+                        volume::sh_irradiance(c, {0, 1, 0}));
+    }
+}
+
+TEST_F(PointsCli, IsTheSameForAnyThreadsAndTellsBefore) {
+    json points = json::array();
+    for (int i = 0; i < 500; ++i)
+        points.push_back({std::sin(i * 1.7), 1 + std::sin(i * 2.3), std::sin(i * 3.1)});
+    light_at({{"points", points}}, "--threads 1");
+    const std::string one = slurp(folder_ / "out.json");
+    light_at({{"points", points}}, "--threads 3");
+    EXPECT_EQ(slurp(folder_ / "out.json"), one);
+    const CliResult dry = run("--at in.json -o out.json --dry-run --format json");
+    ASSERT_EQ(dry.status, 0) << dry.err;
+    const json plan = json::parse(dry.out);
+    EXPECT_EQ(plan["points"], 500);
+    EXPECT_EQ(plan["choice"]["solver"], "gather");
+    EXPECT_GT(double(plan["host_bytes"]), 0.0);
+    EXPECT_GT(double(plan["seconds"]), 0.0);
+    EXPECT_EQ(plan["outputs"][0]["files"][0]["path"], "out.json");
+}
+
+TEST_F(PointsCli, RefusesBadPointsByTheirPlace) {
+    const auto invalid = [&](const std::string& text, const std::string& why) {
+        refuse(text, ExitCode::invalid, why);
+    };
+    invalid("", "in.json: not JSON");
+    invalid("[]", "in.json: must be an object with \"points\"");
+    invalid("{}", "lacks \"points\"");
+    invalid(R"({"points": []})", "has no point");
+    invalid(R"({"points": 5})", "points: must be an array");
+    invalid(R"({"points": [1, 2, 3]})", "points[0]: must be an array of 3 numbers");
+    invalid(R"({"points": [[1, 2, 3], [1, 2]]})", "points[1]: must be an array of 3 numbers");
+    invalid(R"({"points": [[1, 2, 3, 4]]})", "points[0]: must be an array of 3 numbers");
+    invalid(R"({"points": [[1, 2, null]]})", "points[0]: must be an array of 3 numbers, has null");
+    invalid(R"({"points": [[1, 2, [3]]]})", "points[0]: must be an array of 3 numbers");
+    invalid(R"({"points": [[1, 2, NaN]]})", "not JSON of finite numbers");
+    invalid(R"({"points": [[1, 2, 1e999]]})", "not JSON of finite numbers");
+    invalid(R"({"points": [[1, 2, 3]], "points": [[1, 2, 3]]})", "has \"points\" twice");
+    invalid(R"({"points": [[1, 2, 3]], "p": 3})", "has an unknown property \"p\"");
+    invalid(R"({"points": [[1, 2, 3]], "normals": [[1, 0, 0], [1, 0, 0]]})",
+            "has 1 point and 2 normals");
+    invalid(R"({"points": [[1, 2, 3]], "normals": [[0, 0, 0]]})", "normals[0]: has no direction");
+    invalid(R"({"points": [[0, 1, 0], [0, 1e300, 0]]})", "points[1], 0,1e+300,0, is more than");
+    expect_one_error(run("--at none.json -o out.json"), "none", ExitCode::file, "none.json");
+    expect_one_error(run("--at in.txt -o out.json"), "txt", ExitCode::usage, "use .json");
+}
+
+TEST_F(PointsCli, RefusesWhatPointsDoNotHave) {
+    write("in.json", R"({"points": [[0, 1, 0]]})");
+    for (const char* option :
+         {"--resolution 8", "--bounds -1,0,-1,1,2,1", "--margin 2", "--dilate 1", "--target unity",
+          "--fit none", "--verify", "--tolerance 0.1", "--packing band", "--precision half"})
+        expect_one_error(run(std::string("--at in.json -o out.json ") + option), option,
+                         ExitCode::usage, "exclude each other");
+    expect_one_error(run("--at in.json -o out.json --solver sn"), "sn", ExitCode::usage,
+                     "--at is an option of gather, not of sn");
+    expect_one_error(run("--at in.json -o out.vdb"), "vdb", ExitCode::usage,
+                     "out.vdb: the name of an output of --at ends in .json");
+    expect_one_error(run("--at in.json -o in.json"), "in", ExitCode::usage,
+                     "would replace the input");
+}
+
+} // namespace
+} // namespace lpvbake
