@@ -4,6 +4,7 @@
 
 #include "commands.h"
 #include "lpvbake/error.h"
+#include "read_light.h"
 #include "scene/lights.h"
 #include "scene_options.h"
 #include "text.h"
@@ -33,14 +34,31 @@ struct ReferenceOptions : SceneOptions, RunOptions {
     double noise = 0;
     uint64_t probes = 0;
     uint64_t seed = 1;
+    std::optional<double> seconds;
+    std::string like;
+    std::optional<Grid> like_grid;
 };
+
+/// Takes from a volume what is not given: light, bounces, order; and its grid.
+void take_after(ReferenceOptions& o, options::Options& options) {
+    const Volume volume = read_light(o.like);
+    take_light(o.like, volume, options);
+    const reference::PathRules rules = rules_of(volume);
+    if (options.find("bounces")->given.empty())
+        options.find("bounces")->take(rules.bounces ? std::to_string(*rules.bounces) : "inf");
+    if (options.find("sh-order")->given.empty())
+        options.find("sh-order")->take(std::to_string(volume.sh_order));
+    o.no_emitters = o.no_emitters || !rules.emitters;
+    o.like_grid = volume.grid;
+}
 
 reference::ReferenceSettings to_settings(const ReferenceOptions& o) {
     reference::ReferenceSettings settings;
     settings.paths.bounces = o.bounces.most;
     settings.paths.emitters = !o.no_emitters;
     settings.sh_order = o.sh_order;
-    settings.rays = o.rays > 0 ? o.rays : o.noise > 0 ? most_rays : usual_rays;
+    settings.rays = o.rays > 0 ? o.rays : o.noise > 0 || o.seconds ? most_rays : usual_rays;
+    settings.seconds = o.seconds.value_or(0);
     settings.noise = o.noise;
     settings.seed = o.seed;
     settings.probes = o.probes;
@@ -104,8 +122,12 @@ void run(const ReferenceOptions& o, const std::string& settings) {
     if (scene::triangle_count(scene) == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to light");
     const Bounds box = o.box_in(scene).value_or(bounds_of(scene));
-    reference::Reference reference = reference::make_reference(
-        scene, volume::fit_grid(box.lo, box.hi, o.grid_settings()), to_settings(o), run.progress);
+    const Grid grid =
+        o.like_grid ? *o.like_grid : volume::fit_grid(box.lo, box.hi, o.grid_settings());
+    reference::Reference reference =
+        reference::make_reference(scene, grid, to_settings(o), run.progress);
+    if (reference.interrupted)
+        forget_signal();
     run.warn(reference.warnings);
     if (volume::total_energy(reference.volume) == 0.0)
         run.warn(std::vector{about(scene.path, scene::why_dark(scene))});
@@ -121,6 +143,11 @@ void run(const ReferenceOptions& o, const std::string& settings) {
     run.end_stage("write");
     run.progress.end();
     print_result(o, scene, reference, written, run);
+    finish_stdout();
+    if (reference.interrupted)
+        throw Error(ErrorKind::interrupted,
+                    format("interrupted at a noise of %.3g %%; the files are whole",
+                           100 * reference.noise));
 }
 
 options::Action declare(options::Options& options) {
@@ -131,6 +158,11 @@ options::Action declare(options::Options& options) {
     options
         .text("-e,--error-output", o.error_output, "FILE",
               "Volume of the standard errors to write, " + io::format_list())
+        .keep_to_one_run();
+    options
+        .text("--like", o.like, "VOLUME",
+              "Take the volume's grid, and what of light, bounces and order is not given")
+        .exclude({"resolution", "cell-size", "bounds", "margin"})
         .keep_to_one_run();
     add_grid_options(options, o);
     add_light_options(options, o);
@@ -153,6 +185,8 @@ options::Action declare(options::Options& options) {
                                            "Trace until the noise of irradiance is at most this");
     noise.usual.clear();
     noise.record(options::Recorded::if_changed);
+    options.value("--time-budget", o.seconds, "TIME", options::parse_seconds,
+                  "Time that the paths may take, as 2min; how many there are is then the clock's");
     options
         .number("--probes", o.probes, 0, 2147483647,
                 "Evaluate only so many of the cells outside geometry; 0: all cells")
@@ -162,7 +196,11 @@ options::Action declare(options::Options& options) {
     add_output_options(options, o.outputs);
     add_run_options(options, o);
     add_isa_option(options, o);
-    return [fields, &options] { run(*fields, options.recorded()); };
+    return [fields, &options] {
+        if (!fields->like.empty())
+            take_after(*fields, options);
+        run(*fields, options.recorded());
+    };
 }
 
 } // namespace

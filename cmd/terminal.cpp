@@ -45,6 +45,10 @@ void stop_if_signalled() {
         throw Error(ErrorKind::terminated, "terminated");
 }
 
+void forget_signal() {
+    noted_signal = 0;
+}
+
 void finish_stdout() {
     std::cout.flush();
     if (std::fflush(stdout) != 0 || std::ferror(stdout) || !std::cout)

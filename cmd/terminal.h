@@ -16,6 +16,9 @@ void watch_signals();
 /// Throws Error (interrupted, terminated) once a signal was noted.
 void stop_if_signalled();
 
+/// What was noted is done: the program goes on to its end.
+void forget_signal();
+
 /// Writes out what is buffered for standard output. Throws Error (file) if any of it was lost.
 void finish_stdout();
 

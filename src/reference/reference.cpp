@@ -15,6 +15,7 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <numeric>
@@ -131,7 +132,7 @@ void check_memory(const Grid& grid, const ReferenceSettings& settings) {
     const uint64_t cells = grid.size();
     const uint64_t points = settings.probes ? std::min<uint64_t>(settings.probes, cells) : cells;
     const double bytes = double(cells) * double(24 * coefficients + 24)
-                         + double(points) * double(72 * coefficients + 32);
+                         + double(points) * double(120 * coefficients + 40);
     if (bytes > double(sysconf(_SC_PHYS_PAGES)) * double(sysconf(_SC_PAGESIZE)))
         throw Error(ErrorKind::memory,
                     "a reference on " + std::to_string(grid.dims.x) + " x "
@@ -267,6 +268,21 @@ void take(const ProbeSums& sums, size_t coefficients, const ProbeNormals& normal
     }
 }
 
+/// "trace 1024, noise 4.1 %, about 30 s to go".
+std::string pass_name(const ProbeSums& sums, uint64_t rays, double seconds_a_ray,
+                      const ReferenceSettings& settings) {
+    std::string name = "trace " + std::to_string(sums.rays + rays);
+    if (sums.rays == 0)
+        return name;
+    const double noise = sums.noise();
+    name += format(", noise %.2g %%", 100.0 * noise);
+    const double more = settings.noise > 0.0 ? noise / settings.noise : 1.0;
+    const double wanted = std::min(double(settings.rays), double(sums.rays) * more * more);
+    if (settings.noise > 0.0)
+        name += format(", about %.2g s to go", seconds_a_ray * (wanted - double(sums.rays)));
+    return name;
+}
+
 /// The cells whose light is found.
 std::vector<size_t> probe_cells(const Scene& scene, const std::vector<float>& validity,
                                 const ReferenceSettings& settings) {
@@ -328,13 +344,29 @@ ProbeField trace_probes(const Scene& scene, const visibility::Visibility& visibi
     const uint64_t limit =
         (std::max<uint64_t>(settings.rays, 1) + ray_batches - 1) / ray_batches * ray_batches;
     ProbeField field;
+    const auto begin = std::chrono::steady_clock::now();
+    const bool by_passes = settings.noise > 0.0 || settings.seconds > 0.0;
     for (uint64_t pass = 0; sums.rays < limit; ++pass) {
-        uint64_t rays = limit;
-        if (settings.noise > 0.0)
-            rays = std::min(pass == 0 ? first_pass : sums.rays, limit - sums.rays);
-        progress.begin(settings.noise > 0.0 ? "trace " + std::to_string(sums.rays + rays) : "trace",
-                       points.size());
-        field.traced += tracer.add(pass, rays, sums, progress);
+        const uint64_t rays =
+            by_passes ? std::min(pass == 0 ? first_pass : sums.rays, limit - sums.rays) : limit;
+        const double taken =
+            std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+        const double a_ray = pass > 0 ? taken / double(sums.rays) : 0.0;
+        if (settings.seconds > 0.0 && taken + a_ray * double(rays) > settings.seconds)
+            break;
+        const ProbeSums whole = sums;
+        try {
+            progress.begin(by_passes ? pass_name(sums, rays, a_ray, settings) : "trace",
+                           points.size());
+            field.traced += tracer.add(pass, rays, sums, progress);
+        } catch (const Error& error) {
+            field.interrupted =
+                error.kind == ErrorKind::interrupted || error.kind == ErrorKind::terminated;
+            if (!field.interrupted || whole.rays == 0)
+                throw;
+            sums = whole;
+            break;
+        }
         field.noise = sums.noise();
         if (settings.noise > 0.0 && sums.irradiance() > 0.0 && field.noise <= settings.noise)
             break;
@@ -376,6 +408,7 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
     reference.rays = field.rays;
     reference.traced = field.traced;
     reference.probes = cells.size();
+    reference.interrupted = field.interrupted;
     reference.warnings = warnings_of(scene, field, settings, cells.size());
 
     Volume& volume = reference.volume;

@@ -17,6 +17,7 @@ struct ReferenceSettings {
     int sh_order = 1;     ///< 0 to 4
     uint64_t rays = 1024; ///< from each point, rounded up to a multiple of ray_batches
     double noise = 0.0;   ///< above 0: stop at this ProbeField::noise, `rays` at the latest
+    double seconds = 0.0; ///< above 0: begin no pass that would end later than this
     uint64_t seed = 1;    ///< another one gives an independent estimate
     uint64_t probes = 0;  ///< cells to evaluate, drawn from the valid ones; 0: all cells
     visibility::Isa isa = visibility::Isa::automatic; ///< that make_reference traces with
@@ -49,14 +50,17 @@ struct ProbeField {
     std::vector<float> point_noise;
     /// The same for all points: mean standard error over mean irradiance.
     double noise = 0.0;
-    uint64_t rays = 0;     ///< from each point
-    uint64_t traced = 0;   ///< in all, reflected and shadow rays included
-    bool converged = true; ///< false: settings.noise was not reached
+    uint64_t rays = 0;        ///< from each point
+    uint64_t traced = 0;      ///< in all, reflected and shadow rays included
+    bool converged = true;    ///< false: settings.noise was not reached
+    bool interrupted = false; ///< it is what whole passes brought before `progress` threw
 };
 
 /// Traces paths from `points` (frame units). `keys` are one a point and choose its random numbers:
 /// a point of the same place and key gives the same bits in whatever set it is, on any number of
-/// threads, whatever `normals` asks for besides. Directions are uniform over the sphere, stratified
+/// threads, whatever `normals` asks for besides. With settings.noise or settings.seconds rays come
+/// in passes, each of which doubles them; an Error (interrupted, terminated) of `progress` after
+/// the first one ends it with what there is. Directions are uniform over the sphere, stratified
 /// within a batch; sums are in double. Throws Error (invalid: see Paths::arriving), and whatever
 /// `progress` throws.
 ProbeField trace_probes(const Scene& scene, const visibility::Visibility& visibility,
@@ -74,7 +78,8 @@ struct Reference {
     double noise = 0.0;                 ///< as in ProbeField
     uint64_t rays = 0;
     uint64_t traced = 0;
-    uint64_t probes = 0; ///< cells evaluated
+    uint64_t probes = 0;      ///< cells evaluated
+    bool interrupted = false; ///< as in ProbeField
     std::vector<std::string> warnings;
 };
 

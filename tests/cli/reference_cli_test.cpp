@@ -122,5 +122,17 @@ TEST_F(ReferenceCli, WrongCommandLinesAreRefused) {
                  "--bounces");
 }
 
+TEST_F(ReferenceCli, TakesGridLightAndOrderOfAVolume) {
+    run_json("\"$ROOM\" -o a.vdb --resolution 6 --bounds=-1,0,-1,0,2,1 --sky 1:1:1,9"
+             " --sh-order 2 --bounces 2 --rays 64");
+    const json like = run_json("\"$ROOM\" -o b.vdb --like a.vdb --rays 64");
+    EXPECT_EQ(like["bounces"], 2);
+    EXPECT_EQ(like["sh_order"], 2);
+    EXPECT_EQ(read_volume(folder_ / "b.vdb").sh, read_volume(folder_ / "a.vdb").sh);
+    EXPECT_EQ(run_json("\"$ROOM\" -o b.vdb --like a.vdb --rays 64 --bounces 1")["bounces"], 1);
+    expect_error("\"$ROOM\" -o b.vdb --like a.vdb --resolution 5", cmd::ExitCode::usage,
+                 "exclude each other");
+}
+
 } // namespace
 } // namespace lpvbake
