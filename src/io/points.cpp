@@ -167,6 +167,115 @@ void read_json(const std::string& path, std::istream& in, Collected& to) {
     nlohmann::json::sax_parse(in, &reader);
 }
 
+/// The number that a text is, as std::from_chars reads it; false: it is none, or more than one.
+bool read_number(std::string_view text, double& number) {
+    const auto is_space = [](char c) { return c == ' ' || c == '\t'; };
+    while (!text.empty() && is_space(text.front()))
+        text.remove_prefix(1);
+    while (!text.empty() && is_space(text.back()))
+        text.remove_suffix(1);
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+    return error == std::errc() && end == text.data() + text.size();
+}
+
+/// Lines of x,y,z or x,y,z,nx,ny,nz, below one that names them, or none.
+void read_csv(const std::string& path, std::istream& in, Collected& to) {
+    constexpr int most_characters = 1024;
+    char text[most_characters];
+    std::size_t columns = 0;
+    for (std::size_t line = 1; in.getline(text, most_characters); ++line) {
+        const auto where = [&] { return "line " + std::to_string(line); };
+        std::string_view left(text);
+        if (left.ends_with('\r'))
+            left.remove_suffix(1);
+        if (left.empty())
+            continue;
+        if (line == 1 && (left == "x,y,z" || left == "x,y,z,nx,ny,nz")) {
+            columns = std::size_t(std::ranges::count(left, ',')) + 1;
+            continue;
+        }
+        double numbers[6];
+        std::size_t count = 0;
+        for (bool more = true; more; ++count) {
+            const std::size_t comma = left.find(',');
+            more = comma != left.npos;
+            if (count == 6 || !read_number(left.substr(0, comma), numbers[count]))
+                reject(path, where() + ": is not x,y,z or x,y,z,nx,ny,nz in numbers");
+            left.remove_prefix(more ? comma + 1 : 0);
+        }
+        if (columns == 0)
+            columns = count;
+        if ((count != 3 && count != 6) || count != columns)
+            reject(path, where() + ": has " + counted(count, "column") + " instead of "
+                             + (columns == 6   ? "6"
+                                : columns == 3 ? "3"
+                                               : "3 or 6"));
+        to.add_position({numbers[0], numbers[1], numbers[2]}, where);
+        if (count == 6)
+            to.add_normal({numbers[3], numbers[4], numbers[5]}, where);
+    }
+    if (!in.eof())
+        reject(path, format("has a line of %d characters or more", most_characters));
+}
+
+/// What stands behind a key of the dictionary in an NPY file's header, up to `end` in it.
+std::string_view npy_value(const std::string& path, std::string_view header, std::string_view key,
+                           std::string_view end) {
+    const std::size_t at = header.find(key), from = at + key.size();
+    const std::size_t to = at == header.npos ? at : header.find(end, from);
+    if (to == header.npos)
+        reject(path, "its header lacks " + std::string(key.substr(0, key.size() - 1)));
+    std::string_view value = header.substr(from, to - from);
+    value.remove_prefix(std::min(value.find_first_not_of(' '), value.size()));
+    return value;
+}
+
+/// An array of n x 3 or n x 6 little-endian floats or doubles (NumPy's format 1.0 to 3.0).
+void read_npy(const std::string& path, std::istream& in, Collected& to) {
+    char magic[8];
+    unsigned char size[4] = {};
+    if (!in.read(magic, 8) || std::string_view(magic, 6) != "\x93NUMPY" || magic[6] < 1
+        || magic[6] > 3 || !in.read(reinterpret_cast<char*>(size), magic[6] == 1 ? 2 : 4))
+        reject(path, "is no NPY file of version 1 to 3");
+    const std::size_t length =
+        size[0] | size[1] << 8 | std::size_t(size[2]) << 16 | std::size_t(size[3]) << 24;
+    std::string header(std::min<std::size_t>(length, 65536), ' ');
+    if (length > header.size() || !in.read(header.data(), std::streamsize(length)))
+        reject(path, "its header is cut off, or longer than 65536 bytes");
+    const std::string_view type = npy_value(path, header, "'descr':", ",");
+    if (type != "'<f4'" && type != "'<f8'")
+        reject(path, "has numbers of type " + printable(type)
+                         + "; write little-endian floats, '<f4' or '<f8'");
+    if (npy_value(path, header, "'fortran_order':", ",") != "False")
+        reject(path, "is in Fortran's order; write it in C's, as numpy.ascontiguousarray makes it");
+    const std::string_view shape = npy_value(path, header, "'shape': (", ")");
+    const std::size_t comma = std::min(shape.find(','), shape.size());
+    double rows = 0, columns = 0;
+    if (!read_number(shape.substr(0, comma), rows)
+        || !read_number(shape.substr(std::min(comma + 1, shape.size())), columns) || !(rows >= 0)
+        || rows != std::floor(rows) || (columns != 3 && columns != 6))
+        reject(path, "has the shape (" + printable(shape) + "); it has to be (n, 3) or (n, 6)");
+    if (rows > double(volume::most_points))
+        reject(path, format("has %.0f points, more than %zu; bake them in parts", rows,
+                            volume::most_points));
+    const bool is_double = type == "'<f8'";
+    for (std::size_t row = 0; row < std::size_t(rows); ++row) {
+        double numbers[6];
+        float floats[6];
+        if (!(is_double ? in.read(reinterpret_cast<char*>(numbers), std::streamsize(columns * 8))
+                        : in.read(reinterpret_cast<char*>(floats), std::streamsize(columns * 4))))
+            reject(path, format("ends in row %zu of %.0f", row, rows));
+        if (!is_double)
+            std::copy_n(floats, int(columns), numbers);
+        const auto where = [row] { return "row " + std::to_string(row); };
+        to.add_position({numbers[0], numbers[1], numbers[2]}, where);
+        if (columns == 6)
+            to.add_normal({numbers[3], numbers[4], numbers[5]}, where);
+    }
+    if (in.peek() != std::istream::traits_type::eof())
+        reject(path, "goes on after its array");
+}
+
 // ---- writing ----
 
 /// A list of numbers, each in as few digits as tell it from others of its type.
@@ -207,6 +316,40 @@ void write_json(std::ostream& out, const volume::LitPoints& lit) {
     out << "\n ]\n}\n";
 }
 
+template <class T>
+void put_bytes(std::ostream& out, const T& value) {
+    out.write(reinterpret_cast<const char*>(&value), sizeof value);
+}
+
+/// A structured array, a record a point (NumPy's format 1.0).
+void write_npy(std::ostream& out, const volume::LitPoints& lit) {
+    std::string fields = "('position', '<f8', (3,)), ";
+    if (!lit.points.normals.empty())
+        fields += "('normal', '<f4', (3,)), ('irradiance', '<f4', (3,)), ";
+    fields += format("('sh', '<f4', (%zu, 3)), ('validity', '<f4'), ('backs', '<f4'), "
+                     "('sky', '<f4', (4,))",
+                     lit.light.sh.size());
+    std::string header = "{'descr': [" + fields + "], 'fortran_order': False, 'shape': ("
+                         + std::to_string(lit.points.positions.size()) + ",), }";
+    header.resize((10 + header.size() + 1 + 63) / 64 * 64 - 10 - 1, ' ');
+    header += '\n';
+    out << "\x93NUMPY" << '\x01' << '\0';
+    put_bytes(out, uint16_t(header.size()));
+    out << header;
+    for (std::size_t i = 0; i < lit.points.positions.size(); ++i) {
+        put_bytes(out, lit.points.positions[i]);
+        if (!lit.points.normals.empty()) {
+            put_bytes(out, lit.points.normals[i]);
+            put_bytes(out, lit.irradiance[i]);
+        }
+        for (const std::vector<glm::vec3>& coefficient : lit.light.sh)
+            put_bytes(out, coefficient[i]);
+        put_bytes(out, lit.light.validity[i]);
+        put_bytes(out, lit.backs[i]);
+        put_bytes(out, lit.sky[i]);
+    }
+}
+
 /// A form of points' files; null: it cannot be read, or written.
 struct PointFormat {
     const char* suffix;
@@ -214,7 +357,8 @@ struct PointFormat {
     void (*write)(std::ostream& out, const volume::LitPoints& lit);
 };
 
-constexpr PointFormat formats[] = {{".json", read_json, write_json}};
+constexpr PointFormat formats[] = {
+    {".json", read_json, write_json}, {".csv", read_csv, nullptr}, {".npy", read_npy, write_npy}};
 
 const PointFormat* format_of(const std::string& path) {
     const auto found = std::ranges::find(formats, suffix_of(path),

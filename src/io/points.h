@@ -11,6 +11,8 @@ namespace lpvbake::io {
 /// Reads points by the file's suffix:
 ///
 ///     .json  {"points": [[x, y, z], ...], "normals": [[x, y, z], ...]}; normals may be left out
+///     .csv   lines x,y,z or x,y,z,nx,ny,nz, below a line of these names or none
+///     .npy   an array of shape (n, 3) or (n, 6), of '<f4' or '<f8', in C's order
 ///
 /// Metres in the scene's axes; normals become unit ones. Takes 36 bytes a point, whatever the size
 /// of the file. Throws Error (argument: another suffix; file; invalid, and names the place: what is
@@ -18,7 +20,7 @@ namespace lpvbake::io {
 /// have no direction).
 volume::Points read_points(const std::string& path);
 
-/// "points", ".json or .csv": the suffixes of read_points.
+/// ".json, .csv, .npy": the suffixes of read_points.
 std::string point_format_list();
 /// Of write_points.
 std::string lit_point_format_list();
@@ -31,6 +33,8 @@ bool is_lit_point_format(const std::string& path);
 ///             "metadata": {...}, "points": [{"position": [x, y, z], "sh": [[r, g, b], ...],
 ///             "validity": 0 or 1, "backs": share, "sky": [4 coefficients]; with normals also
 ///             "normal": [x, y, z], "irradiance": [r, g, b]}, ...]}
+///
+///     .npy   a structured array of the same fields, "sh" of shape (coefficients, 3)
 ///
 /// Numbers as floats need them. Throws Error (argument: another suffix; file, io).
 WriteReport write_points(const std::string& path, const volume::LitPoints& lit);

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include <cmath>
+#include <cstring>
 #include <fstream>
 
 namespace lpvbake {
@@ -156,6 +157,74 @@ TEST_F(PointsCli, RefusesWhatPointsDoNotHave) {
                      "out.vdb: the name of an output of --at ends in .json");
     expect_one_error(run("--at in.json -o in.json"), "in", ExitCode::usage,
                      "would replace the input");
+}
+
+/// An NPY file of an array.
+std::string npy(const std::string& type, const std::string& shape, const std::string& bytes,
+                const std::string& order = "False") {
+    std::string header =
+        "{'descr': '" + type + "', 'fortran_order': " + order + ", 'shape': " + shape + ", }\n";
+    return std::string("\x93NUMPY\x01\0", 8) + char(header.size()) + char(0) + header + bytes;
+}
+
+template <class T>
+std::string bytes_of(const std::vector<T>& values) {
+    return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
+}
+
+TEST_F(PointsCli, OtherFormsHoldTheSame) {
+    const json points = light_at({{"points", {{0, 1.5, 0.5}, {-0.5, 0.25, 0}}},
+                                  {"normals", {{0, 1, 0}, {1, 0, 0}}}})["points"];
+    write("in.csv", "x,y,z,nx,ny,nz\r\n0,1.5, 0.5,0,1,0\r\n-.5,2.5e-1,0,1,0,0\n");
+    const std::vector<double> doubles{0, 1.5, 0.5, 0, 1, 0, -0.5, 0.25, 0, 1, 0, 0};
+    write("in.npy", npy("<f8", "(2, 6)", bytes_of(doubles)));
+    write("f.npy",
+          npy("<f4", "(2, 6)", bytes_of(std::vector<float>(doubles.begin(), doubles.end()))));
+    for (const char* file : {"in.csv", "in.npy", "f.npy"}) {
+        ASSERT_EQ(run(std::string("--at ") + file + " -o out.json -o out.npy").status, 0) << file;
+        EXPECT_EQ(json::parse(slurp(folder_ / "out.json"))["points"], points) << file;
+    }
+    const std::string out = slurp(folder_ / "out.npy");
+    const std::size_t head =
+        10 + static_cast<unsigned char>(out[8]) + 256u * static_cast<unsigned char>(out[9]);
+    EXPECT_EQ(head % 64, 0u);
+    const std::size_t record = 24 + 12 + 12 + 9 * 12 + 4 + 4 + 16;
+    ASSERT_EQ(out.size(), head + 2 * record);
+    float z; // of the second point's last coefficient, blue
+    std::memcpy(&z, &out[head + record + 48 + 8 * 12 + 8], sizeof z);
+    EXPECT_EQ(z, float(points[1]["sh"][8][2]));
+}
+
+TEST_F(PointsCli, RefusesBadTablesByTheirPlace) {
+    const auto refused = [&](const std::string& name, const std::string& text,
+                             const std::string& why) {
+        write(name, text);
+        expect_one_error(run("--at " + name + " -o out.json"), text.substr(0, 40),
+                         ExitCode::invalid, why);
+    };
+    refused("a.csv", "", "has no point");
+    refused("a.csv", "x,y,z\n", "has no point");
+    refused("a.csv", "1,2,3\n1,2\n", "line 2: has 2 columns instead of 3");
+    refused("a.csv", "1,2,3,4\n", "line 1: has 4 columns instead of 3 or 6");
+    refused("a.csv", "x,y,z,nx,ny,nz\n1,2,3\n", "line 2: has 3 columns instead of 6");
+    refused("a.csv", "1,2,3\n1,nan,3\n", "line 2: is not finite");
+    refused("a.csv", "1,2,-inf\n", "line 1: is not finite");
+    refused("a.csv", "1,2,3,0,0,0\n", "line 1: has no direction");
+    refused("a.csv", "x;y;z\n", "line 1: is not x,y,z");
+    refused("a.csv", std::string(5000, '1'), "has a line of 1024 characters or more");
+    const std::string three = bytes_of(std::vector<float>{1, 2, 3});
+    refused("a.npy", "no", "is no NPY file");
+    refused("a.npy", npy("<f4", "(3,)", three), "has the shape (3,)");
+    refused("a.npy", npy("<f4", "(1, 3, 1)", three), "has the shape (1, 3, 1)");
+    refused("a.npy", npy("<f4", "(1, 4)", three), "has the shape (1, 4)");
+    refused("a.npy", npy("<i4", "(1, 3)", three), "has numbers of type '<i4'");
+    refused("a.npy", npy("<f4", "(1, 3)", three, "True"), "is in Fortran's order");
+    refused("a.npy", npy("<f4", "(2, 3)", three), "ends in row 1 of 2");
+    refused("a.npy", npy("<f4", "(1, 3)", three + "x"), "goes on after its array");
+    refused("a.npy", npy("<f4", "(0, 3)", ""), "has no point");
+    refused("a.npy", npy("<f4", "(100000000, 3)", three), "has 100000000 points, more than");
+    refused("a.npy", npy("<f4", "(1, 3)", bytes_of(std::vector<float>{1, HUGE_VALF, 3})),
+            "row 0: is not finite");
 }
 
 } // namespace
