@@ -48,9 +48,9 @@ inline constexpr double gather = 0.05;
 inline constexpr double gather_patch = 3e-6;
 inline constexpr double gather_cell = 1.2e-5;    ///< that is solved
 inline constexpr double gather_cluster = 6.5e-8; ///< in each cell that is solved
-inline constexpr double gather_place = 2.5e-5;   ///< that is given: all that its own rays see
-inline constexpr double gather_ray = 6e-7;       ///< for each cluster, with those to the sky
-inline constexpr double look_place = 6e-5;       ///< what lies around it
+inline constexpr double gather_place = 1.5e-5;   ///< that is given: all that its own rays see
+inline constexpr double gather_ray = 2e-7;       ///< for each cluster, with those to the sky
+inline constexpr double look_place = 2.5e-5;     ///< what lies around it
 inline constexpr double gather_above_2 = 1.35;   ///< as long for a solved cell above order 2
 inline constexpr double discs_texel = 4e-7;      ///< of each map, for each cell
 
