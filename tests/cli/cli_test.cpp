@@ -210,9 +210,8 @@ TEST_F(Cli, HelpNamesEveryExitCodeAndCommand) {
                                   + row.meaning),
                   std::string::npos)
             << int(row.code);
-    for (const char* command :
-         {"bake", "reference", "info", "render", "verify", "diff", "convert", "report", "devices",
-          "help"}) {
+    for (const char* command : {"bake", "reference", "info", "render", "verify", "diff", "convert",
+                                "report", "devices", "help"}) {
         EXPECT_NE(result.out.find(std::string("\n  ") + command), std::string::npos) << command;
         const Result own = run({command, "--help"});
         EXPECT_EQ(own.status, 0);
@@ -228,9 +227,8 @@ TEST_F(Cli, HelpNamesEveryExitCodeAndCommand) {
     EXPECT_EQ(run({"-V"}).out, run({"--version"}).out);
     const Result documents = run({"help", "json"});
     EXPECT_EQ(documents.status, 0);
-    for (const char* command :
-         {"bake", "reference", "info", "render", "verify", "diff", "convert", "report", "devices",
-          "help"})
+    for (const char* command : {"bake", "reference", "info", "render", "verify", "diff", "convert",
+                                "report", "devices", "help"})
         EXPECT_NE(documents.out.find("{\"command\": \"" + std::string(command) + "\""),
                   std::string::npos)
             << command;
@@ -489,7 +487,7 @@ TEST_F(Cli, ConfigFileRoundTrips) {
             continue;
         const std::string name = line.substr(at + 2, line.find_first_of(" =,", at) - at - 2);
         if (name == "help" || name == "config" || name == "print-config" || name == "dry-run"
-            || name == "output" || name == "scene") // --scene-name
+            || name == "output" || name == "scene" || name == "at") // --scene-name; --at: an input
             continue;
         EXPECT_TRUE(first.out.find("\n" + name + " = ") != std::string::npos
                     || first.out.find("\n#" + name + " = ") != std::string::npos)

@@ -343,6 +343,34 @@ TEST_F(Gather, WhatStandsBesideACellShadesIt) {
     }
 }
 
+TEST_F(Gather, FewClustersKeepTheLight) {
+    // Glowing ground between fences: of a large cluster cells see the part beside them, which
+    // sends most, and not the rest.
+    Scene scene;
+    const int glow = scenes::add_material(scene, glm::vec3(0.0f), glm::vec3(1.0f));
+    const int black = scenes::add_material(scene, glm::vec3(0.0f), glm::vec3(0.0f), true);
+    scenes::add_quad(scene, glow, {0, 0, 0}, {0, 0, 16}, {16, 0, 0});
+    for (const float at : {1.9f, 4.1f, 5.9f, 8.1f, 10.3f, 12.2f, 14.0f}) {
+        scenes::add_quad(scene, black, {at, 0, 0}, {0, 1.5f, 0}, {0, 0, 16});
+        scenes::add_quad(scene, black, {0, 0, at}, {0, 1.5f, 0}, {16, 0, 0});
+    }
+    const Setting setting(scene, {glm::dvec3(0.25, 0.25, 0.25), 0.5, glm::ivec3(31, 3, 31)});
+    const surface::LitSurfaces lit = light(setting, 0);
+    const auto energy = [&](int clusters) {
+        Volume volume = setting.volume();
+        solver::gather::GatherSettings settings = everywhere(1);
+        settings.vpls = clusters;
+        run(setting, lit, volume, settings);
+        double sum = 0.0;
+        for (const glm::vec3& c : volume.sh[0])
+            sum += double(c.x);
+        return sum;
+    };
+    const double many = energy(8192);
+    EXPECT_NEAR(energy(64) / many, 1.0, 0.02);
+    EXPECT_NEAR(energy(16) / many, 1.0, 0.04);
+}
+
 TEST_F(Gather, LightComesThroughADoor) {
     const Scene scene = two_rooms(0.6f);
     const Setting setting(scene, fit(scene, 24));

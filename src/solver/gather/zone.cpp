@@ -115,16 +115,26 @@ bool Zone::aim(glm::vec3 from, uint32_t source, uint32_t pattern, visibility::Ra
         ray = {from, bin.direction({unit(pattern + shift), unit(mix_word(key))}), 0.0f, HUGE_VALF};
         return true;
     }
-    // The first of the points, from the place's own on, that face it.
-    const uint32_t start = (pattern + shift) >> 28;
-    static_assert(strata == 16);
+    const std::span<const Target> targets =
+        std::span(targets_).subspan(size_t(source) * strata, strata);
+    // One point speaks for all: the more light one would send here, the more often it is that one.
+    // Near parts of a cluster, which send most, are seen more often than the others.
+    std::array<float, strata> up_to;
+    float sum = 0.0f;
     for (uint32_t i = 0; i < strata; ++i) {
-        const Target& target = targets_[source * strata + (start + 5 * i) % strata];
-        ray = {from, target.point - from};
-        if (glm::dot(ray.direction, target.normal) < 0.0f)
-            return true;
+        const glm::vec3 way = targets[i].point - from;
+        const float square = std::max(glm::dot(way, way), 1e-6f);
+        sum += std::max(0.0f, -glm::dot(way, targets[i].normal)) / (square * std::sqrt(square));
+        up_to[i] = sum;
     }
-    return false;
+    if (!(sum > 0.0f))
+        return false;
+    const float wanted = unit(pattern + shift) * sum;
+    uint32_t pick = 0;
+    while (pick + 1 < strata && !(up_to[pick] > wanted))
+        ++pick;
+    ray = {from, targets[pick].point - from};
+    return true;
 }
 
 uint64_t Zone::look(glm::vec3 from, uint32_t pattern, std::span<const uint64_t> open,

@@ -46,17 +46,15 @@ double expected_error(const SolverSettings& settings, bool) {
 
 Cost cost(const Workload& work, const SolverSettings& settings) {
     const SnSettings sn = settings_of(settings);
-    gather::GatherSettings peaks;
-    peaks.order = sn.order;
-    return {
-        {{"validity", validity_seconds(work.grid), "which cells lie outside geometry"},
-         {"gather",
-          gather::gather_seconds(work.grid, uint64_t(work.patches / models::patches_a_peak), peaks),
-          "what is brighter than 1.5 times the mean"},
-         {"sweep", sn_seconds(work.grid, sn),
-          format("%d directions, order %d", sn.directions, sn.order)}},
-        {},
-        sn_host_bytes(work.grid, uint64_t(work.patches), sn)};
+    return {{{"validity", validity_seconds(work.grid), "which cells lie outside geometry"},
+             {"gather",
+              gather::gather_seconds(work.grid, uint64_t(work.patches / models::patches_a_peak),
+                                     peak_settings(sn)),
+              "what is brighter than 1.5 times the mean"},
+             {"sweep", sn_seconds(work.grid, sn),
+              format("%d directions, order %d", sn.directions, sn.order)}},
+            {},
+            sn_host_bytes(work.grid, uint64_t(work.patches), sn)};
 }
 
 /// Luminance along fixed directions, from cell to cell, downstream.

@@ -36,14 +36,6 @@ Sky sky_along(const Sky& sky, int count) {
     return scene::averaged_sky(sky, directions);
 }
 
-gather::GatherSettings peak_settings(const SnSettings& settings) {
-    gather::GatherSettings gather;
-    // A window shows little of the sky: its edges are what is seen of the number of bins.
-    gather.sky_bins = 8 * settings.directions;
-    gather.order = settings.order == 3 ? 4 : settings.order; // 3 it does not know
-    return gather;
-}
-
 /// True if surfaces lie beyond the places beside the grid.
 bool reaches_out(const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
                  const Grid& grid) {
@@ -53,6 +45,17 @@ bool reaches_out(const surface::LitSurfaces& lit, const visibility::Visibility& 
 }
 
 } // namespace
+
+gather::GatherSettings peak_settings(const SnSettings& settings) {
+    gather::GatherSettings gather;
+    // A window shows little of the sky: its edges are what is seen of the number of bins.
+    gather.sky_bins = 8 * settings.directions;
+    // What more directions cannot show, edges of shadows, takes more clusters.
+    const double finer = double(settings.directions) / double(SnSettings().directions);
+    gather.vpls = int(std::clamp(finer * finer, 1.0, 4.0) * gather.vpls);
+    gather.order = settings.order == 3 ? 4 : settings.order; // 3 it does not know
+    return gather;
+}
 
 uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings) {
     const uint64_t sweep =

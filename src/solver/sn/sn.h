@@ -22,6 +22,9 @@ struct SnSettings {
     int order = 2;        ///< bands of the result, 1 to 4
 };
 
+/// How what is brighter than the mean is gathered.
+gather::GatherSettings peak_settings(const SnSettings& settings);
+
 /// Device memory of a bake, bytes: the coefficients (12 floats a cell for order 1, 28 for order 2,
 /// 48 for 3, 76 for 4), eight fronts of the luminance of up to all directions of an octant, and
 /// what is streamed, at most 60 MiB; or what the gather takes.
