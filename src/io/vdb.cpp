@@ -182,7 +182,7 @@ public:
         const auto count = int32_t(grids);
         stream.write(reinterpret_cast<const char*>(&count), sizeof count);
         header.bytes.replace(uuid_offset, uuid_length, uuid_length, '\0');
-        write(header.bytes);
+        put(header.bytes);
     }
     /// May be called by several threads at a time.
     PackedGrid pack(const openvdb::GridBase::ConstPtr& grid) const {
@@ -209,7 +209,7 @@ public:
         std::ostream stream(&offsets);
         descriptor.writeStreamPos(stream);
         packed.bytes.replace(packed.offsets_at, offsets.bytes.size(), offsets.bytes);
-        write(packed.bytes);
+        put(packed.bytes);
     }
     /// What the UUID has to be, after the last grid.
     std::string uuid() { return hash_.uuid(); }
@@ -221,7 +221,7 @@ private:
         openvdb::io::setWriteGridStatsMetadata(out, isGridStatsMetadataEnabled());
         openvdb::io::setDataCompression(out, compression());
     }
-    void write(std::string_view bytes) {
+    void put(std::string_view bytes) {
         out_.write(bytes.data(), std::streamsize(bytes.size()));
         hash_.add(bytes);
         written_ += int64_t(bytes.size());
