@@ -3,6 +3,8 @@
 #include "file_error.h"
 #include "lpvbake/error.h"
 
+#include <tbb/parallel_for.h>
+
 #include <fcntl.h>
 #include <signal.h>
 #include <sys/stat.h>
@@ -12,6 +14,7 @@
 #include <cerrno>
 #include <charconv>
 #include <cstring>
+#include <deque>
 #include <filesystem>
 #include <fstream>
 #include <utility>
@@ -157,6 +160,23 @@ void AtomicFile::publish() {
     // Some file systems cannot sync folders (EINVAL), and some folders may be written, not read.
     if (directory.fd >= 0 && fsync(directory.fd) != 0 && errno != EINVAL)
         fail(target_, "written", errno);
+}
+
+std::vector<WriteReport::File>
+write_together(const std::vector<std::string>& names,
+               const std::function<void(AtomicFile&, size_t)>& write) {
+    std::deque<AtomicFile> files; // they do not move
+    std::vector<WriteReport::File> written;
+    for (const std::string& name : names) {
+        files.emplace_back(name);
+        written.push_back({name, 0});
+    }
+    tbb::parallel_for(size_t(0), files.size(), [&](size_t i) { write(files[i], i); });
+    tbb::parallel_for(size_t(0), files.size(),
+                      [&](size_t i) { written[i].bytes = files[i].seal(); });
+    for (AtomicFile& file : files)
+        file.publish();
+    return written;
 }
 
 void refuse_pipes(const std::string& path, const std::string& name) {

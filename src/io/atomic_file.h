@@ -1,11 +1,14 @@
 // Files that appear whole or not at all.
 #pragma once
 
+#include "lpvbake/file.h"
+
 #include <cstdint>
 #include <functional>
 #include <iosfwd>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace lpvbake::io {
 
@@ -43,6 +46,12 @@ private:
     std::string temporary_;
     bool exists_ = false;
 };
+
+/// Files that appear together: `write(file, i)` fills that of the i-th name, several at a time, and
+/// none takes its name before all are on the disk.
+std::vector<WriteReport::File>
+write_together(const std::vector<std::string>& names,
+               const std::function<void(AtomicFile&, size_t)>& write);
 
 /// Throws Error (file), beginning with `name`, for pipes and devices: to open one may wait forever.
 void refuse_pipes(const std::string& path, const std::string& name);

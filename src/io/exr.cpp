@@ -4,9 +4,6 @@
 #include "io/described.h"
 #include "io/layout.h"
 
-#include <tbb/parallel_for.h>
-
-#include <deque>
 #include <map>
 #include <span>
 
@@ -125,23 +122,14 @@ WriteReport write_exr(const std::string& path, const Stored& stored, Precision w
     const std::vector<std::string> names = names_of(path, textures);
     const Json json =
         describe(format_name, stored, report.precision, packing, textures, names, layout);
-    std::deque<AtomicFile> files; // they do not move
-    for (const std::string& name : names) {
-        files.emplace_back(name);
-        report.files.push_back({name, 0});
-    }
-    files.back().write(with_metadata(json, volume));
-
-    tbb::parallel_for(size_t(0), textures.size(), [&](size_t t) {
+    report.files = write_together(names, [&](AtomicFile& file, size_t i) {
+        if (i == textures.size())
+            return file.write(with_metadata(json, volume));
         const auto bytes =
-            image::encode_exr(texels_of(textures[t], packing, volume, layout), half,
-                              header_of(volume, json, stored.encoding(), json["files"][t]), path);
-        files[t].write({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+            image::encode_exr(texels_of(textures[i], packing, volume, layout), half,
+                              header_of(volume, json, stored.encoding(), json["files"][i]), path);
+        file.write({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
     });
-    tbb::parallel_for(size_t(0), files.size(),
-                      [&](size_t f) { report.files[f].bytes = files[f].seal(); });
-    for (AtomicFile& file : files)
-        file.publish();
     return report;
 }
 

@@ -3,10 +3,7 @@
 #include "io/atomic_file.h"
 #include "lpvbake/error.h"
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
-#include <deque>
 
 namespace lpvbake::io {
 namespace {
@@ -47,23 +44,14 @@ WriteReport write_textures(const TextureContainer& container, const std::string&
     const Precision precision = stored.precision(wanted, path, report);
     const std::string description = with_metadata(
         describe(container.description, stored, precision, packing, textures, names), volume);
-    std::deque<AtomicFile> files; // they do not move
-    for (const std::string& name : names) {
-        files.emplace_back(name);
-        report.files.push_back({name, 0});
-    }
-    tbb::parallel_for(size_t(0), textures.size(), [&](size_t t) {
-        const TexelForm& form = form_of(textures[t], precision);
-        files[t].write(container.encode(
-            form, dims, pack(texels_of(textures[t], packing, volume, {1, dims.z}), form),
+    report.files = write_together(names, [&](AtomicFile& file, size_t i) {
+        if (i == textures.size()) // the sidecar
+            return file.write(description);
+        const TexelForm& form = form_of(textures[i], precision);
+        file.write(container.encode(
+            form, dims, pack(texels_of(textures[i], packing, volume, {1, dims.z}), form),
             description));
     });
-    if (files.size() > textures.size())
-        files.back().write(description);
-    tbb::parallel_for(size_t(0), files.size(),
-                      [&](size_t f) { report.files[f].bytes = files[f].seal(); });
-    for (AtomicFile& file : files)
-        file.publish();
     return report;
 }
 

@@ -59,8 +59,7 @@ struct Side {
 };
 
 glm::vec3 normal_of(const std::vector<Patch>& patches, uint32_t side) {
-    const glm::vec3 n = patches[side / 2].normal;
-    return side % 2 != 0 ? -n : n;
+    return surface::normal_of(patches[side / 2], side);
 }
 
 /// Where the rays of a side start.

@@ -6,7 +6,7 @@ namespace lpvbake::surface {
 namespace {
 
 double brightness(const Patch& patch) {
-    return double(std::max({patch.emission.x, patch.emission.y, patch.emission.z}));
+    return double(greatest(patch.emission));
 }
 
 } // namespace

@@ -3,10 +3,16 @@
 
 #include "surface/patches.h"
 
+#include <algorithm>
 #include <span>
 #include <vector>
 
 namespace lpvbake::surface {
+
+/// The greatest of the channels.
+inline float greatest(glm::vec3 v) {
+    return std::max({v.x, v.y, v.z});
+}
 
 class EmitterSampling {
 public:

@@ -88,7 +88,7 @@ double unhidden(const Source& source, const Patch& patch) {
 /// What partly transparent surfaces leave of the light on a side, in the mean.
 double transmittance(const Source& source, const LitSurfaces& lit, uint32_t side) {
     const Patch& patch = lit.patches[side / 2];
-    const glm::vec3 normal = side % 2 != 0 ? -patch.normal : patch.normal;
+    const glm::vec3 normal = normal_of(patch, side);
     const float across = 2.0f * glm::length(lit.visibility->hi() - lit.visibility->lo()) + 1.0f;
     double sum = 0;
     for (size_t i = 0; i < middles; ++i) {
@@ -163,7 +163,7 @@ void share_light(const LitSurfaces& lit, std::vector<glm::vec3>& lux) {
         const Patch& patch = lit.patches[i / 2];
         if (patch.area > 0.0f || (i % 2 != 0 && !patch.double_sided))
             return;
-        const glm::vec3 normal = i % 2 != 0 ? -patch.normal : patch.normal;
+        const glm::vec3 normal = normal_of(patch, uint32_t(i));
         const uint32_t seen = seen_at(lit, patch.position, normal);
         if (seen != LitSurfaces::no_side)
             lux[i] = lux[seen];

@@ -90,8 +90,7 @@ struct Side {
           normal(out),
           first_ray(first) {}
     Side(const std::vector<Patch>& patches, uint32_t side)
-        : Side(patches[side / 2], side,
-               side % 2 != 0 ? -patches[side / 2].normal : patches[side / 2].normal) {}
+        : Side(patches[side / 2], side, normal_of(patches[side / 2], side)) {}
 
     /// Uniform over the patch by u in [0, 1)^2.
     Start start(glm::vec2 u) const { return {point(on_triangle(u)), normal}; }
@@ -167,10 +166,6 @@ glm::vec3 aimed(const From& side, const EmitterSampling& emitters, int aimed_ray
         sum += to.luminance * (cosine / density) * visibility.filter({from, way, 0.0f, end});
     }
     return sum;
-}
-
-float greatest(glm::vec3 v) {
-    return std::max({v.x, v.y, v.z});
 }
 
 /// Luminance that every side sends by itself, nits.
@@ -398,7 +393,7 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
         rays,     rays / 4};
     const bool between = settings.bounces != 1;
     Reflection reflection(count, between ? size_t(rays) : 0, visibility.is_tinted());
-    const Spots spots = between ? Spots(scene, frame, emission, lit) : Spots{};
+    Spots spots = between ? Spots(scene, frame, emission, lit) : Spots{};
     progress.begin("lighting", count);
     constexpr size_t block = 8192;
     for (size_t first = 0; first < count; first += block) {
@@ -449,7 +444,7 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
     }
     if (!between)
         return;
-    reflection.spots_there = spots.luminance;
+    reflection.spots_there = std::move(spots.luminance);
     const std::vector<glm::vec3> met =
         reflect_between(scene, frame, reflection, elements, settings, lit, progress);
     tbb::parallel_for(size_t(0), count, [&](size_t i) {

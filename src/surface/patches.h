@@ -38,6 +38,11 @@ struct Patch {
     }
 };
 
+/// Out of a side of a patch, 2 * patch + side.
+inline glm::vec3 normal_of(const Patch& patch, uint32_t side) {
+    return side % 2 != 0 ? -patch.normal : patch.normal;
+}
+
 /// How far above a surface (frame units) rays start, so that they do not meet it.
 float ray_offset(glm::vec3 point);
 

@@ -80,7 +80,7 @@ SidePoints draw_side_points(const LitSurfaces& lit, glm::vec3 extent,
         const glm::vec3 at = patch.at({float(root * (1 - along)), float(root * along)});
         if (at != glm::clamp(at, glm::vec3(0.0f), extent))
             return;
-        drawn[i] = {at, side % 2 != 0 ? -patch.normal : patch.normal};
+        drawn[i] = {at, normal_of(patch, side)};
         const View view = look_around(*lit.visibility, drawn[i], settings.looks,
                                       mix_word(uint32_t(i)) + settings.seed);
         if (2 * view.backs > settings.looks)

@@ -21,10 +21,6 @@ constexpr double bright = 64.0; ///< over the mean of what is seen
 constexpr double least = 0.01;  ///< of what is reflected around
 constexpr uint32_t looks = 64;  ///< rays that look around
 
-double brightest(glm::vec3 v) {
-    return double(std::max({v.x, v.y, v.z}));
-}
-
 /// What can be seen from a side.
 struct Around {
     double luminance = 0.0; ///< mean, nits
@@ -45,7 +41,7 @@ Around look_around(const Scene& scene, const std::vector<glm::vec3>& emission,
         const glm::vec3 direction = sample_cosine(normal, glm::vec2(u, v - std::floor(v)));
         const visibility::Hit hit = lit.visibility->closest({from, direction, 0.0f, HUGE_VALF});
         if (hit.instance == visibility::no_hit) {
-            around.luminance += brightest(scene::sky_rest(scene.sky, direction));
+            around.luminance += double(greatest(scene::sky_rest(scene.sky, direction)));
             continue;
         }
         const uint32_t there = lit.side(hit, direction);
@@ -53,9 +49,9 @@ Around look_around(const Scene& scene, const std::vector<glm::vec3>& emission,
             continue;
         around.met += 1.0;
         squares += double(hit.t) * double(hit.t);
-        around.luminance += brightest(lit.luminance[there]);
+        around.luminance += double(greatest(lit.luminance[there]));
         if (!emission.empty())
-            around.luminance += brightest(emission[there]);
+            around.luminance += double(greatest(emission[there]));
     }
     if (around.met > 0.0)
         around.area = 4.0 * glm::pi<double>() * squares / around.met;
@@ -75,7 +71,9 @@ struct Found {
 
 Found look_for(const Scene& scene, const std::vector<glm::vec3>& emission, const LitSurfaces& lit,
                Group group) {
-    const auto light_of = [&](const Placed& of) { return brightest(lit.luminance[of.index]); };
+    const auto light_of = [&](const Placed& of) {
+        return double(greatest(lit.luminance[of.index]));
+    };
     const auto power_of = [&](const Placed& of) {
         return light_of(of) * covered_area(lit.patches[of.index / 2]);
     };
@@ -101,7 +99,7 @@ std::vector<Placed> lit_sides(const LitSurfaces& lit, glm::vec3 extent) {
     std::vector<Placed> sides;
     for (uint32_t side = 0; side < lit.luminance.size(); ++side) {
         const Patch& patch = lit.patches[side / 2];
-        if (patch.area > 0.0f && brightest(lit.luminance[side]) > 0.0)
+        if (patch.area > 0.0f && greatest(lit.luminance[side]) > 0.0f)
             sides.push_back({together(patch, side, extent), side});
     }
     tbb::parallel_sort(sides);
@@ -117,28 +115,27 @@ Spots::Spots(const Scene& scene, const scene::Frame& frame, const std::vector<gl
     std::vector<Found> found(groups.size());
     tbb::parallel_for(size_t(0), groups.size(),
                       [&](size_t i) { found[i] = look_for(scene, emission, lit, groups[i]); });
+    std::vector<uint32_t> spots;
     std::vector<Patch> patches;
     std::vector<double> favours;
     for (const Found& group : found)
         for (const uint32_t side : group.sides) {
+            spots.push_back(side);
             Patch& patch = patches.emplace_back(lit.patches[side / 2]);
             patch.emission = lit.luminance[side] * patch.alpha;
             patch.double_sided = false;
             patch.normal = normal_of(patch, side);
             favours.push_back(group.aims / group.power);
         }
-    if (patches.empty())
+    if (spots.empty())
         return;
     aim = EmitterSampling(patches, favours);
     luminance.assign(lit.luminance.size(), glm::vec3(0.0f));
     density_.assign(luminance.size(), 0.0f);
-    size_t at = 0;
-    for (const Found& group : found)
-        for (const uint32_t side : group.sides) {
-            luminance[side] = lit.luminance[side];
-            density_[side] = aim.density(patches[at], favours[at]);
-            ++at;
-        }
+    for (size_t i = 0; i < spots.size(); ++i) {
+        luminance[spots[i]] = lit.luminance[spots[i]];
+        density_[spots[i]] = aim.density(patches[i], favours[i]);
+    }
 }
 
 } // namespace lpvbake::surface

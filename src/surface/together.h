@@ -10,10 +10,6 @@
 
 namespace lpvbake::surface {
 
-inline glm::vec3 normal_of(const Patch& patch, uint32_t side) {
-    return side % 2 != 0 ? -patch.normal : patch.normal;
-}
-
 /// The same for sides of patches (2 * patch + side) that face the same of six ways and whose
 /// centroids lie in one box, of eight edges of the patches there and one such edge deep; another
 /// number for others, but for some that are very far apart.

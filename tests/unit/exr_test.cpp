@@ -21,16 +21,6 @@ image::Pixels read_pixels(const std::string& path) {
     return image::decode_exr(std::as_bytes(std::span(bytes)), path, 1 << 24);
 }
 
-void expect_equal(const Volume& a, const Volume& b) {
-    EXPECT_EQ(a.grid, b.grid);
-    EXPECT_EQ(a.sh_order, b.sh_order);
-    EXPECT_EQ(a.sh, b.sh);
-    EXPECT_EQ(a.occlusion, b.occlusion);
-    EXPECT_EQ(a.validity, b.validity);
-    EXPECT_EQ(a.walls, b.walls);
-    EXPECT_EQ(a.metadata, b.metadata);
-}
-
 } // namespace
 
 TEST(Exr, FullPrecisionRoundTripsExactly) {

@@ -15,16 +15,6 @@ using namespace lpvbake;
 
 namespace {
 
-void expect_equal(const Volume& a, const Volume& b) {
-    EXPECT_EQ(a.grid, b.grid);
-    EXPECT_EQ(a.sh_order, b.sh_order);
-    EXPECT_EQ(a.sh, b.sh);
-    EXPECT_EQ(a.occlusion, b.occlusion);
-    EXPECT_EQ(a.validity, b.validity);
-    EXPECT_EQ(a.walls, b.walls);
-    EXPECT_EQ(a.metadata, b.metadata);
-}
-
 /// Whether both have the same values, to the bit, and the same active cells and places.
 template <class Value, class OpenGrid>
 void expect_same_grid(const nanovdb::GridHandle<>& handle, const openvdb::GridBase::Ptr& base,

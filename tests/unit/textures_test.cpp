@@ -18,16 +18,6 @@ using nlohmann::json;
 
 namespace {
 
-void expect_equal(const Volume& a, const Volume& b) {
-    EXPECT_EQ(a.grid, b.grid);
-    EXPECT_EQ(a.sh_order, b.sh_order);
-    EXPECT_EQ(a.sh, b.sh);
-    EXPECT_EQ(a.occlusion, b.occlusion);
-    EXPECT_EQ(a.validity, b.validity);
-    EXPECT_EQ(a.walls, b.walls);
-    EXPECT_EQ(a.metadata, b.metadata);
-}
-
 template <class Number>
 Number at(const std::string& bytes, size_t offset) {
     Number value;

@@ -16,16 +16,6 @@ namespace {
 const std::string reader =
     "/usr/bin/python3 -c \"import pyopenvdb as vdb, sys\nfile = sys.argv[1]\n";
 
-void expect_equal(const Volume& a, const Volume& b) {
-    EXPECT_EQ(a.grid, b.grid);
-    EXPECT_EQ(a.sh_order, b.sh_order);
-    EXPECT_EQ(a.sh, b.sh);
-    EXPECT_EQ(a.occlusion, b.occlusion);
-    EXPECT_EQ(a.validity, b.validity);
-    EXPECT_EQ(a.walls, b.walls);
-    EXPECT_EQ(a.metadata, b.metadata);
-}
-
 /// Half has 11 significant bits, and a spacing of 2^-24 near zero.
 void expect_half(float expected, float found) {
     EXPECT_NEAR(found, expected, std::abs(expected) / 2048 + 1.0f / (1 << 25));
@@ -314,7 +304,8 @@ TEST(Io, DispatchesOnTheExtension) {
         const Error error =
             error_of(name, [&] { io::write_volume(folder / name, volume, Precision::full); });
         EXPECT_EQ(error.kind, ErrorKind::argument);
-        EXPECT_NE(std::string(error.what()).find(".vdb, .nvdb, .exr, .ktx2 or .dds"), std::string::npos);
+        EXPECT_NE(std::string(error.what()).find(".vdb, .nvdb, .exr, .ktx2 or .dds"),
+                  std::string::npos);
         EXPECT_EQ(error_of(name, [&] { read_volume(folder / name); }).kind, ErrorKind::argument);
     }
 }

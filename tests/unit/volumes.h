@@ -35,6 +35,16 @@ private:
     std::filesystem::path path_;
 };
 
+inline void expect_equal(const Volume& a, const Volume& b) {
+    EXPECT_EQ(a.grid, b.grid);
+    EXPECT_EQ(a.sh_order, b.sh_order);
+    EXPECT_EQ(a.sh, b.sh);
+    EXPECT_EQ(a.occlusion, b.occlusion);
+    EXPECT_EQ(a.validity, b.validity);
+    EXPECT_EQ(a.walls, b.walls);
+    EXPECT_EQ(a.metadata, b.metadata);
+}
+
 /// Cells of random light; a third of them outside (invalid) and black, all else random too.
 inline Volume random_volume(glm::ivec3 dims, int order, bool occlusion, unsigned seed,
                             float scale = 1000) {
