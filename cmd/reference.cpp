@@ -126,8 +126,9 @@ void run(const ReferenceOptions& o, const std::string& settings) {
         o.like_grid ? *o.like_grid : volume::fit_grid(box.lo, box.hi, o.grid_settings());
     reference::Reference reference =
         reference::make_reference(scene, grid, to_settings(o), run.progress);
+    std::optional<ErrorKind> ended;
     if (reference.interrupted)
-        forget_signal();
+        ended = forget_signal();
     run.warn(reference.warnings);
     if (volume::total_energy(reference.volume) == 0.0)
         run.warn(std::vector{about(scene.path, scene::why_dark(scene))});
@@ -144,10 +145,9 @@ void run(const ReferenceOptions& o, const std::string& settings) {
     run.progress.end();
     print_result(o, scene, reference, written, run);
     finish_stdout();
-    if (reference.interrupted)
-        throw Error(ErrorKind::interrupted,
-                    format("interrupted at a noise of %.3g %%; the files are whole",
-                           100 * reference.noise));
+    if (ended)
+        throw Error(*ended, format("interrupted at a noise of %.3g %%; the files are whole",
+                                   100 * reference.noise));
 }
 
 options::Action declare(options::Options& options) {

@@ -1,6 +1,5 @@
 #include "terminal.h"
 
-#include "lpvbake/error.h"
 #include "options/wording.h"
 
 #include <algorithm>
@@ -45,8 +44,10 @@ void stop_if_signalled() {
         throw Error(ErrorKind::terminated, "terminated");
 }
 
-void forget_signal() {
+ErrorKind forget_signal() {
+    const bool terminated = noted_signal == SIGTERM;
     noted_signal = 0;
+    return terminated ? ErrorKind::terminated : ErrorKind::interrupted;
 }
 
 void finish_stdout() {

@@ -1,6 +1,7 @@
 // What a person at the terminal sees and does: progress, warnings, signals.
 #pragma once
 
+#include "lpvbake/error.h"
 #include "lpvbake/progress.h"
 
 #include <chrono>
@@ -16,8 +17,9 @@ void watch_signals();
 /// Throws Error (interrupted, terminated) once a signal was noted.
 void stop_if_signalled();
 
-/// What was noted is done: the program goes on to its end.
-void forget_signal();
+/// What was noted is done, the program goes on to its end: which is the error to end with then,
+/// interrupted or terminated.
+ErrorKind forget_signal();
 
 /// Writes out what is buffered for standard output. Throws Error (file) if any of it was lost.
 void finish_stdout();

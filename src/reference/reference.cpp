@@ -352,7 +352,7 @@ ProbeField trace_probes(const Scene& scene, const visibility::Visibility& visibi
         const double taken =
             std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
         const double a_ray = pass > 0 ? taken / double(sums.rays) : 0.0;
-        if (settings.seconds > 0.0 && taken + a_ray * double(rays) > settings.seconds)
+        if (pass > 0 && settings.seconds > 0.0 && taken + a_ray * double(rays) > settings.seconds)
             break;
         const ProbeSums whole = sums;
         try {

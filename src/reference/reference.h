@@ -17,7 +17,7 @@ struct ReferenceSettings {
     int sh_order = 1;     ///< 0 to 4
     uint64_t rays = 1024; ///< from each point, rounded up to a multiple of ray_batches
     double noise = 0.0;   ///< above 0: stop at this ProbeField::noise, `rays` at the latest
-    double seconds = 0.0; ///< above 0: begin no pass that would end later than this
+    double seconds = 0.0; ///< above 0: begin no pass but the first that would end later than this
     uint64_t seed = 1;    ///< another one gives an independent estimate
     uint64_t probes = 0;  ///< cells to evaluate, drawn from the valid ones; 0: all cells
     visibility::Isa isa = visibility::Isa::automatic; ///< that make_reference traces with

@@ -90,6 +90,26 @@ TEST_F(ReferenceCli, StopsAtTheNoise) {
     EXPECT_NE(cut.err.find("cornell_box.gltf: the noise is still"), std::string::npos) << cut.err;
 }
 
+TEST_F(ReferenceCli, StopsAtTheTime) {
+    const std::string common = "\"$ROOM\" -o a.vdb --resolution 8 --seed 3 ";
+    // The first pass is made however little time there is, and no second one.
+    const json least = run_json(common + "--time-budget 0.1ms");
+    EXPECT_EQ(least["rays"], 256);
+    EXPECT_EQ(read_volume(folder_ / "a.vdb").metadata.at("rays"), "256");
+    const auto sh = read_volume(folder_ / "a.vdb").sh;
+    EXPECT_EQ(run_json(common + "--rays 256 --noise 100%")["rays"], 256);
+    EXPECT_EQ(read_volume(folder_ / "a.vdb").sh, sh);
+    // Where there is time enough the rest decides.
+    EXPECT_EQ(run_json(common + "--time-budget 10min --rays 512")["rays"], 512);
+    EXPECT_LE(run_json(common + "--time-budget 10min --noise 30%")["noise"], 0.3);
+    // What is left of the noise then is told.
+    const CliResult cut = run(common + "--time-budget 0.1ms --noise 0.01%");
+    EXPECT_EQ(cut.status, 0);
+    EXPECT_NE(cut.err.find("the noise is still"), std::string::npos) << cut.err;
+    for (const char* bad : {"0", "-1s", "x", "1h"})
+        expect_error(common + "--time-budget=" + bad, cmd::ExitCode::usage, "--time-budget");
+}
+
 TEST_F(ReferenceCli, ConfigFileRoundTrips) {
     const std::string given = "\"$ROOM\" -o a.vdb -e e.vdb --cell-size 0.3 --margin 2 --sun 1,2,3"
                               " --no-emitters --sh-order 2 --bounces inf --rays 100 --noise 2%"

@@ -6,6 +6,7 @@ Usage: faults_test.py LPVBAKE SCENE LAYER_FOLDER, where the layer of vulkan_faul
 """
 
 import ctypes
+import json
 import os
 import pathlib
 import resource
@@ -117,6 +118,43 @@ class Faults(unittest.TestCase):
             self.assertGreater(count, len(stages) // 2, number)
         self.assertEqual(self.bake().returncode, 0)
         self.assertEqual(os.listdir(self.folder), ["light.vdb"])
+
+    def interrupt_reference(self, begun, number):
+        """Sends the signal once so many passes have begun; the exit code and standard error."""
+        command = [LPVBAKE, "reference", SCENE, "-o", str(self.output), "-e", str(self.folder / "error.vdb"),
+                   "--resolution", "8", "--noise", "0.0001%", "--threads", "1", "--progress", "plain"]
+        process = subprocess.Popen(command, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        said = []
+        for line in process.stderr:
+            said.append(line)
+            if sum(": trace " in one and " 0 %, " in one for one in said) == begun:
+                process.send_signal(number)
+                begun = -1
+        process.stderr.close()
+        return process.wait(timeout=120), said
+
+    def test_reference_keeps_whole_passes(self):
+        for number, expected in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):
+            with self.subTest(signal=number):
+                self.output.write_bytes(b"old")
+                code, said = self.interrupt_reference(3, number)
+                self.assertEqual(code, expected)
+                self.assertRegex(said[-1], r"\Alpvbake: error: interrupted at a noise of [0-9.]+ %; the files are whole\n")
+                self.assertEqual(sorted(os.listdir(self.folder)), ["error.vdb", "light.vdb"])
+                told = subprocess.run([LPVBAKE, "info", self.output, "--format", "json"], capture_output=True,
+                                      text=True, timeout=120)
+                self.assertEqual(told.returncode, 0, told.stderr)
+                metadata = json.loads(told.stdout)["metadata"]
+                # What the first passes brought; a pass may end before the signal is looked at.
+                self.assertIn(int(metadata["rays"]), [256 << n for n in range(1, 12)])
+                self.assertGreater(float(metadata["noise"]), 0)
+
+    def test_reference_without_a_whole_pass(self):
+        code, said = self.interrupt_reference(1, signal.SIGINT)
+        if code == 130 and said[-1] == "lpvbake: error: interrupted\n":
+            self.expect_old_alone()
+        else:  # the pass was done before the signal was looked at
+            self.assertIn("the files are whole", said[-1])
 
     def test_killed_while_writing(self):
         """What a killed process leaves is gone after the next run."""
