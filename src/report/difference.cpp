@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <sstream>
 
 namespace lpvbake::report {
@@ -55,6 +56,11 @@ std::string threshold_text(const char* name, const Threshold& threshold, uint64_
     return text + "\n";
 }
 
+bool is_traced(const Volume& volume) {
+    const auto solver = volume.metadata.find("solver");
+    return solver != volume.metadata.end() && solver->second == "reference";
+}
+
 std::string worst_text(const Difference& result) {
     const volume::Comparison& c = result.comparison;
     const Grid& grid = result.b.grid;
@@ -103,7 +109,47 @@ std::optional<std::string> offence(const Threshold& threshold, uint64_t exceedin
     return text.str();
 }
 
+/// What the numbers of a measurement mean.
+std::string measurement_text(const Difference& result) {
+    const volume::Comparison& c = result.comparison;
+    const int order_a = result.a.sh_order, order_b = result.b.sh_order;
+    std::string text = format("A          %s\n", result.path_a.c_str());
+    text += format("B          %s: path-traced, %s in both\n", result.path_b.c_str(),
+                   counted(c.valid_both, "cell").c_str());
+    text += format("error      %.3g %% on average: |A - B| of the irradiance from 26 directions at "
+                   "every cell, over B's\n",
+                   100 * c.relative_l1);
+    const auto noise = result.b.metadata.find("noise");
+    if (noise != result.b.metadata.end())
+        text += format("           B is itself uncertain by %.3g %%, which adds in squares\n",
+                       100 * std::strtod(noise->second.c_str(), nullptr));
+    if (order_a < order_b)
+        text += format("           what A's bands (order %d) cannot hold and B's (order %d) do is "
+                       "part of it\n",
+                       order_a, order_b);
+    else
+        text += format("           what bands up to order %d cannot hold is no part of it: B lacks "
+                       "it, too\n",
+                       order_b);
+    text += format("energy     A holds %.3g %% too %s light\n", 100 * std::abs(c.energy_ratio - 1),
+                   c.energy_ratio > 1 ? "much" : "little");
+    text +=
+        format("spread     95 of 100 values are off by less than %.3g %% of the mean (%.4g lx), "
+               "the worst by %.4g %%; RMS %.3g %%\n",
+               100 * c.percentile95, c.mean_b, 100 * c.max, 100 * c.relative_rms);
+    if (c.negative_a > 0)
+        text += format("negative   %llu values of A, taken as 0\n",
+                       static_cast<unsigned long long>(c.negative_a));
+    text += threshold_text("fail", result.fail, c.exceeding[0], c);
+    text += threshold_text("warn", result.warn, c.exceeding[1], c);
+    return text + worst_text(result);
+}
+
 } // namespace
+
+bool Difference::is_measurement() const {
+    return is_traced(b) && !is_traced(a);
+}
 
 MetadataDifference metadata_difference(const Volume& a, const Volume& b) {
     MetadataDifference result;
@@ -127,7 +173,7 @@ std::optional<std::string> failure(const Difference& result) {
         const auto why = offence(result.fail, result.comparison.exceeding[0], result.comparison);
         return why ? std::optional(": " + *why) : std::nullopt;
     }
-    if (result.comparison.identical)
+    if (result.comparison.identical || result.is_measurement())
         return {};
     std::string grids;
     const auto list = [&](const std::string& name, const char* where) {
@@ -221,6 +267,8 @@ Json difference_json(const Difference& result) {
 }
 
 std::string difference_text(const Difference& result) {
+    if (result.is_measurement())
+        return measurement_text(result);
     const volume::Comparison& c = result.comparison;
     std::string text;
     const Grid& grid = result.b.grid;

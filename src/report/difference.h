@@ -40,10 +40,13 @@ struct Difference {
     Threshold fail, warn;
     bool metadata_fails = false;
     MetadataDifference metadata;
+
+    /// A bake beside path-traced light: that it differs is no question, and how far is told short.
+    bool is_measurement() const;
 };
 
 /// How A fails, to follow "A differs from B"; none: it does not. Without `fail` any difference of
-/// any value does.
+/// any value does, but none of a measurement.
 std::optional<std::string> failure(const Difference& difference);
 /// The same for `warn`, to follow "A differs from B: ".
 std::optional<std::string> warning(const Difference& difference);

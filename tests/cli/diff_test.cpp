@@ -169,6 +169,35 @@ TEST_F(Diff, WhatNoSampleSeesStillCountsWithoutThresholds) {
     EXPECT_NE(judged.out.find("result     pass\n"), std::string::npos);
 }
 
+TEST_F(Diff, ABakeBesidePathsIsMeasured) {
+    Volume truth = even_light();
+    truth.metadata = {{"solver", "reference"}, {"noise", "0.0125"}};
+    truth.validity.assign(64, 0);
+    for (int z = 2; z < 4; ++z)
+        truth.validity[truth.grid.index({1, 1, z})] = 1;
+    write("truth.vdb", truth);
+    write("bake.vdb", brighter_corner()); // by a tenth in one of the two cells
+    const CliResult result = run("bake.vdb truth.vdb");
+    EXPECT_EQ(result.status, 0) << result.err;
+    EXPECT_EQ(result.err, "");
+    for (const char* text :
+         {"truth.vdb: path-traced, 2 cells in both\n", "error      5 % on average",
+          "uncertain by 1.25 %", "A holds 5 % too much light", "RMS 7.07 %",
+          "bands up to order 1 cannot hold is no part of it", "result     pass\n"})
+        EXPECT_NE(result.out.find(text), std::string::npos) << text << "\n" << result.out;
+    EXPECT_LE(std::ranges::count(result.out, '\n'), 12) << result.out;
+    EXPECT_EQ(result.out.find("sh_l"), std::string::npos) << result.out;
+    EXPECT_EQ(run_json("bake.vdb truth.vdb", cmd::ExitCode::ok)["result"], "pass");
+    EXPECT_EQ(run("bake.vdb truth.vdb --fail 11%").status, 0);
+    run_json("bake.vdb truth.vdb --fail 9%", cmd::ExitCode::difference);
+    run_json("bake.vdb truth.vdb --metadata", cmd::ExitCode::difference);
+    // Two references may be the same, or not.
+    EXPECT_EQ(run_json("truth.vdb truth.vdb", cmd::ExitCode::ok)["result"], "identical");
+    truth.sh[0][0] *= 2.0f;
+    write("other.vdb", truth);
+    run_json("other.vdb truth.vdb", cmd::ExitCode::difference);
+}
+
 TEST_F(Diff, ThresholdsMeanWhatTheyMeanToIdiff) {
     write("a.vdb", brighter_corner()); // 12.5 % of the samples differ by 10 %
     write("b.vdb", even_light());
