@@ -10,9 +10,11 @@
 #include "options/wording.h"
 #include "report/page.h"
 #include "report/plot.h"
+#include "report/search.h"
 #include "report/tables.h"
 #include "scene_options.h"
 #include "suite.h"
+#include "text.h"
 
 #include <tbb/task_arena.h>
 
@@ -32,12 +34,13 @@ struct ReportOptions : SceneOptions, RunOptions {
     std::vector<std::string> scenes;
     std::vector<std::string> outputs;
     std::string sweep;
+    report::Goal goal;
     SuiteRun suite;
     /// Comma-separated values by the option of a sweep; empty: not given.
     std::vector<std::pair<std::string, std::string>> axes;
     int repeats = 3;
     uint64_t probes = 1000;
-    double noise = 0.01;
+    std::optional<double> noise; ///< none: 1 %, for a wanted error more
     uint64_t rays = 1 << 16;
     uint64_t seed = 1;
     bool no_peer = false;
@@ -116,6 +119,11 @@ std::vector<report::Sweep> read_sweeps(const std::string& path) {
     return sweeps;
 }
 
+/// Whether an error or a time is wanted.
+bool has_goal(const ReportOptions& o) {
+    return o.goal.error || o.goal.seconds;
+}
+
 std::vector<report::SweepRow> rows_of(const ReportOptions& o) {
     bake::BakeSettings base;
     base.grid.margin = o.grid_settings().margin;
@@ -124,6 +132,8 @@ std::vector<report::SweepRow> rows_of(const ReportOptions& o) {
     for (const auto& [option, values] : o.axes)
         if (!values.empty())
             listed.push_back({option, options::split(values, ',')});
+    if (has_goal(o))
+        return report::candidate_rows(listed, o.goal, base);
     if (!o.sweep.empty() && !listed.empty())
         throw Error(ErrorKind::argument,
                     "--sweep and --" + listed.front().option + " exclude each other");
@@ -143,7 +153,8 @@ report::ReportSettings to_settings(const ReportOptions& o) {
     settings.repeats = o.repeats;
     settings.probes = o.probes;
     settings.seed = o.seed;
-    settings.truth = {o.noise, o.rays, o.seed};
+    settings.truth = {o.noise.value_or(std::max(0.01, o.goal.error.value_or(0) / 3)), o.rays,
+                      o.seed};
     settings.peer = !o.no_peer;
     settings.slices = settings.views = !o.no_slices && wants(o, ".html");
     return settings;
@@ -176,7 +187,8 @@ std::string shared_command(const options::Options& options, const std::string& s
     const options::Action keeps_fields = bake_command().declare(bake);
     std::string command =
         "lpvbake bake " + shell_word((scene.starts_with('-') ? "./" : "") + scene) + " -o out.vdb";
-    const std::vector<std::string> own{"output", "format", "progress", "config"};
+    const std::vector<std::string> own{"output", "format", "progress",
+                                       "config", "error",  "time-budget"};
     const std::vector<std::string> swept = report::sweep_options();
     for (const options::Option& option : options.rows()) {
         const std::string name = option.name();
@@ -197,14 +209,26 @@ std::string row_command(const std::string& shared, const report::SweepRow& row) 
     return command;
 }
 
+/// Before the work, since it is long.
+void print_expected(double seconds, const ReportOptions& o) {
+    std::printf("expected      about %s s in all, each row baked %s\n",
+                report::rough(seconds).c_str(), counted(uint64_t(o.repeats), "time").c_str());
+    std::fflush(stdout);
+}
+
+/// The head of the documents of dry runs.
+report::Json plan_document() {
+    return {{"command", "report"},
+            {"version", LPVBAKE_VERSION},
+            {"dry_run", true},
+            {"scenes", report::Json::array()}};
+}
+
 /// Lists what would be baked, with estimates.
 void print_plan(const ReportOptions& o, const options::Options& options,
                 const std::vector<Scene>& scenes, const std::vector<report::SweepRow>& rows,
-                const gpu::DeviceInfo& device) {
-    report::Json document{{"command", "report"},
-                          {"version", LPVBAKE_VERSION},
-                          {"dry_run", true},
-                          {"scenes", report::Json::array()}};
+                const gpu::Device& device, Progress& progress) {
+    report::Json document = plan_document();
     double seconds = 0;
     for (std::size_t i = 0; i < scenes.size(); ++i) {
         const std::string command = shared_command(options, o.scenes[i]);
@@ -212,28 +236,28 @@ void print_plan(const ReportOptions& o, const options::Options& options,
         if (o.format == Format::text)
             std::printf("scene         %s\n", o.scenes[i].c_str());
         const bake::SceneFacts facts = bake::survey(scenes[i]);
-        for (const report::SweepRow& row : rows_in(scenes[i], o, rows)) {
-            const bake::BakePlan plan = bake::plan_bake(facts, row.settings, device);
-            seconds += plan.seconds * o.repeats;
-            report::RowResult result;
-            result.row = row;
+        const std::vector<report::SweepRow> here = rows_in(scenes[i], o, rows);
+        for (const report::SweepRow& row : here) {
+            const bake::BakePlan plan = bake::plan_bake(facts, row.settings, device.info());
             const glm::ivec3 dims = plan.grid.dims;
-            entries.push_back({{"name", report::row_name(result)},
+            entries.push_back({{"name", report::row_name(row)},
                                {"command", row_command(command, row)},
                                {"dims", {dims.x, dims.y, dims.z}},
                                {"seconds", plan.seconds}});
             if (o.format == Format::text)
                 std::printf("row           %-28s %4d x %4d x %4d cells, about %.2g s each\n",
-                            report::row_name(result).c_str(), dims.x, dims.y, dims.z, plan.seconds);
+                            report::row_name(row).c_str(), dims.x, dims.y, dims.z, plan.seconds);
         }
-        document["scenes"].push_back({{"scene", o.scenes[i]}, {"rows", entries}});
+        const double here_seconds =
+            report::expected_seconds(scenes[i], here, to_settings(o), device, progress);
+        seconds += here_seconds;
+        document["scenes"].push_back(
+            {{"scene", o.scenes[i]}, {"rows", entries}, {"expected_seconds", here_seconds}});
     }
     if (o.format == Format::json)
         print_json(document);
     else
-        std::printf("bakes         about %.2g s in all, %d of each row; the reference comes on "
-                    "top\n",
-                    seconds, o.repeats);
+        print_expected(seconds, o);
 }
 
 void write_outputs(const ReportOptions& o, const report::Report& report) {
@@ -258,42 +282,23 @@ void write_outputs(const ReportOptions& o, const report::Report& report) {
     }
 }
 
-void run(const ReportOptions& o, const options::Options& options) {
-    check_options(o);
-    check_baseline(o.suite.baseline);
+/// Measures all rows in all scenes.
+void run_rows(const ReportOptions& o, const options::Options& options,
+              const std::vector<Scene>& scenes, const std::vector<report::SweepRow>& rows,
+              const gpu::Device& device, TerminalProgress& progress) {
     const auto begin = std::chrono::steady_clock::now();
-    const std::vector<report::SweepRow> rows = rows_of(o);
-    const GivenLights lights = command_line_lights(o);
-    probe_outputs(o.outputs);
-    if (!o.dry_run && (wants(o, ".svg") || wants(o, ".html")))
-        report::require_gnuplot();
-    limit_threads(o.threads);
-    const image::ImageModulePreload preload = image::preload_image_module();
-
-    watch_signals();
-    TerminalProgress progress(o.progress);
-    std::vector<Scene> scenes;
-    for (const std::string& path : o.scenes) {
-        SceneOptions one = o;
-        one.scene = path;
-        progress.set_subject(path);
-        progress.begin("load", 0);
-        probe_scene(one);
-        scenes.push_back(load_scene(one, lights));
-        for (const std::string& warning : scenes.back().warnings)
-            progress.warn(warning);
-    }
-    const gpu::Device device({o.device, false});
-    if (o.dry_run) {
-        progress.end();
-        print_plan(o, options, scenes, rows, device.info());
-        return;
-    }
-
     report::Report report;
     report.device = device.info().name;
     report.threads = unsigned(tbb::this_task_arena::max_concurrency());
     report.settings = to_settings(o);
+    if (o.format == Format::text) {
+        double expected = 0;
+        for (const Scene& scene : scenes)
+            expected += report::expected_seconds(scene, rows_in(scene, o, rows), report.settings,
+                                                 device, progress);
+        progress.erase();
+        print_expected(expected, o);
+    }
     for (std::size_t i = 0; i < scenes.size(); ++i) {
         progress.set_subject(o.scenes[i]);
         report.scenes.push_back(report::measure_scene(scenes[i], rows_in(scenes[i], o, rows),
@@ -325,6 +330,101 @@ void run(const ReportOptions& o, const options::Options& options) {
     const std::string worse = judge_by_baseline(o.suite.baseline, report::baseline_of(report));
     if (!worse.empty())
         throw Error(ErrorKind::difference, worse);
+}
+
+/// Seeks settings for what is wanted, scene by scene, or tells how long that would take.
+void run_search(const ReportOptions& o, const options::Options& options,
+                const std::vector<Scene>& scenes, const std::vector<report::SweepRow>& rows,
+                const gpu::Device& device, TerminalProgress& progress) {
+    const auto begin = std::chrono::steady_clock::now();
+    const report::ReportSettings settings = to_settings(o);
+    const unsigned threads = unsigned(tbb::this_task_arena::max_concurrency());
+    report::Json document = o.dry_run ? plan_document()
+                                      : report::Json{{"command", "report"},
+                                                     {"version", LPVBAKE_VERSION},
+                                                     {"device", device.info().name},
+                                                     {"threads", threads},
+                                                     {"repeats", o.repeats},
+                                                     {"seed", o.seed},
+                                                     {"scenes", report::Json::array()}};
+    document["goal"] = report::goal_json(o.goal);
+    const bool text = o.format == Format::text;
+    if (text && !o.dry_run)
+        std::printf("device        %s\nthreads       %u\n", device.info().name.c_str(), threads);
+    std::string missed;
+    for (std::size_t i = 0; i < scenes.size(); ++i) {
+        progress.set_subject(o.scenes[i]);
+        report::SearchedScene scene{o.scenes[i], scene::triangle_count(scenes[i]), {}, {}};
+        scene.search = report::begin_search(scenes[i], rows_in(scenes[i], o, rows), o.goal,
+                                            settings, device, progress);
+        const std::string command = shared_command(options, o.scenes[i]);
+        for (report::Candidate& candidate : scene.search.candidates)
+            candidate.command = row_command(command, candidate.row);
+        progress.erase();
+        if (text) {
+            std::printf("scene         %s\nexpected      %s\n", o.scenes[i].c_str(),
+                        report::expected_text(scene.search).c_str());
+            std::fflush(stdout);
+        }
+        if (o.dry_run) {
+            document["scenes"].push_back(report::search_plan_json(scene));
+            if (text)
+                print_text(report::search_plan_text(scene));
+            continue;
+        }
+        scene.result = report::search(scenes[i], scene.search, settings, device, progress);
+        for (report::Trial& trial : scene.result.trials)
+            for (std::string& warning : trial.warnings)
+                warning = options::in_options(warning);
+        document["scenes"].push_back(report::search_json(scene));
+        progress.end();
+        if (text)
+            print_text(report::search_text(scene));
+        if (!scene.result.found && missed.empty())
+            missed = report::nearest_text(scene);
+    }
+    progress.end();
+    document["seconds"] = seconds_since(begin);
+    if (!text)
+        print_json(document);
+    finish_stdout();
+    if (!missed.empty())
+        throw Error(ErrorKind::difference, missed);
+}
+
+void run(const ReportOptions& o, const options::Options& options) {
+    check_options(o);
+    check_baseline(o.suite.baseline);
+    const std::vector<report::SweepRow> rows = rows_of(o);
+    const GivenLights lights = command_line_lights(o);
+    probe_outputs(o.outputs);
+    if (!o.dry_run && (wants(o, ".svg") || wants(o, ".html")))
+        report::require_gnuplot();
+    limit_threads(o.threads);
+    const image::ImageModulePreload preload = image::preload_image_module();
+
+    watch_signals();
+    TerminalProgress progress(o.progress);
+    std::vector<Scene> scenes;
+    for (const std::string& path : o.scenes) {
+        SceneOptions one = o;
+        one.scene = path;
+        progress.set_subject(path);
+        progress.begin("load", 0);
+        probe_scene(one);
+        scenes.push_back(load_scene(one, lights));
+        for (const std::string& warning : scenes.back().warnings)
+            progress.warn(warning);
+    }
+    const gpu::Device device({o.device, false});
+    if (has_goal(o)) {
+        run_search(o, options, scenes, rows, device, progress);
+    } else if (o.dry_run) {
+        progress.end();
+        print_plan(o, options, scenes, rows, device, progress);
+    } else {
+        run_rows(o, options, scenes, rows, device, progress);
+    }
 }
 
 /// A row for each option that a sweep can set, whose values are checked one by one.
@@ -361,6 +461,16 @@ options::Action declare(options::Options& options) {
         .texts("-o,--output", o.outputs, "FILE",
                "Report to write: .html, .svg, .csv or .json; may be repeated")
         .keep_to_one_run();
+    options.group("Goal");
+    options
+        .share("--error", o.goal.error, 1e-6, 1,
+               "Find settings with which bakes of the scene err by no more: see below")
+        .exclude({"output", "sweep", "quality", "baseline", "no-peer", "no-slices"});
+    options
+        .value("--time-budget", o.goal.seconds, "TIME", options::parse_seconds,
+               "Find settings with which a bake takes no longer, as 10s; both: settings that keep "
+               "both")
+        .exclude({"output", "sweep", "quality", "baseline", "no-peer", "no-slices"});
     options.group("Sweep");
     options.text("--sweep", o.sweep, "FILE", "TOML file of values: see below");
     add_axes(options, o);
@@ -397,7 +507,10 @@ options::Action declare(options::Options& options) {
     options.number("--probes", o.probes, 1, 100'000, "Cells of each grid, and points on surfaces")
         .record();
     options
-        .share("--noise", o.noise, 1e-6, 1, "Trace the reference until its noise is at most this")
+        .share("--noise", o.noise, 1e-6, 1,
+               "Trace the reference until its noise is at most this; default: 1%, with --error a "
+               "third of it if that is more")
+        .implies([&o] { return options::number_text(to_settings(o).truth.noise); })
         .record();
     options.number("--rays", o.rays, 64, 1 << 24, "From each probe of the reference at most")
         .record();

@@ -1,5 +1,6 @@
 #include "verification.h"
 
+#include "report/tables.h"
 #include "text.h"
 
 #include <cstdio>
@@ -7,16 +8,6 @@
 
 namespace lpvbake::cmd {
 namespace {
-
-report::Json error_json(const report::MeasuredError& error) {
-    if (error.points == 0)
-        return nullptr;
-    return {{"error", error.error},
-            {"low", error.low},
-            {"high", error.high},
-            {"points", error.points},
-            {"noise", error.noise}};
-}
 
 const char* kind_of(const report::WrongPlace& place) {
     return place.on_surface ? "surface" : "cell";
@@ -56,8 +47,8 @@ report::Json verified_json(const report::Verified& verified, const std::string& 
                          {"shown", place.shown},
                          {"truth", place.true_},
                          {"share", place.share}});
-    return {{"cells", error_json(verified.cells)},
-            {"surfaces", error_json(verified.surfaces)},
+    return {{"cells", report::measured_json(verified.cells)},
+            {"surfaces", report::measured_json(verified.surfaces)},
             {"reader", reader},
             {"rays", verified.rays},
             {"seconds", verified.seconds},

@@ -32,7 +32,7 @@ Baseline baseline_of(const Report& report) {
     for (const SceneReport& scene : report.scenes)
         for (const RowResult& result : scene.rows) {
             const std::string name = std::filesystem::path(scene.path).filename().string();
-            BaselineRow& row = baseline[name + ": " + row_name(result)];
+            BaselineRow& row = baseline[name + ": " + row_name(result.row)];
             set(row, "error", result.error.relative_l1);
             set(row, "projected", result.projected.relative_l1);
             set(row, "energy", result.error.energy_ratio);

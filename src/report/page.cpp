@@ -54,7 +54,7 @@ std::string bakes_table(const SceneReport& scene) {
         + head({"bake", "seconds", "from &ndash; to", "error", "RMS", "in the same SH", "energy",
                 "negative", "on surfaces", "Unity", "three.js", "VRC", "Bevy", "against the peer"});
     for (const RowResult& row : scene.rows) {
-        html += std::string(row.front ? "<tr class=\"front\">" : "<tr>") + cell(row_name(row))
+        html += std::string(row.front ? "<tr class=\"front\">" : "<tr>") + cell(row_name(row.row))
                 + cell(seconds_text(row.seconds.median))
                 + cell(seconds_text(row.seconds.min) + " - " + seconds_text(row.seconds.max))
                 + cell(percent(row.error.relative_l1)) + cell(percent(row.error.relative_rms))
@@ -68,7 +68,7 @@ std::string bakes_table(const SceneReport& scene) {
     }
     html += "</table>\n<table>\n" + head({"bake", "seconds by stage"});
     for (const RowResult& row : scene.rows)
-        html += "<tr>" + cell(row_name(row)) + text_cell(stages_text(row)) + "</tr>\n";
+        html += "<tr>" + cell(row_name(row.row)) + text_cell(stages_text(row)) + "</tr>\n";
     return html + "</table>\n";
 }
 
@@ -118,7 +118,7 @@ std::string slices_of(const SceneReport& scene) {
             continue;
         const Slices& s = *grid.slices;
         html += "<div>"
-                + picture(s.result, row_name(scene.rows[s.row])
+                + picture(s.result, row_name(scene.rows[s.row].row)
                                         + format(": mean luminance, layer %c = %d; white is "
                                                  "%.3g nit",
                                                  "xyz"[s.axis], s.index, s.white))
@@ -141,7 +141,7 @@ std::string views_of(const SceneReport& scene) {
         html += picture(view.picture, view.what + ": " + percent(view.error.relative_l1)
                                           + format(" wrong on surfaces, energy %.3g; FLIP %.3f",
                                                    view.error.energy_ratio, view.flip));
-    return html + "</div>\n<p class=\"note\">" + html_text(row_name(scene.rows[v.row]))
+    return html + "</div>\n<p class=\"note\">" + html_text(row_name(scene.rows[v.row].row))
            + ", the best bake on surfaces, seen by " + html_text(v.camera)
            + format(
                " at EV %.3g. Our own sampler reads the field; each of the programs (Unreal and "

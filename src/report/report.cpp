@@ -2,17 +2,16 @@
 
 #include "bake/bake.h"
 #include "bake/surface_fit.h"
-#include "colour/colour.h"
 #include "io/target.h"
 #include "lpvbake/error.h"
 #include "readers/readers.h"
 #include "reference/peer.h"
 #include "reference/sampler.h"
+#include "report/cells.h"
 #include "report/slices.h"
 #include "report/views.h"
 #include "surface/lit_surfaces.h"
 #include "text.h"
-#include "visibility/validity.h"
 #include "volume/compare.h"
 #include "volume/sh.h"
 
@@ -46,15 +45,6 @@ public:
 private:
     Progress& outer_;
     std::string title_;
-};
-
-/// What is needed to trace in a grid's frame.
-struct Place {
-    Place(const Scene& scene, const Grid& grid)
-        : frame(scene::frame_of(grid)),
-          visibility(scene, frame) {}
-    scene::Frame frame;
-    visibility::Visibility visibility;
 };
 
 /// Rays of the peer, from each probe.
@@ -97,37 +87,12 @@ SurfaceTruth trace_surfaces(const Scene& scene, const Grid& grid, const Bounds& 
 
 /// The reference at the probes of a grid, kept while its rows are baked.
 struct GridTruth {
-    std::unique_ptr<const Place> place;
-    std::vector<std::size_t> cells;
+    DrawnCells drawn;
     Truth truth;
     LayerChoice layer;
     std::map<int, Volume> layers; ///< by SH order
     uint64_t layer_rays = 0;
 };
-
-FieldError error_at_cells(const std::vector<std::vector<glm::vec3>>& sh, int order,
-                          const std::vector<std::vector<glm::vec3>>& true_sh,
-                          std::span<const glm::dvec3> truth) {
-    uint64_t negative = 0;
-    FieldError error = error_of(irradiance_of(sh, order, &negative), truth);
-    error.negative = negative;
-    glm::dvec3 light{0.0}, true_light{0.0};
-    for (const glm::vec3& c : sh[0])
-        light += glm::dvec3(c);
-    for (const glm::vec3& c : true_sh[0])
-        true_light += glm::dvec3(c);
-    const double whole = glm::dot(true_light, colour::rec709_luminance);
-    if (whole > 0)
-        error.energy_ratio = glm::dot(light, colour::rec709_luminance) / whole;
-    return error;
-}
-
-/// Both errors of coefficients at a grid's probes.
-void measure(const std::vector<std::vector<glm::vec3>>& sh, int order, const Truth& truth,
-             FieldError& error, FieldError& projected) {
-    error = error_at_cells(sh, order, truth.sh, truth.irradiance);
-    projected = error_at_cells(sh, order, truth.sh, irradiance_of(truth.sh, order));
-}
 
 FieldError surface_error(const readers::Reader& reader, const Volume& volume,
                          const SurfaceTruth& surfaces) {
@@ -286,34 +251,30 @@ std::vector<PeerPoint> trace_peers(const Scene& scene, const Place& place, const
         point.rays_per_second = double(traced) / point.measured;
         point.embree_rays_per_second =
             embree_rate(scene, place, points, peer, traced, settings.repeats);
-        for (std::size_t i = 0; i < floor_orders.size(); ++i)
-            measure(sh, floor_orders[i], truth, point.error[i], point.projected[i]);
+        for (std::size_t i = 0; i < floor_orders.size(); ++i) {
+            const CellErrors errors = errors_at_cells(sh, floor_orders[i], truth);
+            point.error[i] = errors.error;
+            point.projected[i] = errors.projected;
+        }
         curve.push_back(point);
     }
     return curve;
 }
 
+/// Whether light is reflected more than once, so that probes may look up what surfaces share.
+bool shares_bounces(const GridResult& grid) {
+    return grid.rules.bounces != 0 && grid.rules.bounces != 1;
+}
+
 GridTruth trace_grid(const Scene& scene, GridResult& grid, const std::set<int>& orders,
                      const ReportSettings& settings, Progress& progress) {
-    const Clock::time_point begin = Clock::now();
     GridTruth kept;
-    kept.place = std::make_unique<const Place>(scene, grid.grid);
-    const Place& place = *kept.place;
-    const std::vector<float> validity =
-        visibility::trace_validity(place.visibility, grid.grid.dims);
-    const double setup = since(begin);
-    kept.cells = draw_cells(validity, settings.probes, settings.seed);
-    grid.valid = uint64_t(std::ranges::count(validity, 1.0f));
-    grid.probes = kept.cells.size();
-    if (kept.cells.empty())
-        throw Error(ErrorKind::invalid,
-                    scene.path + ": no cell of the grid has its centre outside geometry");
-    std::vector<glm::vec3> points;
-    for (const std::size_t cell : kept.cells)
-        points.push_back(place.visibility.capture(grid.grid.cell_at(cell)).point);
-
-    kept.truth = trace_truth(scene, place.visibility, place.frame, points, {}, grid.rules,
-                             settings.truth, progress);
+    kept.drawn = draw_cells(scene, grid.grid, settings.probes, settings.seed);
+    const Place& place = *kept.drawn.place;
+    const double setup = kept.drawn.setup;
+    grid.valid = kept.drawn.valid;
+    grid.probes = kept.drawn.cells.size();
+    kept.truth = trace_truth(scene, kept.drawn, grid.rules, settings.truth, progress);
     grid.noise = kept.truth.noise;
     grid.rays = kept.truth.rays;
     grid.converged = kept.truth.converged;
@@ -323,19 +284,22 @@ GridTruth trace_grid(const Scene& scene, GridResult& grid, const std::set<int>& 
             error_at_cells(kept.truth.sh, floor_orders[i], kept.truth.sh, kept.truth.irradiance);
     if (settings.peer) {
         Titled peer(progress, "peer ");
-        grid.peer = trace_peers(scene, place, grid, points, setup, kept.truth, {}, settings, peer);
-        if (grid.rules.bounces != 0 && grid.rules.bounces != 1) {
+        grid.peer = trace_peers(scene, place, grid, kept.drawn.points, setup, kept.truth, {},
+                                settings, peer);
+        if (shares_bounces(grid)) {
             const SharedBounces bounces(scene, place, grid.rules);
-            grid.sharing = trace_peers(scene, place, grid, points, setup + bounces.seconds,
-                                       kept.truth, std::cref(bounces), settings, peer);
+            grid.sharing =
+                trace_peers(scene, place, grid, kept.drawn.points, setup + bounces.seconds,
+                            kept.truth, std::cref(bounces), settings, peer);
         }
     }
     if (settings.slices) {
         Titled slice(progress, "slice ");
         kept.layer = shown_layer(grid.grid);
         for (const int order : orders)
-            if (auto layer = trace_layer(scene, place.visibility, grid.grid, validity, kept.layer,
-                                         order, grid.rules, settings.seed, kept.layer_rays, slice))
+            if (auto layer =
+                    trace_layer(scene, place.visibility, grid.grid, kept.drawn.validity, kept.layer,
+                                order, grid.rules, settings.seed, kept.layer_rays, slice))
                 kept.layers.emplace(order, std::move(*layer));
     }
     return kept;
@@ -367,11 +331,10 @@ Volume bake_row(const Scene& scene, int repeats, const gpu::Device& device, RowR
 
 void measure_row(const Volume& volume, const GridTruth& truth, const SurfaceTruth& surfaces,
                  std::span<const readers::FitPoint> points, RowResult& row) {
-    std::vector<std::vector<glm::vec3>> sh(volume.sh.size());
-    for (std::size_t k = 0; k < sh.size(); ++k)
-        for (const std::size_t cell : truth.cells)
-            sh[k].push_back(volume.sh[k][cell]);
-    measure(sh, volume.sh_order, truth.truth, row.error, row.projected);
+    const CellErrors errors =
+        errors_at_cells(coefficients_at(volume, truth.drawn.cells), volume.sh_order, truth.truth);
+    row.error = errors.error;
+    row.projected = errors.projected;
     if (!surfaces.points.empty()) {
         row.surface = surface_error(*readers::reader_named("lpvbake"), volume, surfaces);
         row.shown = shown_errors(volume, points, surfaces);
@@ -521,7 +484,7 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
                 format("the reference's noise on the grid of %d x %d x %d is still %.3g %%; raise "
                        "`rays`",
                        grid.grid.dims.x, grid.grid.dims.y, grid.grid.dims.z, 100 * grid.noise)));
-        FitPoints fit_points(scene, *truth.place);
+        FitPoints fit_points(scene, *truth.drawn.place);
         std::optional<Volume> best;
         std::size_t best_row = 0;
         for (std::size_t i = 0; i < report.rows.size(); ++i) {
@@ -559,13 +522,31 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
     return report;
 }
 
-std::string row_name(const RowResult& row) {
-    std::string name;
-    for (const auto& [option, value] : row.row.options) {
-        const bool plain = option == "solver" || option == "resolution" || option == "occlusion";
-        name += (name.empty() ? "" : " ") + (plain ? value : option + "=" + value);
+double expected_seconds(const Scene& scene, const std::vector<SweepRow>& rows,
+                        const ReportSettings& settings, const gpu::Device& device,
+                        Progress& progress) {
+    SceneReport report;
+    list_rows(scene, rows, device, report);
+    if (report.rows.empty())
+        return 0;
+    double seconds = 0;
+    const bake::SceneFacts facts = bake::survey(scene);
+    for (const SweepRow& row : rows)
+        seconds += settings.repeats * bake::plan_bake(facts, row.settings, device.info()).seconds;
+    const DrawnCells drawn =
+        draw_cells(scene, report.grids[0].grid, settings.probes, settings.seed);
+    const TruthCost truth =
+        truth_cost(scene, drawn, report.grids[0].rules, settings.truth, progress);
+    std::vector<reference::PathRules> rules; // each of which has a truth on surfaces, too
+    for (const GridResult& grid : report.grids) {
+        if (std::ranges::find(rules, grid.rules) == rules.end())
+            rules.push_back(grid.rules);
+        if (settings.peer)
+            for (const uint32_t rays : peer_rays_each)
+                seconds += settings.repeats * double(rays) * double(drawn.cells.size()) * truth.path
+                           * (shares_bounces(grid) ? 2 : 1);
     }
-    return name.empty() ? "what bake takes" : name;
+    return seconds + double(report.grids.size() + rules.size()) * truth.seconds;
 }
 
 namespace {

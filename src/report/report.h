@@ -151,14 +151,17 @@ SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
                           const ReportSettings& settings, const gpu::Device& device,
                           Progress& progress);
 
+/// Seconds that measure_scene is expected to take: bakes by their plans, references and peers by a
+/// pass of few paths in the first row's grid. Throws Error as plan_bake does.
+double expected_seconds(const Scene& scene, const std::vector<SweepRow>& rows,
+                        const ReportSettings& settings, const gpu::Device& device,
+                        Progress& progress);
+
 /// What the ratios mean, in a few words: "peer needs 12 x as long; sharing bounces it needs 3.1 x
 /// as long", ...
 std::string ratio_text(const RowResult& row);
 
 /// What the rows together say of the solvers against the peer: a sentence each.
 std::vector<std::string> verdicts(const SceneReport& scene);
-
-/// The options that set a row apart, for a table: "lpv 32 face".
-std::string row_name(const RowResult& row);
 
 } // namespace lpvbake::report

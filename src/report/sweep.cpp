@@ -85,6 +85,16 @@ void apply(const std::string& name, const std::string& value, solver::SolverKind
         set_parameter(name, value, kinds, settings);
 }
 
+/// Whether a sweep has nothing to tell them apart by.
+bool are_same(const bake::BakeSettings& a, const bake::BakeSettings& b) {
+    return &a.solver.kind() == &b.solver.kind() && a.solver.order() == b.solver.order()
+           && a.solver.lighting_rays() == b.solver.lighting_rays() && a.bounces == b.bounces
+           && a.grid.resolution == b.grid.resolution
+           && std::ranges::all_of(a.solver.kind().parameters, [&](const solver::Parameter& each) {
+                  return a.solver[each.name] == b.solver[each.name];
+              });
+}
+
 /// False for a parameter that another kind of solver has, or that needs what is not set.
 bool means_something(const std::string& name, const solver::SolverSettings& solver,
                      solver::SolverKinds kinds) {
@@ -125,6 +135,15 @@ implied_solver(const std::vector<std::pair<std::string, std::string>>& options,
 
 } // namespace
 
+std::string row_name(const SweepRow& row) {
+    std::string name;
+    for (const auto& [option, value] : row.options) {
+        const bool plain = option == "solver" || option == "resolution" || option == "occlusion";
+        name += (name.empty() ? "" : " ") + (plain ? value : option + "=" + value);
+    }
+    return name.empty() ? "what bake takes" : name;
+}
+
 std::vector<std::string> sweep_options(solver::SolverKinds kinds) {
     std::vector<std::string> names{"solver", bounces.name, quality.name, sh_order.name,
                                    resolution.name};
@@ -152,17 +171,19 @@ std::vector<Sweep> default_sweeps() {
     return {
         {}, // what bake takes
         {{"solver", {"lpv"}},
+         {"bounces", {"inf"}},
          {"resolution", {"16", "32", "64"}},
          {"occlusion", {"none", "sh", "face"}}},
         {{"solver", {"sn", "gather"}},
-         {"bounces", {"1"}},
          {"resolution", {"16", "32", "64"}},
          {"quality", {"fast", "balanced", "accurate"}}},
         {{"solver", {"lpv"}},
+         {"bounces", {"inf"}},
          {"resolution", {"32"}},
          {"occlusion", {"face"}},
          {"iterations", {"16"}}},
         {{"solver", {"lpv"}},
+         {"bounces", {"inf"}},
          {"resolution", {"32"}},
          {"occlusion", {"face"}},
          {"rsm-size", {"128"}}},
@@ -204,8 +225,10 @@ std::vector<SweepRow> sweep_rows(const std::vector<Sweep>& sweeps, const bake::B
             std::erase_if(row.options, [&](const auto& option) {
                 return !means_something(option.first, row.settings.solver, kinds);
             });
-            if (std::ranges::none_of(
-                    rows, [&](const SweepRow& other) { return other.options == row.options; }))
+            if (std::ranges::none_of(rows, [&](const SweepRow& other) {
+                    return other.options == row.options
+                           || (other.options.empty() && are_same(other.settings, row.settings));
+                }))
                 rows.push_back(std::move(row));
         }
     }

@@ -26,6 +26,9 @@ struct SweepRow {
     std::vector<std::pair<std::string, std::string>> options;
 };
 
+/// Its options for a table: "lpv 32 face", or that there are none.
+std::string row_name(const SweepRow& row);
+
 /// At most so many rows make a report.
 inline constexpr std::size_t most_rows = 1000;
 
@@ -38,12 +41,13 @@ void check_sweep_value(const std::string& option, const std::string& value,
                        solver::SolverKinds kinds = bake::solver_kinds());
 
 /// What bake takes when nothing is asked of it; each occlusion mode of lpv and each quality of the
-/// others at 16, 32 and 64 cells, one bounce; and at 32 cells a propagation that is cut off after
-/// 16 steps, and reflective shadow maps of a quarter of the usual texels.
+/// others at 16, 32 and 64 cells; and at 32 cells a propagation that is cut off after 16 steps, and
+/// reflective shadow maps of a quarter of the usual texels. All hold the light that bake takes.
 std::vector<Sweep> default_sweeps();
 
 /// The rows of all sweeps in order, the last axis of each running fastest; a row that was there
-/// before is left out, and of a row what its solver lacks. All start from `base`. The solver is
+/// before is left out, one without options also where others say the same, and of a row what its
+/// solver lacks. All start from `base`. The solver is
 /// that of a row's "solver", else the first that has its other options, else that of `base`. Throws
 /// Error (argument): see check_sweep_value; more than most_rows rows; an axis without values or
 /// given twice.

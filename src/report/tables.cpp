@@ -2,9 +2,8 @@
 
 #include "io/target.h"
 #include "readers/readers.h"
+#include "report/json.h"
 #include "text.h"
-
-#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -12,8 +11,6 @@
 
 namespace lpvbake::report {
 namespace {
-
-using Json = nlohmann::ordered_json;
 
 // ---------------------------------------------------------------- text
 
@@ -161,25 +158,29 @@ Json to_json(const std::optional<EqualError>& equal) {
                  : Json(nullptr);
 }
 
-Json to_json(const GridResult& grid) {
-    Json json{{"dims", {grid.grid.dims.x, grid.grid.dims.y, grid.grid.dims.z}},
-              {"cell", grid.grid.cell},
-              {"origin", {grid.grid.origin.x, grid.grid.origin.y, grid.grid.origin.z}},
-              {"valid_cells", grid.valid},
-              {"probes", grid.probes},
-              {"reference",
-               {{"noise", grid.noise},
-                {"rays", grid.rays},
-                {"converged", grid.converged},
-                {"seconds", grid.seconds}}},
-              {"floors", Json::array()},
-              {"peer", Json::array()},
-              {"peer_sharing_bounces", Json::array()}};
+/// A grid, and what is true on it.
+Json to_json(const Grid& grid, uint64_t valid, uint64_t probes, const Json& reference,
+             const std::array<FieldError, 3>& floor) {
+    Json json{
+        {"dims", vector_json(grid.dims)}, {"cell", grid.cell}, {"origin", vector_json(grid.origin)},
+        {"valid_cells", valid},           {"probes", probes},  {"reference", reference},
+        {"floors", Json::array()}};
     for (std::size_t i = 0; i < floor_orders.size(); ++i) {
-        Json floor{{"sh_order", floor_orders[i]}};
-        floor.update(to_json(grid.floor[i]));
-        json["floors"].push_back(floor);
+        json["floors"].push_back({{"sh_order", floor_orders[i]}});
+        json["floors"].back().update(to_json(floor[i]));
     }
+    return json;
+}
+
+Json to_json(const GridResult& grid) {
+    Json json = to_json(grid.grid, grid.valid, grid.probes,
+                        {{"noise", grid.noise},
+                         {"rays", grid.rays},
+                         {"converged", grid.converged},
+                         {"seconds", grid.seconds}},
+                        grid.floor);
+    json["peer"] = Json::array();
+    json["peer_sharing_bounces"] = Json::array();
     for (const PeerPoint& point : grid.peer)
         json["peer"].push_back(to_json(point));
     for (const PeerPoint& point : grid.sharing)
@@ -188,7 +189,7 @@ Json to_json(const GridResult& grid) {
 }
 
 Json to_json(const RowResult& row) {
-    Json json{{"name", row_name(row)},
+    Json json{{"name", row_name(row.row)},
               {"options", Json::object()},
               {"command", row.command},
               {"grid", row.grid},
@@ -254,7 +255,7 @@ std::string report_text(const Report& report) {
         lines[0].insert(lines[0].end(), std::begin(told_readers), std::end(told_readers));
         lines[0].push_back("");
         for (const RowResult& row : scene.rows) {
-            lines.push_back({(row.front ? "* " : "  ") + row_name(row),
+            lines.push_back({(row.front ? "* " : "  ") + row_name(row.row),
                              seconds_text(row.seconds.median), spread(row.seconds),
                              percent(row.error.relative_l1), percent(row.projected.relative_l1),
                              format("%.3g", row.error.energy_ratio),
@@ -316,7 +317,7 @@ std::string report_csv(const Report& report) {
         };
         for (const RowResult& row : scene.rows) {
             Line line = line_on(scene.grids[row.grid], "bake");
-            line.set("name", row_name(row));
+            line.set("name", row_name(row.row));
             line.set("sh_order", row.sh_order);
             line.set("seconds", row.seconds.median);
             line.set("seconds_min", row.seconds.min);
@@ -404,6 +405,155 @@ nlohmann::ordered_json report_json(const Report& report) {
         document["scenes"].push_back(json);
     }
     return document;
+}
+
+std::string rough(double number) {
+    return format(number < 10 ? "%.2g" : "%.0f", number);
+}
+
+nlohmann::ordered_json measured_json(const MeasuredError& error) {
+    if (error.points == 0)
+        return nullptr;
+    return {{"error", error.error},
+            {"low", error.low},
+            {"high", error.high},
+            {"points", error.points},
+            {"noise", error.noise}};
+}
+
+std::string expected_text(const Search& search) {
+    return format("about %s to %s s in all: %s s for the reference, the rest for one to %zu of %zu "
+                  "settings",
+                  rough(search.least_seconds).c_str(), rough(search.most_seconds).c_str(),
+                  rough(search.truth_seconds).c_str(),
+                  std::min(most_trials, search.candidates.size()), search.candidates.size());
+}
+
+namespace {
+
+/// "error 5 %, time 10 s".
+std::string goal_text(const Goal& goal) {
+    std::string text;
+    if (goal.error)
+        text = "error " + percent(*goal.error);
+    if (goal.seconds)
+        text += (text.empty() ? "" : ", ") + format("time %.3g s", *goal.seconds);
+    return text;
+}
+
+/// "3.9 % (3.7 to 4.1), 2.4 s".
+std::string trial_text(const Trial& trial) {
+    return format("%.3g %% (%.3g to %.3g), %s s", 100 * trial.error.error, 100 * trial.error.low,
+                  100 * trial.error.high, seconds_text(trial.seconds.median).c_str());
+}
+
+/// What of the goal a trial misses; empty: nothing.
+std::string missed_text(const Trial& trial, const Goal& goal) {
+    const bool wrong = goal.error && trial.error.high > *goal.error;
+    const bool slow = goal.seconds && trial.seconds.median > *goal.seconds;
+    return wrong && slow ? "too wrong and too slow" : wrong ? "too wrong" : slow ? "too slow" : "";
+}
+
+Json to_json(const Trial& trial, const Search& search) {
+    const Candidate& candidate = search.candidates[trial.candidate];
+    Json json{{"name", row_name(candidate.row)},
+              {"options", Json::object()},
+              {"command", candidate.command},
+              {"sh_order", candidate.row.settings.solver.order()},
+              {"expected", {{"error", candidate.error}, {"seconds", candidate.seconds}}},
+              {"seconds", to_json(trial.seconds)},
+              {"error", measured_json(trial.error)},
+              {"field", to_json(trial.field)},
+              {"projected", to_json(trial.projected)},
+              {"missed", missed_text(trial, search.goal)},
+              {"warnings", trial.warnings}};
+    for (const auto& [option, value] : candidate.row.options)
+        json["options"][option] = value;
+    return json;
+}
+
+} // namespace
+
+std::string search_text(const SearchedScene& scene) {
+    const Search& search = scene.search;
+    const SearchResult& result = scene.result;
+    std::string text = format(
+        "reference     %zu of %llu cells of %.4g m, noise %s after %llu rays; bands up to order 2 "
+        "cost %s, up to order 4 %s\n",
+        search.drawn.cells.size(), static_cast<unsigned long long>(search.drawn.valid),
+        search.grid.cell, percent(result.truth.noise).c_str(),
+        static_cast<unsigned long long>(result.truth.rays),
+        percent(result.floor[1].relative_l1).c_str(), percent(result.floor[2].relative_l1).c_str());
+    for (const Trial& trial : result.trials) {
+        const std::string missed = missed_text(trial, search.goal);
+        text += format("tried         %s: %s%s%s\n",
+                       row_name(search.candidates[trial.candidate].row).c_str(),
+                       trial_text(trial).c_str(), missed.empty() ? "" : ", ", missed.c_str());
+    }
+    if (result.found) {
+        const Trial& best = result.trials[result.best];
+        for (const std::string& warning : best.warnings)
+            text += "warning       " + warning + '\n';
+        text += search.candidates[best.candidate].command + '\n';
+    }
+    return text;
+}
+
+std::string nearest_text(const SearchedScene& scene) {
+    const Trial& best = scene.result.trials[scene.result.best];
+    return scene.path
+           + format(": none of %s tried is known to keep %s; nearest comes, with %s: ",
+                    counted(scene.result.trials.size(), "setting").c_str(),
+                    goal_text(scene.search.goal).c_str(), trial_text(best).c_str())
+           + scene.search.candidates[best.candidate].command;
+}
+
+nlohmann::ordered_json goal_json(const Goal& goal) {
+    return {{"error", goal.error ? Json(*goal.error) : Json(nullptr)},
+            {"seconds", goal.seconds ? Json(*goal.seconds) : Json(nullptr)}};
+}
+
+nlohmann::ordered_json search_json(const SearchedScene& scene) {
+    const Search& search = scene.search;
+    const SearchResult& result = scene.result;
+    Json json{{"scene", scene.path},
+              {"triangles", scene.triangles},
+              {"grid", to_json(search.grid, search.drawn.valid, search.drawn.cells.size(),
+                               {{"noise", result.truth.noise},
+                                {"rays", result.truth.rays},
+                                {"converged", result.truth.converged},
+                                {"seconds", result.truth.seconds}},
+                               result.floor)},
+              {"expected_seconds", {search.least_seconds, search.most_seconds}},
+              {"tried", Json::array()},
+              {"found", result.found},
+              {"best", result.best},
+              {"command", search.candidates[result.trials[result.best].candidate].command}};
+    for (const Trial& trial : result.trials)
+        json["tried"].push_back(to_json(trial, search));
+    return json;
+}
+
+nlohmann::ordered_json search_plan_json(const SearchedScene& scene) {
+    const Search& search = scene.search;
+    Json rows = Json::array();
+    for (const Candidate& candidate : search.candidates)
+        rows.push_back({{"name", row_name(candidate.row)},
+                        {"command", candidate.command},
+                        {"dims", vector_json(search.grid.dims)},
+                        {"seconds", candidate.seconds},
+                        {"error", candidate.error}});
+    return {{"scene", scene.path},
+            {"rows", rows},
+            {"expected_seconds", {search.least_seconds, search.most_seconds}}};
+}
+
+std::string search_plan_text(const SearchedScene& scene) {
+    std::string text;
+    for (const Candidate& candidate : scene.search.candidates)
+        text += format("candidate     %s: expected %s, %s s\n", row_name(candidate.row).c_str(),
+                       percent(candidate.error).c_str(), seconds_text(candidate.seconds).c_str());
+    return text;
 }
 
 } // namespace lpvbake::report

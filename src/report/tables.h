@@ -2,6 +2,7 @@
 #pragma once
 
 #include "report/report.h"
+#include "report/search.h"
 
 #include <nlohmann/json_fwd.hpp>
 
@@ -25,11 +26,36 @@ std::string report_csv(const Report& report);
 /// What `lpvbake report --help` documents; infinite numbers are null.
 nlohmann::ordered_json report_json(const Report& report);
 
+/// A scene that was searched.
+struct SearchedScene {
+    std::string path;
+    uint64_t triangles = 0;
+    Search search;
+    SearchResult result;
+};
+/// "about 35 to 120 s in all: 30 s for the reference, the rest for one to 6 of 16 settings".
+std::string expected_text(const Search& search);
+/// The candidates with what is expected of them.
+std::string search_plan_text(const SearchedScene& scene);
+/// What was tried, and where it kept the goal, the command alone in the last line.
+std::string search_text(const SearchedScene& scene);
+/// One line, where nothing kept the goal: that, and what came nearest.
+std::string nearest_text(const SearchedScene& scene);
+/// Null where nothing is known.
+nlohmann::ordered_json measured_json(const MeasuredError& error);
+/// Parts of what `lpvbake report --help` documents for a search, and for its dry run.
+nlohmann::ordered_json goal_json(const Goal& goal);
+nlohmann::ordered_json search_plan_json(const SearchedScene& scene);
+nlohmann::ordered_json search_json(const SearchedScene& scene);
+
 /// "12.3 %", with three digits.
 std::string percent(double share);
 
 /// "0.0123", seconds with three digits.
 std::string seconds_text(double seconds);
+
+/// Two digits, or those before the point: "2.1", "350".
+std::string rough(double number);
 
 /// "32 x 32 x 32".
 std::string dims_text(const Grid& grid);

@@ -143,10 +143,62 @@ TEST_F(ReportCli, SweepFilesAreBakedAsListed) {
     EXPECT_GT(rows[3]["seconds"], 0.0);
     const CliResult text = run("\"$ROOM\" --dry-run");
     EXPECT_EQ(text.status, 0) << text.err;
-    EXPECT_EQ(std::ranges::count(text.out, '\n'), 1 + 30 + 1) << text.out;
+    EXPECT_EQ(std::ranges::count(text.out, '\n'), 1 + 29 + 1) << text.out;
     EXPECT_NE(text.out.find("\nrow           what bake takes "), std::string::npos) << text.out;
     spill(folder_ / "plain.toml", "resolution = [5]\n"); // without a header
     EXPECT_EQ(run_json("\"$ROOM\" --sweep plain.toml --dry-run")["scenes"][0]["rows"].size(), 1u);
+}
+
+TEST_F(ReportCli, FindsSettingsForAnError) {
+    const std::string search = "\"$ROOM\" --point 0,1,0,5 --resolution 8 --probes 100 --noise 4%"
+                               " --repeats 1 --time-budget 10min --error ";
+    const CliResult found = run(search + "60%");
+    ASSERT_EQ(found.status, 0) << found.err;
+    const std::size_t last = found.out.rfind("\nlpvbake bake ");
+    ASSERT_NE(last, std::string::npos) << found.out;
+    EXPECT_EQ(found.out.find('\n', last + 1), found.out.size() - 1) << found.out;
+    const std::size_t expected = found.out.find("\nexpected      about ");
+    EXPECT_LT(expected, found.out.find("\ntried         "));
+    const std::string command = found.out.substr(last + 9);
+    const CliResult repeated = run_lpvbake(folder_, command.substr(0, command.size() - 1));
+    EXPECT_EQ(repeated.status, 0) << command << repeated.err;
+    EXPECT_NE(repeated.out.find("8 x 8 x 8 cells"), std::string::npos) << repeated.out;
+
+    // A better one is another bake, and what no bake reaches is told, with the nearest.
+    const json better = run_json(search + "15%");
+    const json& best = better["scenes"][0]["tried"][better["scenes"][0]["best"].get<int>()];
+    EXPECT_TRUE(better["scenes"][0]["found"]);
+    EXPECT_LE(best["error"]["high"], 0.15);
+    EXPECT_EQ(best["command"], better["scenes"][0]["command"]);
+    const CliResult none = run(search + "0.1%");
+    EXPECT_EQ(none.status, int(cmd::ExitCode::difference));
+    EXPECT_EQ(std::ranges::count(none.err, '\n'), 1) << none.err;
+    EXPECT_NE(
+        none.err.find(" tried is known to keep error 0.1 %, time 600 s; nearest comes, with "),
+        std::string::npos)
+        << none.err;
+    EXPECT_EQ(none.out.find("\nlpvbake bake"), std::string::npos) << none.out;
+    expect_error(search + "5% --sweep a.toml", cmd::ExitCode::usage, "exclude each other");
+    expect_error("\"$ROOM\" --error 5% --resolution 8,9", cmd::ExitCode::usage, "resolution: ");
+}
+
+TEST_F(ReportCli, FindsSettingsForATime) {
+    const std::string search = "\"$ROOM\" --resolution 8 --probes 50 --noise 9% --repeats 2 ";
+    const json most = run_json(search + "--time-budget 10min")["scenes"][0];
+    EXPECT_TRUE(most["found"]);
+    ASSERT_EQ(most["tried"].size(), 1u); // the most accurate fits
+    EXPECT_GE(most["tried"][0]["sh_order"], 2);
+    const CliResult none = run(search + "--time-budget 0.1ms --format json");
+    EXPECT_EQ(none.status, int(cmd::ExitCode::difference));
+    const json scene = json::parse(none.out)["scenes"][0];
+    EXPECT_FALSE(scene["found"]);
+    for (const json& trial : scene["tried"])
+        EXPECT_EQ(trial["missed"], "too slow");
+    const CliResult plan = run(search + "--time-budget 2s --dry-run");
+    EXPECT_EQ(plan.status, 0) << plan.err;
+    EXPECT_NE(plan.out.find("\nexpected      about "), std::string::npos) << plan.out;
+    EXPECT_NE(plan.out.find("\ncandidate     sn quality=fast "), std::string::npos) << plan.out;
+    EXPECT_EQ(plan.out.find("tried"), std::string::npos) << plan.out;
 }
 
 TEST_F(ReportCli, CommandsOfRowsRepeatThem) {

@@ -114,6 +114,10 @@ class Documents(unittest.TestCase):
         run("report", *report)
         run("report", *report, "--no-peer")
         run("report_dry_run", *report, "--dry-run")
+        search = ["report", "box.gltf", *SMALL, "--repeats", "1", "--probes", "20", "--noise", "5%", "--error"]
+        run("report_search", *search, "90%")
+        run("report_search", *search, "0.1%", "--time-budget", "10s", status=7)
+        run("report_search_dry_run", *search, "5%", "--dry-run")
         run("report_suite", "report", "--suite", "suite.json", "--threads", "1")
         run("error", "bake", "none.gltf", "-o", "none.vdb", status=2)
         run("error", "bakes", status=1)

@@ -1,6 +1,7 @@
 // The yardstick itself: sweeps, samples of points, errors, ratios, and what is written of them.
 
 #include "report/report.h"
+#include "report/search.h"
 
 #include "lpvbake/error.h"
 #include "report/baseline.h"
@@ -50,14 +51,66 @@ TEST(Sweep, RowsAreAllCombinationsOnce) {
         EXPECT_EQ(row.settings.grid.margin, 3);
     const std::vector<report::SweepRow> usual = report::sweep_rows(report::default_sweeps(), {});
     EXPECT_GE(usual.size(), 12u);
-    report::RowResult first;
-    first.row = usual[0];
-    EXPECT_EQ(report::row_name(first), "what bake takes");
+    EXPECT_EQ(report::row_name(usual[0]), "what bake takes");
     const bake::BakeSettings bakes;
     EXPECT_EQ(usual[0].settings.solver.kind().name, bakes.solver.kind().name);
     EXPECT_EQ(usual[0].settings.solver.order(), bakes.solver.order());
     EXPECT_EQ(usual[0].settings.bounces, bakes.bounces);
     EXPECT_EQ(usual[0].settings.grid.resolution, bakes.grid.resolution);
+}
+
+TEST(Sweep, UsualRowsHoldTheLightOfABake) {
+    const std::vector<report::SweepRow> usual = report::sweep_rows(report::default_sweeps(), {});
+    const bake::BakeSettings bakes;
+    int as_bakes = 0;
+    for (const report::SweepRow& row : usual) {
+        EXPECT_EQ(row.settings.bounces, bakes.bounces) << report::row_name(row);
+        const auto& solver = row.settings.solver;
+        as_bakes += &solver.kind() == &bakes.solver.kind() && row.settings.grid.resolution == 32
+                    && solver["directions"] == bakes.solver["directions"];
+    }
+    EXPECT_EQ(as_bakes, 1); // the first
+}
+
+TEST(Search, CandidatesAreWhatBakeChoosesFrom) {
+    const auto rows_of = [](const report::Sweep& given, double error) {
+        return report::candidate_rows(given, {error, {}}, {});
+    };
+    const std::vector<report::SweepRow> rows = rows_of({{"resolution", {"20"}}}, 0.05);
+    std::size_t wanted = 0;
+    for (const solver::SolverKind* kind : bake::solver_kinds())
+        for (const solver::Rung& rung : kind->ladder)
+            for (const int order : kind->orders.back() == 1 ? std::vector{1} : std::vector{2, 4}) {
+                ++wanted;
+                solver::SolverSettings settings(*kind);
+                settings.set(rung);
+                settings.set_order(order);
+                EXPECT_EQ(std::ranges::count_if(
+                              rows,
+                              [&](const report::SweepRow& row) {
+                                  const solver::SolverSettings& own = row.settings.solver;
+                                  bool same = &own.kind() == kind && own.order() == order
+                                              && own.lighting_rays() >= settings.lighting_rays();
+                                  for (const solver::Parameter& each : kind->parameters)
+                                      same = same && own[each.name] == settings[each.name];
+                                  return same && row.settings.grid.resolution == 20
+                                         && !row.settings.bounces;
+                              }),
+                          1)
+                    << kind->name << " " << order;
+            }
+    EXPECT_EQ(rows.size(), wanted);
+    for (const report::SweepRow& row :
+         rows_of({{"directions", {"96"}}, {"bounces", {"1"}}}, 0.05)) {
+        EXPECT_STREQ(row.settings.solver.kind().name, "sn");
+        EXPECT_EQ(row.settings.solver["directions"], 96);
+        EXPECT_EQ(row.settings.bounces, 1);
+    }
+    for (const report::SweepRow& row : report::candidate_rows({}, {{}, 2.0}, {}))
+        EXPECT_LE(row.settings.solver.order(), 2); // nothing asks for more
+    EXPECT_EQ(report::candidate_rows({{"solver", {"lpv"}}}, {{}, 2.0}, {})[0].settings.bounces, 1);
+    EXPECT_THROW(rows_of({{"resolution", {"16", "32"}}}, 0.05), Error);
+    EXPECT_THROW(rows_of({{"solver", {"none"}}}, 0.05), Error);
 }
 
 TEST(Sweep, RefusesWhatBakeWouldRefuse) {
