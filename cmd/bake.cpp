@@ -446,6 +446,7 @@ void run(const BakeOptions& o, const std::string& settings) {
     const Scene scene = run.load();
     run.end_stage("load", counted(scene::triangle_count(scene), "triangle") + ", "
                               + counted(scene.lights.size(), "light"));
+    const std::optional<PackedScene> packed = packed_for(o.outputs.paths, o.scene, o.load);
     stop_if_signalled();
     const std::unique_ptr<gpu::Device> device = opening.get();
     tell("device: " + device->info().name + ", " + device->info().driver);
@@ -473,7 +474,7 @@ void run(const BakeOptions& o, const std::string& settings) {
 
     run.begin_stage();
     const std::vector<Written> written =
-        write_outputs(o.outputs, o.outputs.paths, made.volume, run.progress);
+        write_outputs(o.outputs, o.outputs.paths, made.volume, run.progress, packed);
     run.end_stage("write", counted(written.size(), "output"));
     device->check_validation();
     run.progress.end();

@@ -95,8 +95,10 @@ void run(const ConvertOptions& o) {
     }
     if (fitted)
         fit(o, to, progress, volume);
+    const std::optional<PackedScene> packed =
+        o.scene.empty() ? std::nullopt : packed_for(o.outputs.paths, o.scene, {});
     const std::vector<Written> written =
-        write_outputs(o.outputs, o.outputs.paths, volume, progress);
+        write_outputs(o.outputs, o.outputs.paths, volume, progress, packed);
     if (o.format == Format::json) {
         report::Json document{{"command", "convert"},
                               {"file", o.file},
@@ -127,8 +129,10 @@ options::Action declare(options::Options& options) {
         "sampler reads there; default: as for bake, where the volume has walls and is not "
         "fitted");
     add_evaluation_option(options, o.fit);
-    options.text("--scene", o.scene, "FILE",
-                 "The volume's scene, glTF 2.0: surfaces to fit to; default: the volume's walls");
+    options.text(
+        "--scene", o.scene, "FILE",
+        "The volume's scene, glTF 2.0: surfaces to fit to, default the volume's walls, and "
+        "what a .glb holds beside the volume");
     add_output_options(options, o.outputs);
     add_format_option(options, o.format);
     return [fields] { run(*fields); };

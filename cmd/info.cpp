@@ -2,6 +2,7 @@
 
 #include "commands.h"
 #include "io/chart.h"
+#include "io/glb.h"
 #include "io/slice.h"
 #include "lpvbake/error.h"
 #include "options/wording.h"
@@ -53,52 +54,68 @@ void refuse_scene_options(const std::string& file, const options::Options& optio
                         "--" + option.name() + ": " + file + " is a volume, not a scene");
 }
 
+/// What is told of a file.
+struct Told {
+    report::Json json;
+    std::string text;
+};
+
+Told tell_of_volume(const InfoOptions& o) {
+    const Volume volume = read_volume(o.file);
+    Told told{report::volume_json(o.file, volume), report::volume_text(o.file, volume)};
+    told.json["slice"] = nullptr;
+    if (o.slice) {
+        const io::SliceScale scale = draw_slice(o, volume);
+        told.json["slice"] = {
+            {"output", o.output}, {"white", scale.white}, {"exponent", scale.exponent}};
+        told.text += "wrote      " + o.output + ", white is " + format("%.4g nits\n", scale.white);
+    }
+    return told;
+}
+
+/// A .glb may hold its light, too.
+Told tell_of_scene(const InfoOptions& o) {
+    image::ImageModulePreload preload;
+    SceneOptions scene_options;
+    scene_options.scene = o.file;
+    probe_scene(scene_options);
+    const bool has_volume = io::volume_format(o.file) && io::has_light_volume(o.file);
+    if (o.slice && !has_volume)
+        throw Error(ErrorKind::argument, "--slice: " + o.file + " is a scene, not a volume");
+    if (mentions_images(scene_options))
+        preload = image::preload_image_module();
+    LoadSettings settings = o.load;
+    // What looks for every fault, or asks for every texel, needs them.
+    settings.skip_colors = !o.load.strict && !o.hash;
+    Scene scene = load_gltf(o.file, settings);
+    for (std::string& warning : scene.warnings)
+        print_warning(warning = options::in_options(warning));
+    const std::string hash = o.hash ? scene::scene_hash(scene) : "";
+    Told told{report::scene_json(o.file, scene, hash), report::scene_text(o.file, scene, hash)};
+    told.json["volume"] = nullptr;
+    if (has_volume) {
+        const Told volume = tell_of_volume(o);
+        told.json["volume"] = volume.json;
+        told.text += volume.text;
+    }
+    return told;
+}
+
 void run(const InfoOptions& o, const options::Options& options) {
     if (o.slice.has_value() == o.output.empty())
         throw Error(ErrorKind::argument,
                     "--slice and -o belong together: --slice z=16 -o slice.png");
     if (!o.output.empty() && !options::has_extension(o.output, ".png"))
         throw Error(ErrorKind::argument, o.output + ": the name of a picture ends in .png");
-    if (o.file == standard_input || options::has_extension(o.file, ".gltf")
-        || options::has_extension(o.file, ".glb")) {
-        if (o.slice)
-            throw Error(ErrorKind::argument, "--slice: " + o.file + " is a scene, not a volume");
-        image::ImageModulePreload preload;
-        SceneOptions scene_options;
-        scene_options.scene = o.file;
-        probe_scene(scene_options);
-        if (mentions_images(scene_options))
-            preload = image::preload_image_module();
-        LoadSettings settings = o.load;
-        // What looks for every fault, or asks for every texel, needs them.
-        settings.skip_colors = !o.load.strict && !o.hash;
-        Scene scene = load_gltf(o.file, settings);
-        for (std::string& warning : scene.warnings)
-            print_warning(warning = options::in_options(warning));
-        const std::string hash = o.hash ? scene::scene_hash(scene) : "";
-        o.format == Format::json ? print_json(report::scene_json(o.file, scene, hash))
-                                 : print_text(report::scene_text(o.file, scene, hash));
-    } else if (io::readable_format(o.file)) {
-        refuse_scene_options(o.file, options);
-        const Volume volume = read_volume(o.file);
-        const io::SliceScale scale = o.slice ? draw_slice(o, volume) : io::SliceScale{};
-        if (o.format == Format::json) {
-            report::Json document = report::volume_json(o.file, volume);
-            document["slice"] = nullptr;
-            if (o.slice)
-                document["slice"] = {
-                    {"output", o.output}, {"white", scale.white}, {"exponent", scale.exponent}};
-            print_json(document);
-        } else {
-            print_text(report::volume_text(o.file, volume)
-                       + (o.slice ? "wrote      " + o.output + ", white is "
-                                        + format("%.4g nits\n", scale.white)
-                                  : ""));
-        }
-    } else {
+    const bool is_scene = o.file == standard_input || options::has_extension(o.file, ".gltf")
+                          || options::has_extension(o.file, ".glb");
+    if (!is_scene && !io::readable_format(o.file))
         throw Error(ErrorKind::argument, o.file + ": neither a scene (.gltf, .glb) nor a volume ("
                                              + io::format_list(", ", true) + ")");
-    }
+    if (!is_scene)
+        refuse_scene_options(o.file, options);
+    const Told told = is_scene ? tell_of_scene(o) : tell_of_volume(o);
+    o.format == Format::json ? print_json(told.json) : print_text(told.text);
 }
 
 options::Action declare(options::Options& options) {

@@ -118,6 +118,7 @@ void run(const ReferenceOptions& o, const std::string& settings) {
     Run run(o, o, outputs);
     const Scene scene = run.load();
     run.end_stage("load");
+    const std::optional<PackedScene> packed = packed_for(o.outputs.paths, o.scene, o.load);
 
     if (scene::triangle_count(scene) == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to light");
@@ -137,7 +138,7 @@ void run(const ReferenceOptions& o, const std::string& settings) {
     fill_metadata(o, scene, settings, reference.volume);
     fill_metadata(o, scene, settings, reference.error);
     std::vector<Written> written =
-        write_outputs(o.outputs, o.outputs.paths, reference.volume, run.progress);
+        write_outputs(o.outputs, o.outputs.paths, reference.volume, run.progress, packed);
     if (!o.error_output.empty())
         std::ranges::move(write_outputs(o.outputs, {o.error_output}, reference.error, run.progress),
                           std::back_inserter(written));

@@ -2,6 +2,7 @@
 
 #include "file_error.h"
 #include "io/atomic_file.h"
+#include "io/glb.h"
 #include "io/points.h"
 #include "lpvbake/error.h"
 #include "lpvbake/scene.h"
@@ -314,8 +315,8 @@ void add_output_options(options::Options& options, OutputOptions& o) {
         precisions.emplace_back(io::name_of(precision), precision);
     options
         .choice("--precision", o.precision, precisions,
-                "Type of the stored numbers; rgb9e5, of .ktx2 and .dds packed by band or cube: 32 "
-                "bits for the colours of the mean or of a cube, half for all else")
+                "Type of the stored numbers; rgb9e5, of .ktx2, .dds and .glb packed by band or "
+                "cube: 32 bits for the colours of the mean or of a cube, half for all else")
         .implies([&o] { return io::name_of(o.storage().precision); });
     options
         .choice("--sh-convention", o.convention,
@@ -419,7 +420,7 @@ bool has_file(const std::string& volume, const std::string& file) {
     if (own == other)
         return true;
     const io::VolumeFormat* format = io::readable_format(volume);
-    if (!format || !format->has_pictures || own.parent_path() != other.parent_path())
+    if (!format || !format->files || own.parent_path() != other.parent_path())
         return false;
     const std::string sidecar = format->sidecar, name = own.filename().string();
     const std::string stem = !sidecar.empty() && name.ends_with(sidecar)
@@ -520,9 +521,23 @@ std::string outputs_help() {
     return text + "; may be repeated";
 }
 
+std::optional<PackedScene> packed_for(const std::vector<std::string>& outputs,
+                                      const std::string& scene, const LoadSettings& load) {
+    const auto is_glb = [](const std::string& output) {
+        return io::volume_format(output) == &io::glb_format;
+    };
+    if (std::ranges::none_of(outputs, is_glb))
+        return {};
+    PackedScene packed = pack_gltf(scene, load);
+    io::check_has_no_volume(packed, scene);
+    return packed;
+}
+
 std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std::string>& paths,
-                                   Volume& volume, TerminalProgress& progress) {
-    const io::Target storage = o.storage();
+                                   Volume& volume, TerminalProgress& progress,
+                                   const std::optional<PackedScene>& scene) {
+    io::Target storage = o.storage();
+    storage.pictures.scene = scene ? &*scene : nullptr;
     Volume whole;
     whole.grid = volume.grid;
     whole.sh_order = volume.sh_order;

@@ -3,7 +3,7 @@
 
 #include "image/image.h"
 #include "io/target.h"
-#include "lpvbake/scene.h"
+#include "lpvbake/pack.h"
 #include "options/option.h"
 #include "readers/readers.h"
 #include "result.h"
@@ -171,10 +171,16 @@ void fill_metadata(const SceneOptions& o, const Scene& scene, const std::string&
 /// What -o writes, for help.
 std::string outputs_help();
 
+/// The scene that a .glb among the outputs gets the volume into; none: there is no such output.
+/// Throws Error: unsupported (the scene has a volume), and as pack_gltf.
+std::optional<PackedScene> packed_for(const std::vector<std::string>& outputs,
+                                      const std::string& scene, const LoadSettings& load);
+
 /// Writes a volume to all paths, one after the other, and tells of warnings. Its grids are gone
 /// then; lattice, order and metadata stay.
 std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std::string>& paths,
-                                   Volume& volume, TerminalProgress& progress);
+                                   Volume& volume, TerminalProgress& progress,
+                                   const std::optional<PackedScene>& scene = {});
 
 /// Bounds the process's threads, from now on; 0: one a core. Before any thread starts that would
 /// read the environment.

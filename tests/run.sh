@@ -5,7 +5,7 @@
 #
 #   --clients     also the tests with Blender, Chromium, Godot, OGRE and Node as clients, beside the
 #                 readers that always run (vdb_print, oiiotool, Python's pyopenvdb). Installs them,
-#                 and takes three.js and ktx-parse from the npm registry.
+#                 and takes three.js, ktx-parse and gltf-validator from the npm registry.
 #   --allow-skip  tests that did not run (no Vulkan device, no reader) do not fail the run.
 #   --no-fuzz     leaves out the fuzzers, which are built apart and run for seconds each.
 #   --preset      default, debug, sanitize, tsan or lto (see CMakePresets.json).

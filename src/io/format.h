@@ -38,7 +38,7 @@ struct VolumeFormat {
 
 using VolumeFormats = std::span<const VolumeFormat* const>;
 
-/// OpenVDB, NanoVDB, OpenEXR, KTX2, DDS.
+/// OpenVDB, NanoVDB, OpenEXR, KTX2, DDS, glTF.
 VolumeFormats volume_formats();
 
 } // namespace lpvbake::io

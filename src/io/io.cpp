@@ -2,6 +2,7 @@
 
 #include "io/dds.h"
 #include "io/exr.h"
+#include "io/glb.h"
 #include "io/ktx2.h"
 #include "io/layout.h"
 #include "io/nvdb.h"
@@ -17,8 +18,8 @@
 namespace lpvbake::io {
 namespace {
 
-constexpr const VolumeFormat* formats_known[] = {&vdb_format, &nvdb_format, &exr_format,
-                                                 &ktx2_format, &dds_format};
+constexpr const VolumeFormat* formats_known[] = {&vdb_format,  &nvdb_format, &exr_format,
+                                                 &ktx2_format, &dds_format,  &glb_format};
 
 std::string lower(std::string text) {
     std::transform(text.begin(), text.end(), text.begin(),
@@ -79,7 +80,7 @@ void check_precision(const std::string& path, Precision precision, Packing packi
     if (precision != Precision::rgb9e5 || !format)
         return;
     if (!format->has_rgb9e5)
-        throw Error(ErrorKind::argument, path + ": rgb9e5 is for .ktx2 and .dds; use half");
+        throw Error(ErrorKind::argument, path + ": rgb9e5 is for .ktx2, .dds and .glb; use half");
     if (packing != Packing::band && packing != Packing::cube)
         throw Error(ErrorKind::argument,
                     path + ": rgb9e5 holds three colours without a sign, which packing by "

@@ -81,11 +81,15 @@ std::string compress(std::string_view texels) {
     return bytes;
 }
 
-std::string encode(const TexelForm& form, glm::ivec3 dims, std::string_view texels,
-                   std::string_view description) {
+} // namespace
+
+std::string encode_ktx2(const TexelForm& form, glm::ivec3 dims, std::string_view texels,
+                        std::string_view description) {
     const std::string descriptor = descriptor_of(form), level = compress(texels);
     std::string pairs;
     for (const auto& [key, value] : {std::pair(writer_key, writer), {own_key, description}}) {
+        if (value.empty())
+            continue;
         append_number(pairs, uint32_t(key.size() + value.size() + 2)); // both end in a 0
         (pairs += key).push_back('\0');
         (pairs += value).push_back('\0');
@@ -106,6 +110,8 @@ std::string encode(const TexelForm& form, glm::ivec3 dims, std::string_view texe
 }
 
 // ---- reading ----
+
+namespace {
 
 [[noreturn]] void reject(const std::string& path, const std::string& why) {
     throw Error(ErrorKind::invalid, path + ": " + why);
@@ -164,8 +170,6 @@ Ktx2 parse(std::string_view bytes, const std::string& path) {
     ktx.dims = glm::ivec3(int(x), int(y), int(z));
     ktx.is_compressed = scheme == zstandard;
     ktx.description = description_in(part(bytes, pairs_offset, pairs_size, path), path);
-    if (ktx.description.empty())
-        reject(path, "has no value of the key \"lpvbake\": it is not a volume of lpvbake");
     ktx.level = part(bytes, number_at<uint64_t>(bytes, head_size),
                      number_at<uint64_t>(bytes, head_size + 8), path);
     return ktx;
@@ -189,6 +193,12 @@ std::string texels_in(const Ktx2& ktx, const std::string& path) {
     return texels;
 }
 
+image::Pixels pixels_of(const Ktx2& ktx, const std::string& path, glm::ivec3 dims,
+                        size_t channels) {
+    check_texture(ktx, path, dims, channels);
+    return unpack(texels_in(ktx, path), *ktx.form, dims.x, dims.y * dims.z, channels);
+}
+
 /// A file of the volume: the path itself or, where there is no such file, the first of its
 /// textures.
 std::string one_file(const std::string& path) {
@@ -206,7 +216,7 @@ std::string one_file(const std::string& path) {
     return found.empty() ? path : found[0];
 }
 
-const TextureContainer container{&ktx2_format, "lpvbake textures", encode};
+const TextureContainer container{&ktx2_format, "lpvbake textures", encode_ktx2};
 
 } // namespace
 
@@ -231,6 +241,8 @@ WriteReport write_ktx2(const std::string& path, const Stored& stored, Precision 
 Volume read_ktx2(const std::string& path, volume::GridKinds kinds) {
     const std::string first = one_file(path);
     const std::string description = parse(read_texture_file(first), first).description;
+    if (description.empty())
+        reject(first, "has no value of the key \"lpvbake\": it is not a volume of lpvbake");
     Volume volume = read_description(first, description, [&](const Json& json) {
         const bool is_alone = json.at("files").size() == 1;
         return read_textures(
@@ -241,12 +253,16 @@ Volume read_ktx2(const std::string& path, volume::GridKinds kinds) {
                 const Ktx2 ktx = parse(bytes, file);
                 if (ktx.description != description)
                     reject(file, "is not of the volume that " + first + " is of");
-                check_texture(ktx, file, dims, channels);
-                return unpack(texels_in(ktx, file), *ktx.form, dims.x, dims.y * dims.z, channels);
+                return pixels_of(ktx, file, dims, channels);
             });
     });
     check_volume(volume, first, ErrorKind::invalid);
     return volume;
+}
+
+image::Pixels decode_ktx2(std::string_view bytes, const std::string& place, glm::ivec3 dims,
+                          size_t channels) {
+    return pixels_of(parse(bytes, place), place, dims, channels);
 }
 
 } // namespace lpvbake::io

@@ -2,6 +2,10 @@
 #pragma once
 
 #include "io/format.h"
+#include "io/texel.h"
+
+#include <string>
+#include <string_view>
 
 namespace lpvbake::io {
 
@@ -19,5 +23,14 @@ WriteReport write_ktx2(const std::string& path, const Stored& stored, Precision 
 /// volume in one file may have been renamed; files beside each other have to be of one volume.
 /// Throws Error (file, invalid, memory; unsupported: Packing::cube).
 Volume read_ktx2(const std::string& path, volume::GridKinds kinds = volume::grid_kinds());
+
+/// A whole file; without a description it has no key of ours.
+std::string encode_ktx2(const TexelForm& form, glm::ivec3 dims, std::string_view texels,
+                        std::string_view description);
+
+/// The texels of a whole file, of a texture of `dims` with so many channels, slice below slice.
+/// Throws Error (invalid), beginning with `place`.
+image::Pixels decode_ktx2(std::string_view bytes, const std::string& place, glm::ivec3 dims,
+                          size_t channels);
 
 } // namespace lpvbake::io

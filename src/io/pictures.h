@@ -1,6 +1,8 @@
 // How cells stand in pictures.
 #pragma once
 
+#include "lpvbake/file.h"
+
 #include <optional>
 #include <string_view>
 #include <vector>
@@ -39,6 +41,7 @@ struct Pictures {
     /// For programs that take every tile for a slice: only numbers of columns that divide the
     /// number of slices.
     bool no_empty_tiles = false;
+    const PackedScene* scene = nullptr; ///< that a .glb gets the volume into; null: an empty one
 };
 
 } // namespace lpvbake::io

@@ -3,6 +3,7 @@
 #include "io/atomic_file.h"
 #include "io/dds.h"
 #include "io/exr.h"
+#include "io/glb.h"
 #include "io/ktx2.h"
 #include "io/vdb.h"
 #include "lpvbake/error.h"
@@ -62,7 +63,7 @@ constexpr Target targets[] = {
      .highest_order = 2,
      .dilate = 2,
      .dering = true,
-     .reads = {&exr_format, &ktx2_format}},
+     .reads = {&exr_format, &ktx2_format, &glb_format}},
     {.name = "vrc",
      .encoding = {volume::ShConvention::unity, volume::Axes::unity},
      .pictures = {.packing = Packing::vrc, .no_empty_tiles = true},
@@ -282,11 +283,10 @@ std::vector<std::string> warnings_of(const Target& target, const std::string& pa
         fit != volume.metadata.end() && target.dilate > 0 && fit->second != name)
         warnings.push_back(path + ": the volume is fitted to what " + fit->second + " reads, not "
                            + name);
-    const auto [first, second] = target.reads;
-    if (const VolumeFormat* format = volume_format(path);
-        first && format != first && format != second)
-        warnings.push_back(path + ": " + name + " reads " + first->extension
-                           + (second ? std::string(" and ") + second->extension : "")
+    const auto end = std::find(target.reads.begin(), target.reads.end(), nullptr);
+    const VolumeFormats reads(target.reads.begin(), end);
+    if (!reads.empty() && std::find(reads.begin(), reads.end(), volume_format(path)) == reads.end())
+        warnings.push_back(path + ": " + name + " reads " + format_list(" and ", false, reads)
                            + "; this has its convention and axes, and no more");
     return warnings;
 }
@@ -389,7 +389,7 @@ std::vector<const char*> target_names() {
 }
 
 WriteReport write_volume(const std::string& path, Volume volume, const std::string& target,
-                         std::optional<Precision> precision) {
+                         std::optional<Precision> precision, const PackedScene* scene) {
     const io::Target* known = io::target_named(target);
     if (!known) {
         std::string names;
@@ -399,6 +399,7 @@ WriteReport write_volume(const std::string& path, Volume volume, const std::stri
     }
     io::Target storage = *known;
     storage.precision = precision.value_or(storage.precision);
+    storage.pictures.scene = scene;
     return io::write_for(storage, path, std::move(volume));
 }
 

@@ -34,7 +34,7 @@ struct Target {
     /// What band 1 is multiplied by: metadata `l1_scale`, which read_volume takes back.
     double l1_scale = 1;
     Notes notes = Notes::none;
-    std::array<const VolumeFormat*, 2> reads = {}; ///< null alone: any
+    std::array<const VolumeFormat*, 3> reads = {}; ///< null alone: any
 };
 
 /// In the order of target_names().

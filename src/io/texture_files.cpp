@@ -14,16 +14,21 @@ std::string text_of(glm::ivec3 dims) {
 
 } // namespace
 
-std::vector<std::string> texture_files(const TextureContainer& container, const std::string& path,
-                                       const Volume& volume, const Pictures& pictures,
-                                       volume::ShConvention convention) {
-    const std::vector<Texture> textures = textures_of(volume, pictures.packing, convention, path);
-    const glm::ivec3 dims = stack_of(pictures.packing).dims(volume.grid.dims);
+glm::ivec3 texture_dims(const std::string& path, glm::ivec3 cells, Packing packing) {
+    const glm::ivec3 dims = stack_of(packing).dims(cells);
     if (std::max({dims.x, dims.y, dims.z}) > max_texture_side)
         throw Error(ErrorKind::unsupported,
                     path + ": a 3D texture of " + text_of(dims) + " texels has more than "
                         + std::to_string(max_texture_side)
                         + " a side, the most that graphics APIs promise; write .vdb");
+    return dims;
+}
+
+std::vector<std::string> texture_files(const TextureContainer& container, const std::string& path,
+                                       const Volume& volume, const Pictures& pictures,
+                                       volume::ShConvention convention) {
+    const std::vector<Texture> textures = textures_of(volume, pictures.packing, convention, path);
+    texture_dims(path, volume.grid.dims, pictures.packing);
     const std::string stem = stem_of(path);
     std::vector<std::string> names = texture_names(stem, container.format->extension, textures);
     if (container.format->sidecar[0] != '\0')

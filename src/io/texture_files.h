@@ -32,6 +32,9 @@ struct TextureContent {
     std::string description; ///< empty: it is not in the file
 };
 
+/// Of the textures of a packing. Throws Error (unsupported): more than 2048 texels a side.
+glm::ivec3 texture_dims(const std::string& path, glm::ivec3 cells, Packing packing);
+
 /// Throws Error (unsupported): packing and encoding have no form for the order or for each other,
 /// or a texture would have more than 2048 texels a side.
 std::vector<std::string> texture_files(const TextureContainer& container, const std::string& path,

@@ -1,5 +1,6 @@
 // Volume files, told apart by their extension: .vdb (OpenVDB), .nvdb (NanoVDB), .exr (flipbooks in
-// OpenEXR, with a sidecar .json), .ktx2 and .dds (3D textures, the latter with a sidecar .dds.json).
+// OpenEXR, with a sidecar .json), .ktx2 and .dds (3D textures, the latter with a sidecar
+// .dds.json), .glb (glTF, in its scene).
 #pragma once
 
 #include "lpvbake/export.h"
@@ -12,11 +13,13 @@
 
 namespace lpvbake {
 
+struct PackedScene; // lpvbake/pack.h
+
 enum class Precision {
     full,
     half,
     /// Three colours of one exponent in 32 bits, where a texture holds light that has no sign; half
-    /// in all others. Of .ktx2 and .dds alone.
+    /// in all others. Of .ktx2, .dds and .glb alone.
     rgb9e5,
 };
 
@@ -47,11 +50,13 @@ LPVBAKE_API std::vector<const char*> target_names();
 
 /// Writes a volume as a program wants it: convention, axes, packing and precision (unless that is
 /// given), cells inside geometry filled where it reads those, and what it must be told in a file
-/// beside it. Files are there whole or not at all. Throws Error: argument (no such target or
-/// extension; names those that are known), file, unsupported (no form for such a volume).
+/// beside it. A .glb gets the scene too, where one is given. Files are there whole or not at all.
+/// Throws Error: argument (no such target or extension; names those that are known), file,
+/// unsupported (no form for such a volume).
 LPVBAKE_API WriteReport write_volume(const std::string& path, Volume volume,
                                      const std::string& target = "generic",
-                                     std::optional<Precision> precision = std::nullopt);
+                                     std::optional<Precision> precision = std::nullopt,
+                                     const PackedScene* scene = nullptr);
 
 /// Reads what was written, by its own name or that of its sidecar, back to canonical coefficients
 /// and glTF's axes, whatever the convention of the file. Throws Error: argument (unknown

@@ -14,5 +14,5 @@ await decoder.init();
 writeFileSync(texels, decoder.decode(level.levelData, level.uncompressedByteLength));
 console.log(JSON.stringify({
     ...header, descriptor, keys: Object.keys(keyValue), bytes: level.uncompressedByteLength,
-    description: JSON.parse(new TextDecoder().decode(keyValue.lpvbake).replace(/\0$/, '')),
+    description: keyValue.lpvbake && JSON.parse(new TextDecoder().decode(keyValue.lpvbake).replace(/\0$/, '')),
 }));

@@ -7,6 +7,11 @@ import tempfile
 import urllib.request
 
 
+KTX_PARSE = ("ktx-parse", "2.0.0", "608908d207488fb8500ed001aab046e78fc677238e4f867023a75f2d248baba1")
+GLTF_VALIDATOR = ("gltf-validator", "2.0.0-dev.3.10",
+                  "4e03dbdc3bc0d1342afd5d2d7ae341a7e3474502ccb872b02dbbaddaee0fdec6")
+
+
 def package(cache, name, version, sha256):
     """The unpacked package, in the folder `cache`."""
     folder = pathlib.Path(cache) / f"{name}-{version}"

@@ -24,7 +24,6 @@ import npm
 
 LPVBAKE, OGRE_DDS = sys.argv[1:3]
 EXAMPLES, CACHE = pathlib.Path(sys.argv[3]), pathlib.Path(sys.argv[4]).resolve()
-KTX_PARSE = ("ktx-parse", "2.0.0", "608908d207488fb8500ed001aab046e78fc677238e4f867023a75f2d248baba1")
 ROUNDING = {np.float32: 0.0, np.float16: 2.0 ** -11}  # relative
 # VkFormat of Vulkan, and OGRE's names.
 VULKAN = {76: (np.float16, 1), 97: (np.float16, 4), 100: (np.float32, 1), 109: (np.float32, 4)}
@@ -69,7 +68,7 @@ class Textures(unittest.TestCase):
             pyopenvdb.read(str(cls.folder / "volume.vdb"), grid.name).copyToArray(values)
             values = values.reshape(*dims, 3 if is_colour else 1)
             cls.grids[grid.name] = np.moveaxis(values, (0, 1, 2), (2, 1, 0))
-        cls.parser = npm.package(CACHE, *KTX_PARSE)
+        cls.parser = npm.package(CACHE, *npm.KTX_PARSE)
         cls.three = npm.three(CACHE)
 
     def by_ktx_parse(self, file):

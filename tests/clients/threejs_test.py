@@ -205,7 +205,7 @@ class ThreeJs(unittest.TestCase):
         cls.scene = cls.folder / "scene.gltf"
         cls.scene.write_bytes((EXAMPLES / "cornell_box.gltf").read_bytes())
         run(LPVBAKE, "bake", cls.scene, "-o", cls.folder / "volume.exr", "-o", cls.folder / "volume.ktx2",
-            "--target", "threejs")
+            "-o", cls.folder / "lit.glb", "--target", "threejs")
         server = serve(cls.folder)
         cls.addClassCleanup(server.server_close)
         cls.addClassCleanup(server.shutdown)
@@ -224,9 +224,9 @@ class ThreeJs(unittest.TestCase):
         return picture(path)
 
     def view(self, show, volume="volume.json"):
+        what = f"scene={volume}" if volume.endswith(".glb") else f"scene=scene.gltf&volume={volume}"
         state, message = self.chromium.open(
-            f"{self.url}?scene=scene.gltf&volume={volume}&camera={CAMERA}&exposure={EXPOSURE}"
-            f"&show={show}&panel=0")
+            f"{self.url}?{what}&camera={CAMERA}&exposure={EXPOSURE}&show={show}&panel=0")
         self.assertEqual((state, message), ("ready", ""))
         return self.chromium.screenshot(self.folder / f"view_{show}.png")
 
@@ -255,6 +255,45 @@ class ThreeJs(unittest.TestCase):
         (self.folder / "cut.ktx2").write_bytes(cut)
         state, _ = self.chromium.open(f"{self.url}?scene=scene.gltf&volume=cut.ktx2&camera={CAMERA}")
         self.assertEqual(state, "failed")
+
+    def test_one_file_shows_what_scene_and_volume_show(self):
+        for show in ("both", "direct", "indirect"):
+            apart = self.view(show)
+            difference = float(np.mean(np.abs(self.view(show, "lit.glb") - apart)))
+            print(f"one .glb, {show}: mean difference {difference:.6f}")
+            self.assertLess(difference, 0.001, show)
+
+        def changed(edit):
+            """The name of a copy whose JSON is another."""
+            bytes = (self.folder / "lit.glb").read_bytes()
+            size = int.from_bytes(bytes[12:16], "little")
+            facts = json.loads(bytes[20:20 + size])
+            edit(facts)
+            text = json.dumps(facts, separators=(",", ":")).encode()
+            size_now = (len(text) + 3) // 4 * 4
+            length = len(bytes) - size + size_now
+            name = f"{edit.__name__}.glb"
+            (self.folder / name).write_bytes(
+                bytes[:8] + length.to_bytes(4, "little") + size_now.to_bytes(4, "little") + bytes[16:20]
+                + text.ljust(size_now) + bytes[20 + size:])
+            return name
+
+        def shrunk(facts):
+            facts["nodes"][-1]["scale"] = [side / 2 for side in facts["nodes"][-1]["scale"]]
+
+        def turned(facts):
+            facts["nodes"][-1]["rotation"] = [0, 0.6, 0, 0.8]
+
+        def by_bands(facts):
+            texture = facts["extensions"]["EXT_light_volume"]["volumes"][0]["textures"][0]
+            texture["channels"] = texture.pop("blocks")[0]
+
+        difference = float(np.mean(np.abs(self.view("indirect", changed(shrunk)) - apart)))
+        self.assertGreater(difference, 5 * TOLERANCE)
+        for edit, said in ((turned, "turned"), (by_bands, "--target threejs")):
+            state, message = self.chromium.open(f"{self.url}?scene={changed(edit)}&camera={CAMERA}")
+            self.assertEqual(state, "failed")
+            self.assertIn(said, message)
 
     def test_broken_volumes_look_different(self):
         facts = json.loads((self.folder / "volume.json").read_text())

@@ -89,6 +89,8 @@ class Documents(unittest.TestCase):
         run("reference", *reference, "-o", "reference.vdb")
         run("reference", *reference, "-o", "all.vdb", "--bounces", "inf", "--probes", "10")
 
+        run("bake", *bake, "-o", "lit.glb", "--fit", "surfaces")
+        run("info_scene", "info", "lit.glb", "--slice", "z=3", "-o", "slice.png")
         run("info_volume", "info", "sn.vdb")
         run("info_volume", "info", "lpv.vdb", "--slice", "z=3", "-o", "slice.png")
         run("diff", "diff", "sn.vdb", "sn.exr")
