@@ -38,7 +38,7 @@ struct VolumeFormat {
 
 using VolumeFormats = std::span<const VolumeFormat* const>;
 
-/// OpenVDB, NanoVDB, OpenEXR, KTX2, DDS, glTF.
+/// OpenVDB, NanoVDB, OpenEXR, KTX2, DDS, glTF, Godot's probes.
 VolumeFormats volume_formats();
 
 } // namespace lpvbake::io

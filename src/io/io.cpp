@@ -6,6 +6,7 @@
 #include "io/ktx2.h"
 #include "io/layout.h"
 #include "io/nvdb.h"
+#include "io/tres.h"
 #include "io/vdb.h"
 #include "lpvbake/error.h"
 
@@ -18,8 +19,8 @@
 namespace lpvbake::io {
 namespace {
 
-constexpr const VolumeFormat* formats_known[] = {&vdb_format,  &nvdb_format, &exr_format,
-                                                 &ktx2_format, &dds_format,  &glb_format};
+constexpr const VolumeFormat* formats_known[] = {
+    &vdb_format, &nvdb_format, &exr_format, &ktx2_format, &dds_format, &glb_format, &tres_format};
 
 std::string lower(std::string text) {
     std::transform(text.begin(), text.end(), text.begin(),

@@ -5,6 +5,7 @@
 #include "io/exr.h"
 #include "io/glb.h"
 #include "io/ktx2.h"
+#include "io/tres.h"
 #include "io/vdb.h"
 #include "lpvbake/error.h"
 #include "text.h"
@@ -56,7 +57,7 @@ constexpr Target targets[] = {
      .dilate = 2,
      .dering = true,
      .notes = Notes::godot,
-     .reads = {&exr_format}},
+     .reads = {&exr_format, &tres_format}},
     {.name = "threejs",
      .pictures = {.packing = Packing::atlas},
      .precision = Precision::half,
@@ -213,6 +214,23 @@ Json bevy_notes(const Grid& grid, const WriteReport& report) {
     };
 }
 
+/// A scene of Bevy 0.19 or later, in which assets go by their paths: a node whose unit cube is the
+/// box. Components that it needs beside come by themselves.
+std::string bevy_scene(const Grid& grid, const std::string& texture) {
+    const glm::dvec3 size = grid.cell * glm::dvec3(grid.dims), middle = grid.origin + 0.5 * size;
+    const auto three = [](glm::dvec3 v) { return format("(%.9g, %.9g, %.9g)", v.x, v.y, v.z); };
+    return "(\n  resources: {},\n  entities: {\n    4294967297: (\n      components: {\n"
+           "        \"bevy_transform::components::transform::Transform\": (\n"
+           "          translation: "
+           + three(middle) + ",\n          rotation: (0, 0, 0, 1),\n          scale: " + three(size)
+           + ",\n        ),\n"
+             "        \"bevy_light::probe::IrradianceVolume\": (\n"
+             "          voxels: Path("
+           + Json(texture).dump(-1, ' ', false, Json::error_handler_t::replace)
+           + "),\n          intensity: 1,\n          affects_lightmapped_meshes: true,\n"
+             "        ),\n      },\n    ),\n  },\n)\n";
+}
+
 /// What their name has before its extension.
 const char* kind_of(Notes notes) {
     switch (notes) {
@@ -232,6 +250,10 @@ const char* kind_of(Notes notes) {
 
 std::string import_name(const std::string& picture) {
     return picture + ".import";
+}
+
+std::string bevy_scene_name(const std::string& path) {
+    return fs::path(path).replace_extension(".scn.ron").string();
 }
 
 /// STEM.unity.json of STEM.exr.
@@ -265,6 +287,10 @@ void write_notes(const Target& target, const std::string& path, const Grid& bake
         break;
     case Notes::bevy:
         write("Bevy", bevy_notes(grid, report));
+        if (!has_flipbooks(report))
+            notes.push_back(write_text(
+                bevy_scene_name(path),
+                bevy_scene(grid, fs::path(report.files.front().path).filename().string())));
         break;
     }
     report.files.insert(report.files.end(), notes.begin(), notes.end());
@@ -374,6 +400,8 @@ std::vector<std::string> files_for(const Target& target, const std::string& path
                 files.push_back(import_name(files[i]));
     if (target.notes != Notes::none)
         files.push_back(note_name(path, target.notes));
+    if (target.notes == Notes::bevy && &format != &exr_format)
+        files.push_back(bevy_scene_name(path));
     return files;
 }
 

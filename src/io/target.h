@@ -15,7 +15,7 @@ enum class Notes {
     godot,  ///< PICTURE.exr.import of each, for a 3D texture (Godot 4), and STEM.godot.json
     unity,  ///< STEM.unity.json: what to set in the texture importer, and how to read
     unreal, ///< STEM.unreal.json: what to set when a volume texture is made, and how to read
-    bevy,   ///< STEM.bevy.json: the texture's form and the volume's transform
+    bevy, ///< STEM.bevy.json: the texture's form and the volume's transform; STEM.scn.ron, a scene
 };
 
 /// How a volume is stored for a program.

@@ -1,6 +1,6 @@
 // Volume files, told apart by their extension: .vdb (OpenVDB), .nvdb (NanoVDB), .exr (flipbooks in
 // OpenEXR, with a sidecar .json), .ktx2 and .dds (3D textures, the latter with a sidecar
-// .dds.json), .glb (glTF, in its scene).
+// .dds.json), .glb (glTF, in its scene), .tres (probes of Godot's LightmapGI).
 #pragma once
 
 #include "lpvbake/export.h"

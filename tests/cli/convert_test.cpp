@@ -297,8 +297,7 @@ TEST_F(Convert, FitsToTheSurfacesOfAScene) {
 
 TEST_F(Convert, OptionsGoBeforeTheTarget) {
     write("a.vdb", random_volume({4, 5, 6}, 2, false, 4));
-    ASSERT_EQ(run("a.vdb t.exr --target unity --fit none --axes unreal --packing band").status,
-              0);
+    ASSERT_EQ(run("a.vdb t.exr --target unity --fit none --axes unreal --packing band").status, 0);
     const auto sidecar = nlohmann::json::parse(slurp(folder_ / "t.json"));
     EXPECT_EQ(sidecar["convention"], "unity");
     EXPECT_EQ(sidecar["axes"], "unreal");
@@ -329,6 +328,54 @@ TEST_F(Convert, WrongCommandsAreRefused) {
     expect_error("none.vdb b.vdb", cmd::ExitCode::file, "none.vdb");
     expect_error("a.vdb b.vdb --axes maya", cmd::ExitCode::usage, "--axes");
     expect_error("a.vdb", cmd::ExitCode::usage, "output");
+}
+
+TEST_F(Convert, BevyGetsAScene) {
+    Volume volume = random_volume({4, 6, 8}, 1, false, 9);
+    volume.grid = {{-1, 0, 0.5}, 0.25, {4, 6, 8}};
+    write("a.vdb", volume);
+    for (const std::string extension : {".ktx2", ".dds"}) {
+        const CliResult result =
+            run("a.vdb t" + extension + " --target bevy --fit none --format json");
+        ASSERT_EQ(result.status, 0) << result.err;
+        const auto files = nlohmann::json::parse(result.out)["outputs"][0]["files"];
+        EXPECT_EQ(files.back()["path"], "t.scn.ron");
+        EXPECT_EQ(slurp(folder_ / "t.scn.ron"), R"((
+  resources: {},
+  entities: {
+    4294967297: (
+      components: {
+        "bevy_transform::components::transform::Transform": (
+          translation: (-0.5, 0.75, 1.5),
+          rotation: (0, 0, 0, 1),
+          scale: (1, 1.5, 2),
+        ),
+        "bevy_light::probe::IrradianceVolume": (
+          voxels: Path("t_cube)" + extension + R"("),
+          intensity: 1,
+          affects_lightmapped_meshes: true,
+        ),
+      },
+    ),
+  },
+)
+)");
+    }
+}
+
+TEST_F(Convert, GodotGetsProbes) {
+    const Volume volume = random_volume({4, 3, 5}, 2, false, 10);
+    write("a.vdb", volume);
+    ASSERT_EQ(run("a.vdb t.tres --target godot --fit none --dering off --precision float").status,
+              0);
+    ASSERT_EQ(run("t.tres back.vdb").status, 0);
+    const Volume back = read_volume(folder_ / "back.vdb");
+    EXPECT_EQ(back.grid, volume.grid);
+    for (size_t i = 0; i < volume.grid.size(); ++i)
+        if (volume.validity[i] > 0) { // others are filled
+            EXPECT_LT(glm::length(back.sh[0][i] - volume.sh[0][i]), 1e-3f);
+        }
+    expect_error("a.vdb u.tres", cmd::ExitCode::unsupported, "write it for godot");
 }
 
 } // namespace

@@ -1,7 +1,7 @@
 // Files of 3D textures: after a letter that says of which kind they are, the bytes of a KTX2 file
-// ('k') or of a .glb ('b'), the JSON of a .glb and, after a byte of 0, its chunk ('g'), or a
-// description and, after a byte of 0, the bytes of the two DDS files that it may name, a.dds and
-// b.dds ('d').
+// ('k'), of a .glb ('b') or of a .tres ('t'), the JSON of a .glb and, after a byte of 0, its chunk
+// ('g'), or a description and, after a byte of 0, the bytes of the two DDS files that it may name,
+// a.dds and b.dds ('d').
 #include "fuzz.h"
 
 #include "io/dds.h"
@@ -9,6 +9,7 @@
 #include "io/ktx2.h"
 #include "io/layout.h"
 #include "io/texel.h"
+#include "io/tres.h"
 
 #include <algorithm>
 #include <cmath>
@@ -19,7 +20,7 @@ namespace {
 /// Whether it says anywhere that there are many cells: how much memory a machine has is not at
 /// stake here.
 bool claims_much(std::string_view bytes) {
-    for (const std::string_view key : {"\"dims\"", "\"cells\""})
+    for (const std::string_view key : {"dims", "cells"})
         for (size_t at = bytes.find(key); at != std::string_view::npos;
              at = bytes.find(key, at + 1)) {
             double cells = 1, number = 0;
@@ -66,6 +67,8 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
             volume = io::read_ktx2(folder.write("a.ktx2", bytes));
         } else if (input[0] == 'b') {
             volume = io::read_glb(folder.write("a.glb", bytes));
+        } else if (input[0] == 't') {
+            volume = io::read_tres(folder.write("a.tres", bytes));
         } else if (input[0] == 'g') {
             volume = io::read_glb(folder.write("a.glb", glb_of(bytes.substr(0, end), rest)));
         } else {

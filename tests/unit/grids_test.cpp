@@ -218,16 +218,16 @@ TEST(Formats, AToyIsARow) {
     EXPECT_EQ(io::volume_format("a.toytoo", formats), nullptr);
     EXPECT_EQ(io::readable_format("a.toytoo", formats), &toy_format);
     EXPECT_EQ(io::format_list(" or ", false, formats),
-              ".vdb, .nvdb, .exr, .ktx2, .dds, .glb or .toy");
+              ".vdb, .nvdb, .exr, .ktx2, .dds, .glb, .tres or .toy");
     EXPECT_EQ(io::format_list(", ", true, formats),
-              ".vdb, .nvdb, .exr, .ktx2, .dds, .glb, .toy, .json, .dds.json, .toytoo");
+              ".vdb, .nvdb, .exr, .ktx2, .dds, .glb, .tres, .toy, .json, .dds.json, .toytoo");
 
     // Others do not know it.
     EXPECT_EQ(io::volume_format(path), nullptr);
     EXPECT_EQ(io::readable_format("none"), nullptr);
     const Error error = error_of(path, [&] { read_volume(path); });
     EXPECT_EQ(error.kind, ErrorKind::argument);
-    EXPECT_NE(std::string(error.what()).find("use .vdb, .nvdb, .exr, .ktx2, .dds or .glb"),
+    EXPECT_NE(std::string(error.what()).find("use .vdb, .nvdb, .exr, .ktx2, .dds, .glb or .tres"),
               std::string::npos);
 }
 

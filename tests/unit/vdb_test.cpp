@@ -304,7 +304,7 @@ TEST(Io, DispatchesOnTheExtension) {
         const Error error =
             error_of(name, [&] { io::write_volume(folder / name, volume, Precision::full); });
         EXPECT_EQ(error.kind, ErrorKind::argument);
-        EXPECT_NE(std::string(error.what()).find(".vdb, .nvdb, .exr, .ktx2, .dds or .glb"),
+        EXPECT_NE(std::string(error.what()).find(".vdb, .nvdb, .exr, .ktx2, .dds, .glb or .tres"),
                   std::string::npos);
         EXPECT_EQ(error_of(name, [&] { read_volume(folder / name); }).kind, ErrorKind::argument);
     }
