@@ -5,6 +5,7 @@
 #include "background.h"
 #include "commands.h"
 #include "io/atomic_file.h"
+#include "io/glb.h"
 #include "io/slice.h"
 #include "lpvbake/error.h"
 #include "read_light.h"
@@ -400,7 +401,9 @@ options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<RenderOptions>();
     RenderOptions& o = *fields;
     add_scene_option(options, o);
-    options.text("volume", o.volume, "VOLUME", "Volume of bake or reference, " + io::format_list());
+    options.text("volume", o.volume, "VOLUME",
+                 "Volume of bake or reference, " + io::format_list()
+                     + "; default: that of the scene's .glb");
     options
         .texts("-o,--output", o.outputs, "FILE", "Picture to write, .png or .exr; may be repeated")
         .keep_to_one_run();
@@ -433,7 +436,12 @@ options::Action declare(options::Options& options) {
                  "Load Vulkan's validation layer; messages are errors");
     add_dry_run_option(options, o, "Print camera and size, and draw nothing");
     add_run_options(options, o);
-    return [fields] { run(*fields); };
+    return [fields] {
+        if (fields->volume.empty() && io::volume_format(fields->scene)
+            && io::has_light_volume(fields->scene))
+            fields->volume = fields->scene;
+        run(*fields);
+    };
 }
 
 } // namespace

@@ -34,7 +34,7 @@ TEST(GlbCli, EveryCommandTakesItAsSceneAndAsVolume) {
     run("diff again.vdb apart.vdb --fail 0.0001%");
     run("convert apart.vdb put.glb --fit none --scene $ROOM");
     run("diff put.glb apart.vdb --fail 0.0001%");
-    run("render lit.glb lit.glb -o one.png --size 32x32 --samples 1");
+    run("render lit.glb -o one.png --size 32x32 --samples 1");
     run("render $ROOM apart.vdb -o two.png --size 32x32 --samples 1");
     EXPECT_EQ(slurp(folder / "one.png"), slurp(folder / "two.png"));
     run("verify lit.glb lit.glb --points 8");
