@@ -2,12 +2,14 @@
 #include "lpvbake/bake.h"
 #include "lpvbake/error.h"
 #include "lpvbake/file.h"
+#include "lpvbake/pack.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <limits>
 #include <string>
 
@@ -114,6 +116,13 @@ TEST_F(Api, FilesGiveBackWhatWasWritten) {
     EXPECT_EQ(read_volume(folder / "b.json").grid, volume.grid);
     EXPECT_EQ(write_volume(folder / "c.exr", volume, "unity", Precision::full).precision,
               Precision::full);
+    // A scene's file gets the volume.
+    std::ofstream(folder / "scene.gltf")
+        << R"({"asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "nodes": [{"name": "n"}]})";
+    const PackedScene scene = pack_gltf(folder / "scene.gltf");
+    write_volume(folder / "lit.glb", volume, "generic", std::nullopt, &scene);
+    EXPECT_EQ(read_volume(folder / "lit.glb").sh, volume.sh);
+    EXPECT_NE(pack_gltf(folder / "lit.glb").json.find("\"name\":\"n\""), std::string::npos);
     expect_error(ErrorKind::argument, "none of generic, ",
                  [&] { write_volume(folder / "c.vdb", volume, "quake"); });
     expect_error(ErrorKind::argument, ".vdb", [&] { read_volume(folder / "c.txt"); });
