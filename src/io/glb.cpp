@@ -7,6 +7,7 @@
 #include "io/texture_files.h"
 #include "lpvbake/error.h"
 #include "lpvbake/pack.h"
+#include "quoted.h"
 #include "text.h"
 
 #include <glm/gtc/quaternion.hpp>
@@ -399,12 +400,17 @@ WriteReport write_glb(const std::string& path, const Stored& stored, Precision w
     const std::vector<std::string> payloads =
         payloads_of(textures, volume, packing, precision, dims);
 
-    const size_t first_view = root.contains("bufferViews") ? root["bufferViews"].size() : 0;
-    root["extensionsUsed"].push_back(extension);
-    root["extensions"][extension]["volumes"] =
-        Json::array({volume_json(stored, precision, packing, textures, first_view)});
-    add_node(volume.grid, scene.scene, root);
-    const size_t bytes = add_views(payloads, scene.bytes.size(), root);
+    size_t bytes = 0;
+    try {
+        const size_t first_view = root.contains("bufferViews") ? root["bufferViews"].size() : 0;
+        root["extensionsUsed"].push_back(extension);
+        root["extensions"][extension]["volumes"] =
+            Json::array({volume_json(stored, precision, packing, textures, first_view)});
+        add_node(volume.grid, scene.scene, root);
+        bytes = add_views(payloads, scene.bytes.size(), root);
+    } catch (const Json::exception& error) {
+        reject(path, "the scene is not valid glTF: " + without_label(error.what()));
+    }
     write_file(path, root.dump(-1, ' ', false, Json::error_handler_t::replace), scene.bytes,
                payloads, bytes, report);
     return report;

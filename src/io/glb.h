@@ -9,7 +9,8 @@ namespace lpvbake::io {
 extern const VolumeFormat glb_format;
 
 /// Writes Pictures::scene, or an empty one, with the volume: a node that is its box, and its
-/// textures as KTX2 behind what the first buffer holds. Throws Error: unsupported (a convention
+/// textures as KTX2 behind what the first buffer holds. Throws Error: invalid (the scene is no
+/// glTF), unsupported (a convention
 /// other than radiance and irradiance, axes other than glTF's, a packing other than band, channel
 /// and atlas; a scene that has a volume; more than 4 GiB); and as write_textures.
 WriteReport write_glb(const std::string& path, const Stored& stored, Precision precision,

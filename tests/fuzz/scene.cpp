@@ -7,6 +7,7 @@
 
 #include "image/header.h"
 #include "image/image.h"
+#include "lpvbake/pack.h"
 #include "lpvbake/scene.h"
 #include "scene/lights.h"
 #include "scene/material.h"
@@ -142,5 +143,6 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     settings.strict = form & strict;
     settings.rules.metallic_black = form & black_metal;
     fuzz::accepts([&] { check(load_gltf(path, settings)); });
+    fuzz::accepts([&] { pack_gltf(path, settings); });
     return 0;
 }

@@ -323,6 +323,30 @@ TEST(Glb, SaysWhatItDoesNotHold) {
     EXPECT_FALSE(io::has_light_volume(folder / "text.glb"));
 }
 
+TEST(Glb, RefusesScenesThatAreNoGltf) {
+    const TemporaryFolder folder;
+    for (const char* json :
+         {"[]", R"({"nodes": 5})", R"({"scenes": [], "scene": 0})", R"({"bufferViews": {"a": 1}})",
+          R"({"extensions": []})", R"({"extensionsUsed": "none"})", R"({"buffers": {}})"}) {
+        const PackedScene scene{json, {}, 0, {}};
+        EXPECT_EQ(
+            error_of("lit.glb",
+                     [&] {
+                         write(folder / "lit.glb", random_volume({3, 2, 4}, 0, false, 3), &scene);
+                     })
+                .kind,
+            ErrorKind::invalid)
+            << json;
+        spill(folder / "scene.gltf", json);
+        try {
+            (void)pack_gltf(folder / "scene.gltf");
+        } catch (const Error& error) {
+            EXPECT_EQ(error.kind, ErrorKind::invalid) << error.what();
+        }
+    }
+    EXPECT_EQ(folder.count(), 1);
+}
+
 TEST(Glb, RefusesBrokenFilesByName) {
     const TemporaryFolder folder;
     const std::string path = folder / "a.glb";
