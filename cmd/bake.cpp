@@ -3,6 +3,7 @@
 #include "bake/bake.h"
 
 #include "background.h"
+#include "bake/pilot.h"
 #include "bake/points.h"
 #include "commands.h"
 #include "io/points.h"
@@ -204,6 +205,9 @@ bake::Wish wish_of(const BakeOptions& o) {
         wish.order = o.sh_order;
     else if (o.fit.evaluation != readers::Evaluation::linear)
         wish.order = 1;
+    const io::Target storage = o.outputs.storage();
+    wish.kept_order =
+        std::min(storage.highest_order, volume::highest_order(storage.encoding.convention));
     wish.error = o.error;
     wish.seconds = o.seconds;
     for (const auto& [name, value] : o.parameters)
@@ -219,7 +223,7 @@ report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
     report::Json chosen{{"solver", choice.solver().kind().name},
                         {"sh_order", choice.solver().order()},
                         {"text", choice.text},
-                        {"error", choice.error},
+                        {"error", choice.foretold ? report::Json(choice.error) : report::Json()},
                         {"seconds", choice.plan.seconds}};
     for (const solver::Parameter& parameter : choice.solver().kind().parameters)
         if (solver::is_on_ladder(choice.solver().kind(), parameter.name)) {
@@ -228,6 +232,8 @@ report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
                                          ? report::Json(int64_t(value))
                                          : report::Json(value);
         }
+    if (const std::optional<solver::Pilot>& pilot = choice.pilot)
+        chosen["pilot"] = {{"bands", pilot->bands}, {"clusters", pilot->clusters}};
     report::Json document{{"command", "bake"},
                           {"version", LPVBAKE_VERSION},
                           {"scene", o.scene},
@@ -249,8 +255,11 @@ void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice) {
                     (unsigned long long)points, choice.plan.grid.cell);
     else
         print_grid(choice.plan.grid);
-    std::printf("choice        %s: about %.2g %% error in a Cornell box, %.2g s on 2 CPU threads\n",
-                choice.text.c_str(), 100 * choice.error, choice.plan.seconds);
+    const std::string error = choice.foretold ? format("up to %.2g %% error%s", 100 * choice.error,
+                                                       choice.pilot ? "" : " in a Cornell box")
+                                              : "an error that cannot be foretold";
+    std::printf("choice        %s: %s, about %.2g s on 2 CPU threads\n", choice.text.c_str(),
+                error.c_str(), choice.plan.seconds);
 }
 
 /// The files that the bake will leave.
@@ -434,7 +443,7 @@ void run(const BakeOptions& o, const std::string& settings) {
     const readers::Reader reader = reader_of(*o.outputs.target, o.fit);
     tell("settings: " + settings);
     bake::BakeSettings base = to_settings(o, reader);
-    const bake::Wish wish = wish_of(o);
+    bake::Wish wish = wish_of(o);
     Run run(o, o, o.outputs.paths);
     volume::Points points;
     if (!o.at.empty())
@@ -453,7 +462,12 @@ void run(const BakeOptions& o, const std::string& settings) {
     run.end_stage("open", "the device, opened while the scene was loaded");
 
     base.bounds = o.box_in(scene);
-    bake::Choice choice = bake::choose_settings(bake::survey(scene), base, wish, device->info());
+    const bake::SceneFacts facts = bake::survey(scene);
+    if (wish.error) {
+        bake::add_pilot(scene, facts, base, *device, run.progress, wish);
+        run.end_stage("pilot", "what bands and clusters lose of this scene's light");
+    }
+    bake::Choice choice = bake::choose_settings(facts, base, wish, device->info());
     run.warn(choice.warnings);
     if (o.dry_run) {
         tell("choice: " + choice.text);

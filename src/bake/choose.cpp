@@ -10,14 +10,6 @@
 namespace lpvbake::bake {
 namespace {
 
-/// What the bands up to `order` cost, even where they are exact.
-double error_of_bands(int order, bool once) {
-    for (const auto& [from, once_reflected, more] : solver::models::error::bands)
-        if (order >= from)
-            return once ? once_reflected : more;
-    return 1.0;
-}
-
 /// What is not chosen: of `base` where that is of the same kind.
 solver::SolverSettings starting_point(const solver::SolverKind& kind,
                                       const solver::SolverSettings& base) {
@@ -47,11 +39,24 @@ std::string text_of(const solver::SolverSettings& settings) {
 
 } // namespace
 
-double expected_error(const BakeSettings& settings) {
-    const solver::SolverSettings& solver = settings.solver;
+bool is_foretold(const solver::Pilot& pilot) {
+    return pilot.clusters[1] <= solver::models::error::most_lost_clusters;
+}
+
+const solver::Pilot& pilot_for(const BakeSettings& settings,
+                               const std::optional<solver::Pilot>& pilot) {
+    namespace error = solver::models::error;
     const bool once = settings.bounces && *settings.bounces <= 1;
-    return std::hypot(error_of_bands(solver.order(), once),
-                      solver.kind().expected_error(solver, once));
+    return pilot ? *pilot : once ? error::cornell_box_once : error::cornell_box;
+}
+
+double expected_error(const BakeSettings& settings, const std::optional<solver::Pilot>& pilot,
+                      int kept_order) {
+    const solver::Pilot& light = pilot_for(settings, pilot);
+    const solver::SolverSettings& solver = settings.solver;
+    return solver::models::error::margin
+           * std::hypot(solver::lost_bands(light, std::min(solver.order(), kept_order)),
+                        solver.kind().expected_error(solver, light));
 }
 
 Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const Wish& wish,
@@ -62,8 +67,12 @@ Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const 
         set_given(wish, solver);
         solver.set_order(order);
         settings.solver = solver;
-        choices.push_back(
-            {plan_bake(scene, settings, device), expected_error(settings), text_of(solver), {}});
+        Choice& choice = choices.emplace_back();
+        choice.plan = plan_bake(scene, settings, device);
+        choice.error = expected_error(settings, wish.pilot, wish.kept_order);
+        choice.pilot = wish.pilot;
+        choice.foretold = !wish.pilot || is_foretold(*wish.pilot);
+        choice.text = text_of(solver);
     };
     if (!wish.error && !wish.seconds) {
         consider(starting_point(*wish.solvers.front(), base.solver), wish.order.value_or(2));
@@ -72,12 +81,12 @@ Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const 
 
     const auto accurate = [&](const Choice& c) { return !wish.error || c.error <= *wish.error; };
     const auto fast = [&](const Choice& c) {
-        return !wish.seconds || c.plan.seconds <= *wish.seconds;
+        return !wish.seconds || wish.pilot_seconds + c.plan.seconds <= *wish.seconds;
     };
     const auto both = [&](const Choice& c) { return accurate(c) && fast(c); };
     // Order 4 makes files that are larger and that few can read: where the error needs it.
     std::vector<int> orders{wish.order.value_or(2)};
-    if (!wish.order && wish.error)
+    if (!wish.order && wish.error && wish.kept_order >= 4)
         orders.push_back(4);
     std::optional<Error> refused;
     for (const int order : orders) {
@@ -119,13 +128,16 @@ Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const 
     const auto warn = [&](const std::string& text) {
         choice.warnings.push_back(about(scene.path, text));
     };
-    if (!accurate(choice))
+    if (!choice.foretold)
+        warn("its light comes from so many small places that the error of a bake cannot be "
+             "foretold, only measured");
+    else if (!accurate(choice))
         warn(format("`error` %.3g %%: about %.2g %% is expected, the least%s; taken is %s",
                     100 * *wish.error, 100 * choice.error, wish.seconds ? " in that time" : "",
                     choice.text.c_str()));
     if (!fast(choice))
         warn(format("`time_budget` %.3g s: the fastest takes about %.2g s; taken is %s",
-                    *wish.seconds, choice.plan.seconds, choice.text.c_str()));
+                    *wish.seconds, wish.pilot_seconds + choice.plan.seconds, choice.text.c_str()));
     return choice;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "bake/plan.h"
+#include "solver/pilot.h"
 
 #include <optional>
 #include <string>
@@ -13,16 +14,23 @@ namespace lpvbake::bake {
 struct Wish {
     /// Solvers that may be taken, best first; at least one.
     std::vector<const solver::SolverKind*> solvers{solver_kinds().begin(), solver_kinds().end()};
-    std::optional<int> order;      ///< of the harmonics; none: 2, or 4 where `error` needs it
+    std::optional<int> order;      ///< of the harmonics; none: 2, or 4 where `error` needs it and
+                                   ///< the files keep it
+    int kept_order = 4;            ///< highest band that the files will keep
     std::optional<double> error;   ///< relative error of irradiance, at most
     std::optional<double> seconds; ///< of a bake without loading and writing, at most
     /// Parameters that are not to be chosen, of those solvers that have them.
     std::vector<solver::ParameterValue> given;
+    /// Of the scene's light (bake/pilot.h), and what it took; none: the Cornell box stands for it.
+    std::optional<solver::Pilot> pilot;
+    double pilot_seconds = 0;
 };
 
 struct Choice {
-    BakePlan plan;    ///< with the settings
-    double error = 0; ///< expected_error
+    BakePlan plan;                      ///< with the settings
+    double error = 0;                   ///< expected_error
+    std::optional<solver::Pilot> pilot; ///< Wish::pilot
+    bool foretold = true;               ///< not so where the scene is beyond what a pilot tells
     std::string text; ///< solver and settings, as in "gather, order 2, 192 clusters, ..."
     std::vector<std::string> warnings; ///< what of the wish is not reached
 
@@ -37,8 +45,17 @@ struct Choice {
 Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const Wish& wish,
                        const gpu::DeviceInfo& device);
 
-/// Relative error of irradiance that is expected of settings: that of the Cornell box,
-/// the hardest of the scenes that it was measured in; more evenly lit ones err by down to a third.
-double expected_error(const BakeSettings& settings);
+/// Whether a pilot tells what bakes of its scene err by.
+bool is_foretold(const solver::Pilot& pilot);
+
+/// The pilot, or what stands for it where there is none: that of the Cornell box.
+const solver::Pilot& pilot_for(const BakeSettings& settings,
+                               const std::optional<solver::Pilot>& pilot);
+
+/// Relative L1 of irradiance at cells that is expected of settings, at most in nine of ten scenes:
+/// by the pilot of the scene, or without one by that of the Cornell box.
+/// Bands above `kept_order` do not count.
+double expected_error(const BakeSettings& settings,
+                      const std::optional<solver::Pilot>& pilot = std::nullopt, int kept_order = 4);
 
 } // namespace lpvbake::bake

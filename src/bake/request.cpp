@@ -1,5 +1,6 @@
 // lpvbake/bake.h over the driver.
 #include "bake/bake.h"
+#include "bake/pilot.h"
 #include "io/target.h"
 #include "lpvbake/error.h"
 #include "readers/readers.h"
@@ -102,11 +103,23 @@ BakeSettings settings_of(const BakeRequest& request, const solver::SolverKind& k
     return settings;
 }
 
+/// By the Cornell box, without a pilot.
 Choice choose(const Scene& scene, const BakeRequest& request, const gpu::DeviceInfo& device) {
     scene::check_scene(scene);
     const Wish wish = wish_of(request);
     return choose_settings(survey(scene), settings_of(request, *wish.solvers.front()), wish,
                            device);
+}
+
+/// With one where an error is wanted.
+Choice choose(const Scene& scene, const BakeRequest& request, const gpu::Device& device,
+              Progress& progress) {
+    scene::check_scene(scene);
+    Wish wish = wish_of(request);
+    const BakeSettings settings = settings_of(request, *wish.solvers.front());
+    const SceneFacts facts = survey(scene);
+    add_pilot(scene, facts, settings, device, progress, wish);
+    return choose_settings(facts, settings, wish, device.info());
 }
 
 } // namespace
@@ -115,9 +128,9 @@ Choice choose(const Scene& scene, const BakeRequest& request, const gpu::DeviceI
 
 namespace lpvbake {
 
-BakeForecast forecast(const Scene& scene, const BakeRequest& request,
-                      const gpu::DeviceInfo& device) {
-    bake::Choice choice = bake::choose(scene, request, device);
+namespace {
+
+BakeForecast forecast_of(const bake::Choice& choice) {
     const bake::BakePlan& plan = choice.plan;
     BakeForecast forecast{plan.grid,         choice.text,     choice.error,   plan.seconds,
                           plan.device_bytes, plan.host_bytes, choice.warnings};
@@ -125,9 +138,21 @@ BakeForecast forecast(const Scene& scene, const BakeRequest& request,
     return forecast;
 }
 
+} // namespace
+
+BakeForecast forecast(const Scene& scene, const BakeRequest& request,
+                      const gpu::DeviceInfo& device) {
+    return forecast_of(bake::choose(scene, request, device));
+}
+
+BakeForecast forecast(const Scene& scene, const BakeRequest& request, const gpu::Device& device) {
+    Progress silent;
+    return forecast_of(bake::choose(scene, request, device, silent));
+}
+
 Baked bake_volume(const Scene& scene, const BakeRequest& request, const gpu::Device& device,
                   Progress& progress) {
-    const bake::Choice choice = bake::choose(scene, request, device.info());
+    const bake::Choice choice = bake::choose(scene, request, device, progress);
     Baked baked = bake::bake(scene, choice.plan, device, progress);
     baked.warnings.insert(baked.warnings.begin(), choice.warnings.begin(), choice.warnings.end());
     baked.volume.metadata["tool"] = "lpvbake " LPVBAKE_VERSION;

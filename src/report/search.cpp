@@ -1,6 +1,7 @@
 #include "report/search.h"
 
 #include "bake/bake.h"
+#include "bake/pilot.h"
 #include "lpvbake/error.h"
 
 #include <algorithm>
@@ -22,10 +23,10 @@ double miss(const Goal& goal, double error, double seconds) {
 }
 
 /// Of its own, beside that of the bands.
-double solver_error(const SweepRow& row) {
+double solver_error(const Search& search, const SweepRow& row) {
     const bake::BakeSettings& settings = row.settings;
-    const bool once = settings.bounces && *settings.bounces <= 1;
-    return settings.solver.kind().expected_error(settings.solver, once);
+    return settings.solver.kind().expected_error(settings.solver,
+                                                 bake::pilot_for(settings, search.pilot));
 }
 
 struct Expected {
@@ -38,13 +39,14 @@ Expected expected(const Search& search, const SearchResult& result, std::size_t 
     if (result.truth.rays == 0)
         return {candidate.error, candidate.seconds};
     const solver::SolverSettings& solver = candidate.row.settings.solver;
-    double own = solver_error(candidate.row), seconds = candidate.seconds, width = 1;
+    double own = solver_error(search, candidate.row), seconds = candidate.seconds, width = 1;
     bool alike = false; // the same solver was tried: the last one says most
     for (const Trial& trial : result.trials) {
         const SweepRow& tried = search.candidates[trial.candidate].row;
         const bool same = &tried.settings.solver.kind() == &solver.kind();
         if (same)
-            own = solver_error(candidate.row) * trial.projected.relative_l1 / solver_error(tried);
+            own = solver_error(search, candidate.row) * trial.projected.relative_l1
+                  / solver_error(search, tried);
         if (same || !alike)
             seconds = candidate.seconds * trial.seconds.median
                       / search.candidates[trial.candidate].seconds;
@@ -204,13 +206,15 @@ Search begin_search(const Scene& scene, const std::vector<SweepRow>& rows, const
     search.goal = goal;
     std::optional<Error> refused;
     const bake::SceneFacts facts = bake::survey(scene);
+    if (goal.error)
+        search.pilot = bake::run_pilot(scene, facts, rows.front().settings, device, progress);
     for (const SweepRow& row : rows)
         try {
             const bake::BakePlan plan = bake::plan_bake(facts, row.settings, device.info());
             search.grid = plan.grid;
             search.rules = field_rules(row.settings);
             search.candidates.push_back(
-                {row, bake::expected_error(row.settings), plan.seconds, {}});
+                {row, bake::expected_error(row.settings, search.pilot), plan.seconds, {}});
         } catch (const Error& error) {
             if (error.kind != ErrorKind::memory)
                 throw;

@@ -5,6 +5,7 @@
 #include "report/report.h"
 #include "report/sweep.h"
 #include "report/verify.h"
+#include "solver/pilot.h"
 
 #include <optional>
 #include <string>
@@ -49,6 +50,7 @@ struct Search {
     Grid grid;
     reference::PathRules rules;
     DrawnCells drawn;
+    std::optional<solver::Pilot> pilot; ///< of the scene, where there is an error to keep
     std::vector<Candidate> candidates;
     double truth_seconds = 0; ///< expected
     double least_seconds = 0; ///< expected of the truth and the bakes of the first candidate
@@ -58,8 +60,8 @@ struct Search {
 /// At most so many candidates are baked.
 inline constexpr std::size_t most_trials = 6;
 
-/// Plans and draws, and looks with a few paths how long the truth will take. Throws Error as
-/// plan_bake (memory only where no row fits) and draw_cells do.
+/// Plans, runs a pilot, draws, and looks with a few paths how long the truth will take. Throws
+/// Error as plan_bake (memory only where no row fits) and draw_cells do.
 Search begin_search(const Scene& scene, const std::vector<SweepRow>& rows, const Goal& goal,
                     const ReportSettings& settings, const gpu::Device& device, Progress& progress);
 

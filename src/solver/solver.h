@@ -6,6 +6,7 @@
 #pragma once
 
 #include "solver/parameter.h"
+#include "solver/pilot.h"
 #include "solver/stages.h"
 #include "volume/grid.h"
 
@@ -153,9 +154,9 @@ struct SolverKind {
     /// of punctual lights, so that it needs lit surfaces for all other light alone; 0: it has no
     /// use for maps, and needs the surfaces for all light.
     int (*map_size)(const Grid& grid, const SolverSettings& settings);
-    /// Relative error of irradiance that it adds to that of the harmonics' order, in the Cornell
-    /// box after at most one reflection (`once`) or more: the squares of both sum.
-    double (*expected_error)(const SolverSettings& settings, bool once);
+    /// Relative L1 of irradiance that it typically adds, beside what the harmonics' order loses, in
+    /// a scene of which the pilot tells so much: the squares of both sum.
+    double (*expected_error)(const SolverSettings& settings, const Pilot& pilot);
     /// Peak of its device memory, bytes.
     uint64_t (*device_bytes)(const Grid& grid, const SolverSettings& settings);
     Cost (*cost)(const Workload& work, const SolverSettings& settings);

@@ -882,7 +882,14 @@ TEST_F(Cli, AutoSaysWhatItChose) {
     EXPECT_LT(rough["seconds"].get<double>(), usual["seconds"].get<double>());
     EXPECT_EQ(rough["warnings"], 0);
     EXPECT_EQ(choice({"--error", "0.04"}), rough);
-    EXPECT_EQ(choice({"--error", "1.6%"})["sh_order"], 4);
+    const json least = choice({"--error", "0.1%", "--sh-order", "2"});
+    const std::string below = std::to_string(0.9 * least["error"].get<double>());
+    EXPECT_EQ(choice({"--error", below})["sh_order"], 4);
+    EXPECT_EQ(rough["pilot"]["bands"].size(), 2u);
+    EXPECT_FALSE(usual.contains("pilot"));
+    const json unity = choice({"--error", below, "--target", "unity"});
+    EXPECT_EQ(unity["sh_order"], 2) << "its files keep no more";
+    EXPECT_EQ(unity["warnings"], 1);
     const json beyond = choice({"--error", "0.1%"});
     EXPECT_EQ(beyond["warnings"], 1);
     EXPECT_GT(beyond["error"].get<double>(), 0.001);

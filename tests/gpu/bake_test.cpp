@@ -1,6 +1,7 @@
 // The whole pipeline on small scenes: what has to hold whatever the numbers are.
 #include "bake/bake.h"
 #include "bake/contested.h"
+#include "bake/pilot.h"
 
 #include "gpu/device.h"
 #include "lpvbake/error.h"
@@ -10,12 +11,14 @@
 #include "scenes.h"
 #include "solver/lpv/lpv.h"
 #include "surface/lit_surfaces.h"
+#include "volume/compare.h"
 #include "volume/dilate.h"
 #include "volume/sh.h"
 
 #include <glm/gtc/constants.hpp>
 #include <glm/gtc/matrix_transform.hpp>
 #include <gtest/gtest.h>
+#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <optional>
@@ -534,6 +537,42 @@ TEST_F(Bake, AWishIsMetByTheFastestOrTheMostAccurate) {
     hopeless.seconds = 1e-4;
     EXPECT_EQ(choose(hopeless).warnings.size(), 2u);
     EXPECT_EQ(choose(bake::Wish{}).solver().kind().name, std::string("sn"));
+}
+
+TEST_F(Bake, APilotTellsWhatBandsAndClustersLose) {
+    const Scene scene = scenes::cornell_box_with_point();
+    bake::BakeSettings settings = coarse(16, "gather");
+    settings.bounces = std::nullopt;
+    const bake::SceneFacts facts = bake::survey(scene);
+    Progress silent;
+    const auto pilot = [&](const Scene& of) {
+        return bake::run_pilot(of, facts, settings, device(), silent);
+    };
+    const std::optional<solver::Pilot> told = pilot(scene);
+    ASSERT_TRUE(told);
+    tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
+    EXPECT_EQ(*pilot(scene), *told);
+
+    // Beside all cells, solved.
+    settings.solver.set("tolerance", 0.0);
+    const auto solved = [&](int order, int clusters) {
+        settings.solver.set_order(order);
+        settings.solver.set("vpls", clusters);
+        return run(scene, settings).volume;
+    };
+    const Volume four = solved(4, 1024);
+    Volume two = four, first = four;
+    two.sh.resize(9);
+    first.sh.resize(4);
+    two.sh_order = 2;
+    first.sh_order = 1;
+    const auto lost = [](const Volume& some, const Volume& all) {
+        return volume::compare(some, all, {}).relative_l1;
+    };
+    EXPECT_NEAR(told->bands[0] / lost(first, four), 1.0, 0.15);
+    EXPECT_NEAR(told->bands[1] / lost(two, four), 1.0, 0.15);
+    EXPECT_NEAR(told->clusters[0] / lost(solved(2, solver::few_clusters), two), 1.0, 0.4);
+    EXPECT_NEAR(told->clusters[1] / lost(solved(2, solver::more_clusters), two), 1.0, 0.4);
 }
 
 TEST_F(Bake, DirectionsAreThoseThatAreSolved) {

@@ -73,7 +73,7 @@ constinit const solver::SolverKind toy_kind{
     .ladder = toy_ladder,
     .map_size = [](const Grid&, const solver::SolverSettings&) { return 0; },
     .expected_error = [](const solver::SolverSettings& settings,
-                         bool) { return 0.4 / settings["samples"]; },
+                         const solver::Pilot&) { return 0.4 / settings["samples"]; },
     .device_bytes = [](const Grid& grid,
                        const solver::SolverSettings&) { return uint64_t(grid.size()); },
     .cost =
@@ -161,7 +161,8 @@ TEST_F(ToySolverTest, IsChosenByItsModels) {
     bake::Wish wish;
     wish.solvers = with_toy();
     wish.seconds = 1.0;
-    wish.error = 0.021;
+    wish.error = 0.029;
+    wish.pilot = solver::Pilot{{0.2, 0.02}, {0.02, 0.01}};
     wish.given = {{"glow", 3}, {"vpls", 99}}; // the latter is none of it
     // The others need longer on this grid, or err by more.
     const bake::Choice choice = choose(wish);
@@ -170,7 +171,8 @@ TEST_F(ToySolverTest, IsChosenByItsModels) {
     EXPECT_EQ(choice.solver()["glow"], 3);
     EXPECT_TRUE(choice.warnings.empty());
     EXPECT_EQ(choice.plan.settings.bounces, 3);
-    EXPECT_NEAR(choice.error, std::hypot(0.02, 0.4 / 64), 1e-12);
+    EXPECT_EQ(choice.error, bake::expected_error(choice.plan.settings, wish.pilot));
+    EXPECT_NEAR(choice.error / std::hypot(0.02, 0.4 / 64), 1.35, 1e-12);
 
     wish.solvers = {&toy_kind};
     wish.error.reset();

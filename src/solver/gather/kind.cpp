@@ -73,11 +73,11 @@ int map_size(const Grid& grid, const SolverSettings& settings) {
     return std::min(wanted > 0 ? wanted : vpl::usual_map_size(grid.dims), largest_disc_map);
 }
 
-double expected_error(const SolverSettings& settings, bool) {
+double expected_error(const SolverSettings& settings, const Pilot& pilot) {
     const GatherSettings gather = settings_of(settings).gather;
     namespace error = models::error;
-    return std::hypot(error::gather,
-                      std::hypot(error::gather_clusters / std::sqrt(double(gather.vpls)),
+    return std::hypot(error::surfaces,
+                      std::hypot(lost_clusters(pilot, gather.vpls),
                                  error::gather_tolerance
                                      * std::pow(double(gather.tolerance), error::gather_power)));
 }

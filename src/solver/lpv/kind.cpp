@@ -68,8 +68,8 @@ int map_size(const Grid& grid, const SolverSettings& settings) {
     return wanted > 0 ? wanted : vpl::usual_map_size(grid.dims);
 }
 
-double expected_error(const SolverSettings&, bool once) {
-    return once ? models::error::lpv_once : models::error::lpv;
+double expected_error(const SolverSettings&, const Pilot&) {
+    return models::error::lpv;
 }
 
 Cost cost(const Workload& work, const SolverSettings& settings) {

@@ -38,10 +38,12 @@ SnSettings settings_of(const SolverSettings& settings) {
     return {int(settings["directions"]), settings.order()};
 }
 
-double expected_error(const SolverSettings& settings, bool) {
+double expected_error(const SolverSettings& settings, const Pilot& pilot) {
     namespace error = models::error;
-    return std::hypot(error::sn, error::sn_directions
-                                     * std::pow(48.0 / settings["directions"], error::sn_power));
+    return std::hypot(error::surfaces,
+                      error::sn_peaks
+                          * lost_clusters(pilot, peak_settings(settings_of(settings)).vpls),
+                      error::sn_directions / std::sqrt(settings["directions"]));
 }
 
 Cost cost(const Workload& work, const SolverSettings& settings) {

@@ -1,0 +1,210 @@
+#include "bake/pilot.h"
+
+#include "bake/lighting.h"
+#include "mix_word.h"
+#include "solver/gather/gather.h"
+#include "solver/gather/kind.h"
+#include "surface/lit_surfaces.h"
+#include "visibility/around.h"
+#include "visibility/capture.h"
+#include "visibility/visibility.h"
+#include "volume/compare.h"
+#include "volume/sh.h"
+#include "volume/volume.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <map>
+#include <set>
+#include <vector>
+
+namespace lpvbake::bake {
+namespace {
+
+constexpr int order = 4;
+constexpr int many_clusters = 1536;
+constexpr int edge = 8; ///< of a zone, cells: those that `gather` gives the same clusters
+constexpr std::size_t most_zones = 64;
+constexpr std::size_t most_open = 2048; ///< cells that are looked at by few clusters
+constexpr std::size_t most_cells = 256; ///< and by many
+constexpr uint32_t most_rounds = 16;    ///< through all zones, a cell in each eighth of each
+
+BakePlan plan_of(const SceneFacts& facts, const BakeSettings& settings,
+                 const gpu::DeviceInfo& device, uint64_t places) {
+    BakeSettings pilot = settings;
+    pilot.solver = solver::SolverSettings(solver::gather::gather_kind);
+    pilot.solver.set(pilot.solver.kind().ladder.front());
+    pilot.solver.set_order(order);
+    pilot.solver.set("vpls", many_clusters + solver::more_clusters + solver::few_clusters);
+    pilot.fit = nullptr;
+    pilot.points = places;
+    return plan_bake(facts, pilot, device);
+}
+
+/// The zones that are looked at, drawn by their number alone.
+std::vector<glm::ivec3> draw_zones(glm::ivec3 dims) {
+    std::vector<glm::ivec3> zones;
+    for (int z = 0; z < dims.z; z += edge)
+        for (int y = 0; y < dims.y; y += edge)
+            for (int x = 0; x < dims.x; x += edge)
+                zones.emplace_back(x, y, z);
+    const std::size_t count = std::min(zones.size(), most_zones);
+    for (std::size_t i = 0; i < count; ++i)
+        std::swap(zones[i], zones[i + mix_word(uint32_t(i)) % (zones.size() - i)]);
+    zones.resize(count);
+    return zones;
+}
+
+/// Centres of a cell in each eighth of each zone; another round draws others.
+std::vector<glm::vec3> draw_cells(const std::vector<glm::ivec3>& zones, glm::ivec3 dims,
+                                  uint32_t round) {
+    std::vector<glm::vec3> centres;
+    for (uint32_t i = 0; i < 8 * zones.size(); ++i) {
+        const uint32_t word = mix_word(mix_word(round + 1) ^ i);
+        glm::ivec3 cell = zones[i / 8];
+        for (int axis = 0; axis < 3; ++axis)
+            cell[axis] += int(i >> axis & 1) * (edge / 2) + int((word >> 8 * axis) % (edge / 2));
+        if (glm::all(glm::lessThan(cell, dims)))
+            centres.push_back(glm::vec3(cell) + 0.5f);
+    }
+    return centres;
+}
+
+Volume empty_volume(std::size_t cells) {
+    Volume volume;
+    volume.grid.dims = {int(cells), 1, 1};
+    volume.validity.assign(cells, 1.0f);
+    return volume;
+}
+
+/// Cells outside geometry.
+std::vector<glm::vec3> draw_open_cells(glm::ivec3 dims, const visibility::Visibility& visibility) {
+    const std::vector<glm::ivec3> zones = draw_zones(dims);
+    std::vector<glm::vec3> open;
+    std::set<std::array<float, 3>> seen;
+    for (uint32_t round = 0; round < most_rounds && open.size() < most_open; ++round) {
+        const std::vector<glm::vec3> cells = draw_cells(zones, dims, round);
+        std::vector<char> outside(cells.size());
+        tbb::parallel_for(std::size_t(0), cells.size(), [&](std::size_t i) {
+            const visibility::Capture capture = visibility.capture_at(cells[i]);
+            outside[i] =
+                capture.open && visibility::backs_around(visibility, capture.point, 0) <= 0;
+        });
+        for (std::size_t i = 0; i < cells.size() && open.size() < most_open; ++i)
+            if (outside[i] && seen.insert({cells[i].x, cells[i].y, cells[i].z}).second)
+                open.push_back(cells[i]);
+    }
+    return open;
+}
+
+/// Cells, and how many each stands for.
+struct Sample {
+    std::vector<glm::vec3> cells;
+    std::vector<double> stands_for;
+};
+
+/// Draws by the light in them, so that one beside a lamp is not missed, by even steps (systematic
+/// sampling; Madow 1949).
+Sample draw_by_light(const std::vector<glm::vec3>& cells, const Volume& light) {
+    std::vector<double> size(cells.size());
+    double sum = 0;
+    for (std::size_t i = 0; i < size.size(); ++i)
+        sum += size[i] = std::max(0.0, double(glm::dot(light.sh[0][i], glm::vec3(1.0f))));
+    const double even =
+        0.25 * sum / double(size.size()); // for those that seem darker than they are
+    Sample sample;
+    const double step = 1.25 * sum / double(most_cells);
+    double next = 0.5 * step, end = 0;
+    for (std::size_t i = 0; i < size.size(); ++i) {
+        end += size[i] + even;
+        int times = 0;
+        for (; next < end; next += step)
+            ++times;
+        if (times == 0)
+            continue;
+        sample.cells.push_back(cells[i]);
+        sample.stands_for.push_back(times * step / (size[i] + even));
+    }
+    return sample;
+}
+
+Volume up_to(const Volume& volume, int highest) {
+    Volume some = volume;
+    some.sh_order = highest;
+    some.sh.resize(std::size_t(volume::sh_count(highest)));
+    return some;
+}
+
+/// The volume of some of its cells.
+Volume at_cells(const Volume& volume, const std::vector<glm::vec3>& cells,
+                const std::vector<glm::vec3>& wanted) {
+    std::map<std::array<float, 3>, std::size_t> places;
+    for (std::size_t i = 0; i < cells.size(); ++i)
+        places[{cells[i].x, cells[i].y, cells[i].z}] = i;
+    Volume some = empty_volume(wanted.size());
+    some.sh_order = volume.sh_order;
+    for (const std::vector<glm::vec3>& coefficient : volume.sh) {
+        std::vector<glm::vec3>& values = some.sh.emplace_back();
+        for (const glm::vec3& cell : wanted)
+            values.push_back(coefficient[places.at({cell.x, cell.y, cell.z})]);
+    }
+    return some;
+}
+
+/// Relative L1 of irradiance over all cells that the sample stands for.
+double lost(const Volume& some, const Volume& all, const Sample& sample) {
+    Volume none = all;
+    for (std::vector<glm::vec3>& coefficient : none.sh)
+        std::ranges::fill(coefficient, glm::vec3(0.0f));
+    const auto sum = [&](const Volume& a) {
+        const std::vector<float> errors = volume::compare(a, all, {}).cell_error;
+        double total = 0;
+        for (std::size_t i = 0; i < errors.size(); ++i)
+            total += sample.stands_for[i] * double(errors[i]);
+        return total;
+    };
+    return sum(some) / sum(none);
+}
+
+} // namespace
+
+std::optional<solver::Pilot> run_pilot(const Scene& scene, const SceneFacts& facts,
+                                       const BakeSettings& settings, const gpu::Device& device,
+                                       Progress& progress) {
+    const BakePlan plan = plan_of(facts, settings, device.info(), 0);
+    const visibility::Visibility visibility(scene, plan.frame, plan.settings.isa);
+    const surface::LitSurfaces lit =
+        surface::light_surfaces(scene, visibility, plan.frame, lighting_of(plan), progress);
+    const auto gather = [&](const std::vector<glm::vec3>& cells, int clusters, int highest) {
+        Volume volume = empty_volume(cells.size());
+        solver::gather::GatherSettings settings_at;
+        settings_at.order = highest;
+        settings_at.vpls = clusters;
+        solver::gather::GatherProgram(device, settings_at)
+            .gather_at(cells, lit, scene.sky, visibility, volume, progress);
+        return volume;
+    };
+    const std::vector<glm::vec3> open = draw_open_cells(plan.grid.dims, visibility);
+    if (open.empty())
+        return std::nullopt;
+    const Volume rough = gather(open, solver::few_clusters, 2);
+    if (volume::total_energy(rough) == 0.0)
+        return std::nullopt;
+    const Sample sample = draw_by_light(open, rough);
+    const Volume all = gather(sample.cells, many_clusters, order), two = up_to(all, 2);
+    return solver::Pilot{{lost(up_to(all, 1), all, sample), lost(two, all, sample)},
+                         {lost(at_cells(rough, open, sample.cells), two, sample),
+                          lost(gather(sample.cells, solver::more_clusters, 2), two, sample)}};
+}
+
+void add_pilot(const Scene& scene, const SceneFacts& facts, const BakeSettings& settings,
+               const gpu::Device& device, Progress& progress, Wish& wish) {
+    if (!wish.error || settings.points > 0)
+        return;
+    wish.pilot = run_pilot(scene, facts, settings, device, progress);
+    wish.pilot_seconds = plan_of(facts, settings, device.info(), most_cells).seconds;
+}
+
+} // namespace lpvbake::bake
