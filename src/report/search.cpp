@@ -83,13 +83,17 @@ std::optional<std::size_t> next_candidate(const Search& search, const SearchResu
 MeasuredError measured(const std::vector<glm::dvec3>& estimate, const Truth& truth,
                        std::size_t cells, uint64_t seed) {
     const std::size_t normals = truth.irradiance.size() / cells;
-    const auto sum_of = [](glm::dvec3 v) { return v.x + v.y + v.z; };
     std::vector<VerifiedPoint> points(cells);
     for (std::size_t i = 0; i < truth.irradiance.size(); ++i) {
         VerifiedPoint& point = points[i / normals];
-        point.wrong += sum_of(glm::abs(estimate[i] - truth.irradiance[i]));
-        point.true_ += sum_of(truth.irradiance[i]);
-        point.noise += sum_of(truth.error[i]);
+        for (int c = 0; c < 3; ++c) {
+            const double off = std::abs(estimate[i][c] - truth.irradiance[i][c]);
+            const double sure = off / truth.error[i][c]; // not finite without noise
+            point.wrong += off;
+            point.agreed += sure < 8 ? off * (1 - std::exp(-0.5 * sure * sure)) : off;
+            point.true_ += truth.irradiance[i][c];
+            point.noise += truth.error[i][c];
+        }
     }
     return measured_error(points, seed);
 }

@@ -56,13 +56,13 @@ Verified verify(const Scene& scene, const Volume& volume, const reference::PathR
 /// A place that was drawn, with what is known there.
 struct VerifiedPoint {
     double stands_for = 1; ///< places like it
-    double wrong = 0;      ///< |E - T|, lux
+    double wrong = 0;      ///< |E - T|, lux, with the noise of T in it
+    double agreed = 0;     ///< the same as far as independent estimates of T agree on E - T
     double true_ = 0;      ///< T
     double noise = 0;      ///< standard error of T
 };
 
-/// As MeasuredError has it: the noise makes |E - T| too large by what adds in squares where errors
-/// are Gaussian.
+/// As MeasuredError has it: the truth lies between `wrong` and `agreed`.
 MeasuredError measured_error(std::span<const VerifiedPoint> points, uint64_t seed);
 
 } // namespace lpvbake::report

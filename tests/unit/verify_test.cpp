@@ -109,7 +109,12 @@ TEST(Verify, IntervalsHoldTheTruth) {
             point.stands_for = 1.0 / (0.5 + 0.5 * point.true_ / 3.08); // as if drawn by it
             point.noise = 0.03 * point.true_;
             const double wrong = 0.05 * point.true_ * normal(random);
-            point.wrong = std::abs(wrong + point.noise * normal(random));
+            double off[4], all = 0; // of groups of paths
+            for (double& each : off)
+                all += each = wrong + 2 * point.noise * normal(random);
+            point.wrong = std::abs(all / 4);
+            for (const double each : off)
+                point.agreed += each * std::copysign(0.25, all - each);
             points.push_back(point);
         }
         const report::MeasuredError error = report::measured_error(points, 7);
