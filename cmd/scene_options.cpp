@@ -244,8 +244,7 @@ bool mentions_images(const SceneOptions& o) {
 }
 
 io::Target OutputOptions::storage() const {
-    io::Target storage = *target;
-    storage.precision = precision.value_or(storage.precision);
+    io::Target storage = io::with_precision(*target, precision.value_or(target->precision));
     storage.encoding.convention = convention.value_or(storage.encoding.convention);
     storage.encoding.axes = axes.value_or(storage.encoding.axes);
     storage.pictures.packing = packing.value_or(storage.pictures.packing);
@@ -311,12 +310,15 @@ void add_output_options(options::Options& options, OutputOptions& o) {
                    "Program that reads the files: sets the options below that are not given, see "
                    "lpvbake convert --help, and writes what it needs beside them");
     options::Choices<Precision> precisions;
-    for (const Precision precision : {Precision::full, Precision::half, Precision::rgb9e5})
+    for (const Precision precision :
+         {Precision::full, Precision::half, Precision::rgb9e5, Precision::unorm8})
         precisions.emplace_back(io::name_of(precision), precision);
     options
         .choice("--precision", o.precision, precisions,
                 "Type of the stored numbers; rgb9e5, of .ktx2, .dds and .glb packed by band or "
-                "cube: 32 bits for the colours of the mean or of a cube, half for all else")
+                "cube: 32 bits for the colours of the mean or of a cube, half for all else; unorm8, "
+                "of .ktx2 and .dds: the mean in 32 bits, all other light over it in 8 bits a number "
+                "(order 2 in 28 bytes a cell); what that adds to the error is told")
         .implies([&o] { return io::name_of(o.storage().precision); });
     options
         .choice("--sh-convention", o.convention,
@@ -329,8 +331,8 @@ void add_output_options(options::Options& options, OutputOptions& o) {
         .implies([&o] { return volume::name_of(o.storage().encoding.axes); });
     options
         .choice("--packing", o.packing, options::choices_named<io::Packing>(io::packing_names()),
-                "One RGB file per coefficient, one RGBA file per colour channel, or as VRC Light "
-                "Volumes, Bevy and three.js have it")
+                "One RGB file per coefficient, one RGBA file per colour channel, as VRC Light "
+                "Volumes, Bevy and three.js have it, or, with --precision unorm8, by ratio")
         .implies([&o] { return io::name_of(o.storage().pictures.packing); });
     options
         .choice("--dering", o.dering, options::Choices<bool>{{"on", true}, {"off", false}},
@@ -555,7 +557,7 @@ std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std
             progress.warn(warning);
         for (const WriteReport::File& file : report.files)
             tell("wrote " + file.path);
-        written.push_back({path, report.files});
+        written.push_back({path, report.files, report.packing});
     }
     return written;
 }
@@ -570,6 +572,9 @@ report::Json outputs_json(const std::vector<Written>& outputs) {
             bytes += file.bytes;
         }
         list.push_back({{"path", output.path}, {"bytes", bytes}, {"files", files}});
+        if (output.packing)
+            list.back()["packing_error"] = {{"cells", output.packing->cells},
+                                            {"filtered", output.packing->filtered}};
     }
     return list;
 }
@@ -585,10 +590,15 @@ report::Json planned_json(const std::vector<Written>& outputs) {
 }
 
 void print_outputs(const std::vector<Written>& outputs) {
-    for (const Written& output : outputs)
+    for (const Written& output : outputs) {
+        if (const auto& added = output.packing)
+            std::printf("packed        %s: adds %.2g %% to the error at cells, %.2g %% between "
+                        "them by a texture unit's filter\n",
+                        output.path.c_str(), 100 * added->cells, 100 * added->filtered);
         for (const WriteReport::File& file : output.files)
             std::printf("wrote         %s (%s)\n", file.path.c_str(),
                         bytes_text(file.bytes).c_str());
+    }
 }
 
 namespace {

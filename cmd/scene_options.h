@@ -137,6 +137,7 @@ void add_run_options(options::Options& options, RunOptions& o);
 struct Written {
     std::string path; ///< as it was asked for
     std::vector<WriteReport::File> files;
+    std::optional<PackingError> packing = {};
 };
 report::Json outputs_json(const std::vector<Written>& outputs);
 /// What a dry run says of them: without bytes.

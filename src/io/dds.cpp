@@ -80,6 +80,7 @@ constexpr VolumeFormat dds_format{
     .help = "NAME.dds, 3D textures too, and NAME.dds.json",
     .has_pictures = true,
     .has_rgb9e5 = true,
+    .has_ratios = true,
     .files =
         [](const std::string& path, const Volume& grids, const Pictures& pictures,
            volume::ShConvention convention) {

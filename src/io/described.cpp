@@ -1,6 +1,7 @@
 #include "io/described.h"
 
 #include "io/layout.h"
+#include "io/ratios.h"
 #include "lpvbake/error.h"
 #include "quoted.h"
 #include "volume/sh.h"
@@ -50,6 +51,7 @@ Destinations destinations(Volume& volume) {
 struct Entry {
     std::string file;
     std::vector<std::vector<std::string>> blocks; ///< of names of channels, each of as many
+    std::vector<Range> ranges;                    ///< of the channels, or none
     Stack stack;
 
     size_t channels() const { return blocks[0].size(); }
@@ -88,13 +90,26 @@ std::optional<Layout> flipbook_of(const Json& json, glm::ivec3 dims) {
                   integer(json.at("rows"), 1, max_side / std::min(dims.y, max_side))};
 }
 
+/// Of a texture of light.
+std::vector<Range> ranges_in(const std::string& path, const Json& file, const Entry& entry) {
+    const auto low = file["low"].get<std::vector<float>>(),
+               high = file.at("high").get<std::vector<float>>();
+    if (entry.blocks.size() != 1 || low.size() != entry.channels() || high.size() != low.size())
+        reject(path, "\"low\" and \"high\" are not numbers for each channel");
+    std::vector<Range> ranges;
+    for (size_t c = 0; c < low.size(); ++c)
+        ranges.push_back({low[c], high[c]});
+    return ranges;
+}
+
 std::vector<Entry> entries_of(const std::string& path, const Json& json, glm::ivec3 dims,
                               const std::optional<Layout>& flipbook) {
     const Json& layout = json.at("layout");
     const int padding = layout.contains("padding") ? integer(layout["padding"], 0, 1) : 0;
     std::vector<Entry> entries;
     for (const Json& file : json.at("files")) {
-        Entry entry{file.at("file").get<std::string>(), {}, {}};
+        Entry entry;
+        entry.file = file.at("file").get<std::string>();
         if (entry.file.empty() || entry.file.find('/') != std::string::npos)
             reject(path,
                    "file \"" + printable(entry.file) + "\" is not the name of a file beside it");
@@ -107,6 +122,8 @@ std::vector<Entry> entries_of(const std::string& path, const Json& json, glm::iv
                 reject(path, "lists no channels, too many, or blocks of different ones");
         if (entry.blocks.empty() || entry.blocks.size() > 16 || entries.size() >= 64)
             reject(path, "lists too many files or blocks, or none");
+        if (file.contains("low"))
+            entry.ranges = ranges_in(path, file, entry);
         entry.stack = {int(entry.blocks.size()), 1, padding};
         if (dims.x > max_side || dims.y > max_side || dims.z > max_side
             || (flipbook && int64_t(flipbook->columns) * flipbook->rows < entry.stack.dims(dims).z))
@@ -114,6 +131,23 @@ std::vector<Entry> entries_of(const std::string& path, const Json& json, glm::iv
         entries.push_back(entry);
     }
     return entries;
+}
+
+/// Puts an entry's into those of the volume's light.
+void add_ranges(const std::string& path, const Entry& entry, const Volume& volume, Ranges& ranges) {
+    for (size_t i = 0; i < entry.ranges.size(); ++i) {
+        const std::string& name = entry.blocks[0][i];
+        bool is_light = false;
+        ranges.resize(volume.sh.size());
+        for (size_t k = 0; k < volume.sh.size(); ++k)
+            for (size_t c = 0; c < 3; ++c)
+                if (name == volume::grid_name(volume::light_kind(), int(k)) + "." + "rgb"[c]) {
+                    ranges[k][c] = entry.ranges[i];
+                    is_light = true;
+                }
+        if (!is_light)
+            reject(path, "\"low\" and \"high\" are for light, not for \"" + printable(name) + '"');
+    }
 }
 
 bool mentions(const std::vector<Entry>& entries, const std::string& channel) {
@@ -182,10 +216,16 @@ Json describe(const char* format, const Stored& stored, Precision precision, Pac
         }
         const bool single = blocks.size() == 1;
         const volume::Quantity quantity = quantity_in(textures[t], packing, stored);
-        json["files"].push_back({{"file", std::filesystem::path(files[t]).filename().string()},
-                                 {"quantity", quantity.name},
-                                 {"units", quantity.units},
-                                 {single ? "channels" : "blocks", single ? blocks[0] : blocks}});
+        Json& file = json["files"].emplace_back(
+            Json{{"file", std::filesystem::path(files[t]).filename().string()},
+                 {"quantity", quantity.name},
+                 {"units", quantity.units},
+                 {single ? "channels" : "blocks", single ? blocks[0] : blocks}});
+        for (const Component& channel : textures[t].blocks[0])
+            if (channel.range) {
+                file["low"].push_back(channel.range->low);
+                file["high"].push_back(channel.range->high);
+            }
     }
     return json;
 }
@@ -197,8 +237,7 @@ Json metadata_of(const Volume& volume) {
     return metadata;
 }
 
-std::string with_metadata(Json description, const Volume& volume) {
-    description["metadata"] = metadata_of(volume);
+std::string text_of(const Json& description) {
     return description.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
@@ -284,13 +323,12 @@ void check_listed(const std::string& path, const std::string& described, const s
         reject(path, "is not of the volume that " + described + " describes");
 }
 
-Volume read_textures(const std::string& path, const Json& json, const char* format,
-                     volume::GridKinds kinds, const Decode& decode) {
+Volume read_texels(const std::string& path, const Json& json, const char* format,
+                   volume::GridKinds kinds, const Decode& decode, Ranges& ranges) {
     Volume volume = empty_volume(path, json, format, kinds);
     if (json.at("packing") == name_of(Packing::cube))
         throw Error(ErrorKind::unsupported,
                     path + ": holds ambient cubes, which cannot be turned back into coefficients");
-    const volume::Encoding encoding = encoding_in(path, json);
     const glm::ivec3 dims = volume.grid.dims;
     const std::optional<Layout> flipbook = flipbook_of(json.at("layout"), dims);
     const std::vector<Entry> entries = entries_of(path, json, dims, flipbook);
@@ -305,6 +343,7 @@ Volume read_textures(const std::string& path, const Json& json, const char* form
     for (const Entry& entry : entries) {
         if (!holds_any(entry, kinds))
             continue;
+        add_ranges(path, entry, volume, ranges);
         const std::string file = (folder / entry.file).string();
         const glm::ivec3 texture = entry.stack.dims(dims);
         const Layout layout = flipbook.value_or(Layout{1, texture.z});
@@ -313,7 +352,16 @@ Volume read_textures(const std::string& path, const Json& json, const char* form
     }
     if (!wanted.empty())
         reject(path, "lists no file with \"" + wanted.begin()->first + "\"");
-    io::decode(encoding, path, volume);
+    return volume;
+}
+
+Volume read_textures(const std::string& path, const Json& json, const char* format,
+                     volume::GridKinds kinds, const Decode& decode) {
+    Ranges ranges;
+    Volume volume = read_texels(path, json, format, kinds, decode, ranges);
+    if (!ranges.empty())
+        from_ratios(ranges, volume);
+    io::decode(encoding_in(path, json), path, volume);
     return volume;
 }
 

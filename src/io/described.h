@@ -17,7 +17,7 @@ using Json = nlohmann::ordered_json;
 ///     {
 ///       "format": format, "version": 1,
 ///       "grid": { "dims": [x, y, z], "origin": [x, y, z] (metres), "cell": metres },
-///       "precision": "float" | "half" | "rgb9e5", "sh_order": 0 to 4,
+///       "precision": "float" | "half" | "rgb9e5" | "unorm8", "sh_order": 0 to 4,
 ///       "convention": "radiance", ..., "direction": "incident" | "travel", "axes": "gltf", ...,
 ///       "probe_position": "center"
 ///     }
@@ -32,7 +32,10 @@ Json describe(const char* format, const Stored& stored, Precision precision);
 ///       "files": [ { "file": name, "quantity": what it holds, "units": unit,
 ///                    "channels": [what each of its channels holds: "sh_l0.r", "occlusion_l1_y",
 ///                                 "validity", "wall_0.x", ...], or of atlas and cube
-///                    "blocks": [the same of each block, "" for nothing] }, ... ]
+///                    "blocks": [the same of each block, "" for nothing],
+///                    "low", "high": [numbers, of each of its channels; of ratios alone: a texel t
+///                                    stands for low + (high - low) t, and, but for those of sh_l0,
+///                                    that times the same colour of sh_l0] }, ... ]
 Json describe(const char* format, const Stored& stored, Precision precision, Packing packing,
               const std::vector<Texture>& textures, const std::vector<std::string>& files,
               const std::optional<Layout>& flipbook = {});
@@ -40,8 +43,8 @@ Json describe(const char* format, const Stored& stored, Precision precision, Pac
 /// volume.metadata, "tool" added where it is missing.
 Json metadata_of(const Volume& volume);
 
-/// As text, to which "metadata" has been added: bytes that are not UTF-8 are replaced.
-std::string with_metadata(Json description, const Volume& volume);
+/// As text: bytes that are not UTF-8 are replaced.
+std::string text_of(const Json& description);
 
 /// Parses a description and hands it to `read`. Throws Error (invalid), beginning with `path`, for
 /// whatever is wrong with it.
@@ -73,9 +76,13 @@ void check_listed(const std::string& path, const std::string& described, const s
 using Decode = std::function<image::Pixels(const std::string& file, glm::ivec3 dims,
                                            const Layout& layout, size_t channels)>;
 
-/// The canonical volume of the textures that a description lists, which lie beside `path`. Throws
-/// Error (file, invalid, memory; unsupported: Packing::cube), and what read_description makes an
-/// Error of.
+/// The texels of the textures that a description lists, which lie beside `path`; `ranges` is what
+/// those of light stand for, empty if they are light. Throws Error (file, invalid, memory;
+/// unsupported: Packing::cube), and what read_description makes an Error of.
+Volume read_texels(const std::string& path, const Json& description, const char* format,
+                   volume::GridKinds kinds, const Decode& decode, Ranges& ranges);
+
+/// The canonical volume of these. Throws as read_texels.
 Volume read_textures(const std::string& path, const Json& description, const char* format,
                      volume::GridKinds kinds, const Decode& decode);
 

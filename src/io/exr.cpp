@@ -120,11 +120,11 @@ WriteReport write_exr(const std::string& path, const Stored& stored, Precision w
     report.columns = layout.columns;
     report.rows = layout.rows;
     const std::vector<std::string> names = names_of(path, textures);
-    const Json json =
-        describe(format_name, stored, report.precision, packing, textures, names, layout);
+    Json json = describe(format_name, stored, report.precision, packing, textures, names, layout);
+    json["metadata"] = metadata_of(volume);
     report.files = write_together(names, [&](AtomicFile& file, size_t i) {
         if (i == textures.size())
-            return file.write(with_metadata(json, volume));
+            return file.write(text_of(json));
         const auto bytes =
             image::encode_exr(texels_of(textures[i], packing, volume, layout), half,
                               header_of(volume, json, stored.encoding(), json["files"][i]), path);

@@ -22,6 +22,7 @@ struct VolumeFormat {
     /// It stores cells as Pictures says, for programs that are told how by the notes of a Target.
     bool has_pictures = false;
     bool has_rgb9e5 = false; ///< it takes Precision::rgb9e5
+    bool has_ratios = false; ///< it takes precisions that store light over its mean
     /// The files of a volume with these grids, in the order in which `write` lists them; null: the
     /// path's alone.
     std::vector<std::string> (*files)(const std::string& path, const Volume& grids,

@@ -78,7 +78,17 @@ std::string format_list(const char* last, bool sidecars, VolumeFormats formats) 
 void check_precision(const std::string& path, Precision precision, Packing packing,
                      VolumeFormats formats) {
     const VolumeFormat* format = volume_format(path, formats);
-    if (precision != Precision::rgb9e5 || !format)
+    if (!format)
+        return;
+    if (has_ratios(precision) && !format->has_ratios)
+        throw Error(ErrorKind::argument,
+                    path + ": " + name_of(precision) + " is for .ktx2 and .dds; use half");
+    if (has_ratios(precision) != (packing == Packing::ratio))
+        throw Error(ErrorKind::argument, path
+                                             + ": precision unorm8 and packing by ratio are for "
+                                               "each other alone, and not for targets with a "
+                                               "packing of their own");
+    if (precision != Precision::rgb9e5)
         return;
     if (!format->has_rgb9e5)
         throw Error(ErrorKind::argument, path + ": rgb9e5 is for .ktx2, .dds and .glb; use half");

@@ -37,11 +37,18 @@ std::vector<Sample> samples_of(const TexelForm& form) {
         }
         return samples;
     }
-    const auto bits = uint32_t(8 * form.bytes()) / uint32_t(form.channels);
+    const auto bits = uint32_t(8 * form.scalar());
+    const Sample sample =
+        form.precision == Precision::unorm8
+            ? Sample{0, bits, 0, 0, 255}
+            : Sample{0, bits, is_signed | is_float, 0xbf800000, 0x3f800000}; // -1, 1
     for (const uint32_t channel : {0u, 1u, 2u, 15u}) // red, green, blue, alpha
-        if (samples.size() < size_t(form.channels))
-            samples.push_back({bits * uint32_t(samples.size()), bits,
-                               channel | is_signed | is_float, 0xbf800000, 0x3f800000}); // -1 and 1
+        if (samples.size() < size_t(form.channels)) {
+            const auto bit = bits * uint32_t(samples.size());
+            samples.push_back(sample);
+            samples.back().bit = bit;
+            samples.back().channel |= channel;
+        }
     return samples;
 }
 
@@ -97,9 +104,9 @@ std::string encode_ktx2(const TexelForm& form, glm::ivec3 dims, std::string_view
     }
     std::string bytes(identifier);
     for (const uint32_t word :
-         {form.vulkan, form.channels == 3 ? 4u : uint32_t(form.bytes()) / uint32_t(form.channels),
-          uint32_t(dims.x), uint32_t(dims.y), uint32_t(dims.z), 0u /* no array */, 1u /* face */,
-          1u /* level */, zstandard, uint32_t(descriptor_offset), uint32_t(descriptor.size()),
+         {form.vulkan, uint32_t(form.scalar()), uint32_t(dims.x), uint32_t(dims.y),
+          uint32_t(dims.z), 0u /* no array */, 1u /* face */, 1u /* level */, zstandard,
+          uint32_t(descriptor_offset), uint32_t(descriptor.size()),
           uint32_t(descriptor_offset + descriptor.size()), uint32_t(pairs.size())})
         append_number(bytes, word);
     for (const uint64_t word :
@@ -225,6 +232,7 @@ constexpr VolumeFormat ktx2_format{
     .help = "NAME.ktx2, which becomes 3D textures: NAME_sh_l0.ktx2, ...",
     .has_pictures = true,
     .has_rgb9e5 = true,
+    .has_ratios = true,
     .files =
         [](const std::string& path, const Volume& grids, const Pictures& pictures,
            volume::ShConvention convention) {

@@ -96,9 +96,11 @@ void check_dims(glm::ivec3 dims, int sh_order, volume::GridKinds kinds, const st
         throw Error(ErrorKind::memory, text("does not fit this machine's memory"));
 }
 
-std::optional<std::string> half_misfit(const Volume& volume) {
+std::optional<std::string> half_misfit(const Volume& volume, bool no_light) {
     constexpr float half_max = 65504, half_min = 1.0f / 16384;
     for (const volume::ConstGridView& grid : volume::grids_of(volume)) {
+        if (no_light && grid.kind == &volume::light_kind())
+            continue;
         float largest = 0;
         for (const float value : grid.values())
             largest = std::max(largest, std::abs(value));
@@ -111,7 +113,7 @@ std::optional<std::string> half_misfit(const Volume& volume) {
         text << grid.name() << (beyond ? " reaches " : " reaches only ") << largest
              << (beyond ? ", more than half precision's largest value "
                         : ", less than half precision's smallest normal value ")
-             << (beyond ? half_max : half_min) << "; full precision was written instead";
+             << (beyond ? half_max : half_min);
         return text.str();
     }
     return {};

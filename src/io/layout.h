@@ -29,8 +29,8 @@ void check_volume(const Volume& volume, const std::string& path, ErrorKind error
 /// this machine could hold. For dims that come from a file.
 void check_dims(glm::ivec3 dims, int sh_order, volume::GridKinds kinds, const std::string& path);
 
-/// Why the volume should not be stored as half: values beyond 65504, or an L0 whose largest value
-/// lies below 2^-14, where half has fewer digits. None: it fits.
-std::optional<std::string> half_misfit(const Volume& volume);
+/// Why the volume, or what of it is no light, should not be stored as half: values beyond 65504, or
+/// an L0 whose largest value lies below 2^-14, where half has fewer digits. None: it fits.
+std::optional<std::string> half_misfit(const Volume& volume, bool no_light = false);
 
 } // namespace lpvbake::io

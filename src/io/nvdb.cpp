@@ -93,7 +93,8 @@ std::string describe_grids(const Stored& stored, const std::vector<volume::Const
             volume::quantity_of(*view.kind, stored.encoding().convention);
         json["grids"][view.name()] = {{"quantity", quantity.name}, {"units", quantity.units}};
     }
-    return with_metadata(json, stored.volume());
+    json["metadata"] = metadata_of(stored.volume());
+    return text_of(json);
 }
 
 // ---- reading ----

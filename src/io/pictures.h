@@ -9,7 +9,8 @@
 
 namespace lpvbake::io {
 
-/// What the pictures hold. The last three hold nothing but light: no occlusion, no validity.
+/// What the pictures hold. Cubes, VRC's and the atlas hold nothing but light: no occlusion, no
+/// validity.
 enum class Packing {
     band, ///< one RGB file a coefficient
     /// RGBA files for each colour channel: the coefficients 1, y, z, x (with ShConvention::unity x,
@@ -27,6 +28,9 @@ enum class Packing {
     /// canonical coefficients of orders 0 to 2, colour by colour, four to an RGBA texel, in seven
     /// blocks along z, each between copies of its outermost slices.
     atlas,
+    /// Of precisions that store light over its mean: sh_l0 as `band` has it, and for each colour
+    /// the other coefficients in their order, four a texture: ratio_r, ratio_r2, ..., ratio_g, ...
+    ratio,
 };
 
 const char* name_of(Packing packing);

@@ -70,9 +70,13 @@ Precision Stored::precision(Precision wanted, const std::string& path, WriteRepo
     report.precision = wanted;
     if (wanted == Precision::full)
         return wanted;
-    if (const auto why = half_misfit(volume())) {
+    const auto why = half_misfit(volume(), has_ratios(wanted));
+    if (why && has_ratios(wanted))
+        throw Error(ErrorKind::unsupported, path + ": " + *why + ", as which " + name_of(wanted)
+                                                + " stores all but light; use float");
+    if (why) {
         report.precision = Precision::full;
-        report.warnings.push_back(path + ": " + *why);
+        report.warnings.push_back(path + ": " + *why + "; full precision was written instead");
     } else if (wanted == Precision::rgb9e5 && has_negative_mean(volume())) {
         report.precision = Precision::half;
         report.warnings.push_back(path
@@ -89,9 +93,11 @@ const char* name_of(Precision precision) {
     case Precision::half:
         return "half";
     case Precision::rgb9e5:
+        return "rgb9e5";
+    case Precision::unorm8:
         break;
     }
-    return "rgb9e5";
+    return "unorm8";
 }
 
 void decode(const volume::Encoding& encoding, const std::string& path, Volume& stored) {

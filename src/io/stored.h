@@ -10,8 +10,13 @@
 
 namespace lpvbake::io {
 
-/// "float", "half" or "rgb9e5".
+/// "float", "half", "rgb9e5" or "unorm8".
 const char* name_of(Precision precision);
+
+/// Whether light is stored over its mean.
+constexpr bool has_ratios(Precision precision) {
+    return precision == Precision::unorm8;
+}
 
 /// A volume as a file of an encoding stores it. One that is given up is changed in place, with the
 /// memory of two more grids at most; of any other a copy is made, but only where values change.
@@ -28,7 +33,7 @@ public:
     /// convention.
     const std::vector<float>& density() const { return density_; }
     /// What it can be stored in: full where half would not fit, half where light has a sign, with a
-    /// warning that names `path`.
+    /// warning that names `path`. Throws Error (unsupported) where ratios have no other.
     Precision precision(Precision wanted, const std::string& path, WriteReport& report) const;
 
 private:

@@ -363,6 +363,15 @@ const Target* target_named(std::string_view name) {
     return nullptr;
 }
 
+Target with_precision(Target target, Precision precision) {
+    target.precision = precision;
+    // Programs whose formulas the notes have know of no ratios: check_precision refuses them.
+    if (has_ratios(precision) && target.notes == Notes::none
+        && target.pictures.packing == Packing::band)
+        target.pictures.packing = Packing::ratio;
+    return target;
+}
+
 WriteReport write_for(const Target& target, const std::string& path, const Volume& volume) {
     if (volume.sh_order > target.highest_order || is_dilated(target, volume)
         || is_deringed(target, volume) || target.l1_scale != 1
@@ -425,8 +434,7 @@ WriteReport write_volume(const std::string& path, Volume volume, const std::stri
             names += (names.empty() ? "" : ", ") + std::string(name);
         throw Error(ErrorKind::argument, "`target` " + target + " is none of " + names);
     }
-    io::Target storage = *known;
-    storage.precision = precision.value_or(storage.precision);
+    io::Target storage = io::with_precision(*known, precision.value_or(known->precision));
     storage.pictures.scene = scene;
     return io::write_for(storage, path, std::move(volume));
 }

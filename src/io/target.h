@@ -42,6 +42,9 @@ std::span<const Target> all_targets();
 /// Null for an unknown name.
 const Target* target_named(std::string_view name);
 
+/// The target with another precision, and with the packing that is its own where precision has one.
+Target with_precision(Target target, Precision precision);
+
 /// Writes a volume as the target wants it, and its notes, which come last. Notes are of formats
 /// with pictures alone. A volume that is given up is changed in place; of any other a copy is made
 /// where something changes. Throws Error, as write_volume does.

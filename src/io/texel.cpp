@@ -1,5 +1,7 @@
 #include "io/texel.h"
 
+#include "io/stored.h"
+
 #include <Imath/half.h>
 
 #include <algorithm>
@@ -10,11 +12,11 @@
 namespace lpvbake::io {
 namespace {
 
-/// Numbers of the formats R32F, R16F, RGBA32F, RGBA16F and RGB9E5: Vulkan's enumeration of formats;
-/// DXGI_FORMAT of dxgiformat.h.
+/// Numbers of the formats R32F, R16F, RGBA32F, RGBA16F, RGB9E5 and RGBA8: Vulkan's enumeration of
+/// formats; DXGI_FORMAT of dxgiformat.h.
 constexpr TexelForm forms[] = {
     {Precision::full, 1, 100, 41}, {Precision::half, 1, 76, 54},    {Precision::full, 4, 109, 2},
-    {Precision::half, 4, 97, 10},  {Precision::rgb9e5, 3, 123, 67},
+    {Precision::half, 4, 97, 10},  {Precision::rgb9e5, 3, 123, 67}, {Precision::unorm8, 4, 37, 28},
 };
 
 /// 9 bits of each of three colours and an exponent for all: the section "RGB to Shared Exponent
@@ -43,8 +45,12 @@ void from_rgb9e5(uint32_t bits, float* rgb) {
 } // namespace
 
 const TexelForm& form_of(const Texture& texture, Precision precision) {
-    if (precision == Precision::rgb9e5 && !texture.is_plain_colour())
+    if (has_ratios(precision) && texture.kind == &volume::light_kind()) {
+        if (texture.is_plain_colour())
+            precision = Precision::rgb9e5;
+    } else if (precision != Precision::full && !texture.is_plain_colour()) {
         precision = Precision::half;
+    }
     const int channels = precision == Precision::rgb9e5 ? 3 : texture.channels() == 1 ? 1 : 4;
     return *std::ranges::find_if(forms, [&](const TexelForm& form) {
         return form.precision == precision && form.channels == channels;
@@ -73,7 +79,9 @@ std::string pack(const image::Pixels& pixels, const TexelForm& form) {
         }
         for (size_t c = 0; c < size_t(form.channels); ++c) {
             const float value = c < channels ? from[c] : 1.0f;
-            if (form.precision == Precision::half)
+            if (form.precision == Precision::unorm8)
+                append_number(bytes, uint8_t(std::lround(255 * std::clamp(value, 0.0f, 1.0f))));
+            else if (form.precision == Precision::half)
                 append_number(bytes, Imath::half(value).bits());
             else
                 append_number(bytes, std::bit_cast<uint32_t>(value));
@@ -95,7 +103,9 @@ image::Pixels unpack(std::string_view bytes, const TexelForm& form, int width, i
             continue;
         }
         for (size_t c = 0; c < channels; ++c)
-            if (form.precision == Precision::half) {
+            if (form.precision == Precision::unorm8) {
+                to[c] = float(number_at<uint8_t>(bytes, first + c)) / 255;
+            } else if (form.precision == Precision::half) {
                 Imath::half value;
                 value.setBits(number_at<uint16_t>(bytes, first + 2 * c));
                 to[c] = value;

@@ -14,19 +14,21 @@ namespace lpvbake::io {
 /// A form of texels and the numbers that it has in headers.
 struct TexelForm {
     Precision precision;
-    int channels;    ///< 1 or 4, of half and full; 3 of rgb9e5
+    int channels;    ///< 1 or 4, of half and full; 3 of rgb9e5; 4 of unorm8
     uint32_t vulkan; ///< in KTX2
     uint32_t dxgi;   ///< in DDS
 
     size_t bytes() const {
-        return precision == Precision::rgb9e5
-                   ? 4
-                   : size_t(channels) * (precision == Precision::half ? 2 : 4);
+        return precision == Precision::rgb9e5 ? 4 : size_t(channels) * scalar();
+    }
+    /// Bytes of a channel, of rgb9e5 of all.
+    size_t scalar() const {
+        return precision == Precision::unorm8 ? 1 : precision == Precision::half ? 2 : 4;
     }
 };
 
-/// The form of a texture of so many channels: three have a fourth beside them, which is 1, as GPUs
-/// want it, but for rgb9e5.
+/// The form of a texture: three channels have a fourth beside them, which is 1, as GPUs want it,
+/// but for rgb9e5.
 const TexelForm& form_of(const Texture& texture, Precision precision);
 
 /// The form of that number; null if it is none of ours.

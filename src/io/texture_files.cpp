@@ -1,9 +1,14 @@
 #include "io/texture_files.h"
 
 #include "io/atomic_file.h"
+#include "io/ratios.h"
 #include "lpvbake/error.h"
+#include "text.h"
+
+#include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <cstdlib>
 
 namespace lpvbake::io {
 namespace {
@@ -36,6 +41,47 @@ std::vector<std::string> texture_files(const TextureContainer& container, const 
     return names;
 }
 
+/// Texels of all textures. `light` is what they are made of.
+std::vector<std::string> pack_all(const std::vector<Texture>& textures, const Volume& light,
+                                  Packing packing, Precision precision) {
+    std::vector<std::string> packed(textures.size());
+    const Layout layout{1, stack_of(packing).dims(light.grid.dims).z};
+    tbb::parallel_for(size_t(0), textures.size(), [&](size_t t) {
+        packed[t] =
+            pack(texels_of(textures[t], packing, light, layout), form_of(textures[t], precision));
+    });
+    return packed;
+}
+
+/// Reads the texels of light as a reader of the files does, and adds to the metadata what they err.
+PackingError measure(const Stored& stored, const std::vector<std::string>& names,
+                     const std::vector<Texture>& textures, const std::vector<std::string>& packed,
+                     Precision precision, Json& json) {
+    const GridKind* const light[] = {&volume::light_kind()};
+    Ranges ranges;
+    const std::string kind = json["format"];
+    Volume texels = read_texels(
+        names[0], json, kind.c_str(), light,
+        [&](const std::string& file, glm::ivec3 dims, const Layout&, size_t channels) {
+            const size_t t = size_t(std::ranges::find(names, file) - names.begin());
+            return unpack(packed[t], form_of(textures[t], precision), dims.x, dims.y * dims.z,
+                          channels);
+        },
+        ranges);
+    const PackingError error =
+        packing_error(stored.volume(), stored.encoding(), ranges, std::move(texels));
+    // What it was read from may have been packed, too: errors add up at most.
+    Json& metadata = json["metadata"];
+    const auto add = [&](const char* key, double value) {
+        if (metadata.contains(key))
+            value += std::strtod(metadata[key].get<std::string>().c_str(), nullptr);
+        metadata[key] = format("%.3g", value);
+    };
+    add("packing_error", error.cells);
+    add("packing_error_filtered", error.filtered);
+    return error;
+}
+
 WriteReport write_textures(const TextureContainer& container, const std::string& path,
                            const Stored& stored, Precision wanted, const Pictures& pictures) {
     const Volume& volume = stored.volume();
@@ -43,18 +89,34 @@ WriteReport write_textures(const TextureContainer& container, const std::string&
     const volume::ShConvention convention = stored.encoding().convention;
     const std::vector<std::string> names =
         texture_files(container, path, volume, pictures, convention);
-    const std::vector<Texture> textures = textures_of(volume, packing, convention, path);
     const glm::ivec3 dims = stack_of(packing).dims(volume.grid.dims);
     WriteReport report;
     const Precision precision = stored.precision(wanted, path, report);
-    const std::string description = with_metadata(
-        describe(container.description, stored, precision, packing, textures, names), volume);
+    Volume ratios;
+    Ranges ranges;
+    if (has_ratios(precision)) {
+        ratios = volume;
+        const Texture mean = textures_of(ratios, packing, convention, path).front();
+        ranges = to_ratios(form_of(mean, precision), ratios);
+    }
+    const Volume& texels = has_ratios(precision) ? ratios : volume;
+    const std::vector<Texture> textures = textures_of(texels, packing, convention, path, ranges);
+    Json json = describe(container.description, stored, precision, packing, textures, names);
+    json["metadata"] = metadata_of(volume);
+    std::vector<std::string> packed;
+    if (has_ratios(precision)) {
+        packed = pack_all(textures, ratios, packing, precision);
+        report.packing = measure(stored, names, textures, packed, precision, json);
+    }
+    const std::string description = text_of(json);
     report.files = write_together(names, [&](AtomicFile& file, size_t i) {
         if (i == textures.size()) // the sidecar
             return file.write(description);
         const TexelForm& form = form_of(textures[i], precision);
         file.write(container.encode(
-            form, dims, pack(texels_of(textures[i], packing, volume, {1, dims.z}), form),
+            form, dims,
+            packed.empty() ? pack(texels_of(textures[i], packing, volume, {1, dims.z}), form)
+                           : packed[i],
             description));
     });
     return report;

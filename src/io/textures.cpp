@@ -14,7 +14,7 @@
 namespace lpvbake::io {
 namespace {
 
-constexpr const char* names_of_packings[] = {"band", "channel", "vrc", "cube", "atlas"};
+constexpr const char* names_of_packings[] = {"band", "channel", "vrc", "cube", "atlas", "ratio"};
 
 /// The scalars of a grid.
 std::vector<Component> components(const volume::ConstGridView& grid) {
@@ -77,6 +77,7 @@ void check_packing(const Volume& volume, Packing packing, volume::ShConvention c
     const bool canonical = convention == volume::ShConvention::radiance;
     switch (packing) {
     case Packing::band:
+    case Packing::ratio:
         break;
     case Packing::channel:
         unless(order == 1 || order == 2, "colour channel holds SH order 1 or 2");
@@ -132,12 +133,18 @@ Stack stack_of(Packing packing) {
 }
 
 std::vector<Texture> textures_of(const Volume& volume, Packing packing,
-                                 volume::ShConvention convention, const std::string& path) {
+                                 volume::ShConvention convention, const std::string& path,
+                                 const Ranges& ranges) {
     check_packing(volume, packing, convention, path);
     if (packing == Packing::cube)
         return {cube_texture()};
     const std::vector<volume::ConstGridView> light = volume::grids_of(volume, volume::light_kind());
-    const auto colours = [&](size_t k) { return components(light[k]); };
+    const auto colours = [&](size_t k) {
+        std::vector<Component> all = components(light[k]);
+        for (size_t c = 0; c < all.size() && k < ranges.size(); ++c)
+            all[c].range = ranges[k][c];
+        return all;
+    };
     std::vector<Texture> textures;
     const auto add_band = [&](size_t k) { textures.push_back({light[k].name(), {colours(k)}}); };
     const auto add_channels = [&](const char* suffix, std::array<size_t, 4> order) {
@@ -170,6 +177,16 @@ std::vector<Texture> textures_of(const Volume& volume, Packing packing,
     if (packing == Packing::band) {
         for (size_t k = 0; k < volume.sh.size(); ++k)
             add_band(k);
+    } else if (packing == Packing::ratio) {
+        add_band(0);
+        for (size_t c = 0; c < 3; ++c)
+            for (size_t k = 1; k < volume.sh.size(); ++k) {
+                if (k % 4 == 1)
+                    textures.push_back({std::string("ratio_") + "rgb"[c]
+                                            + (k > 4 ? std::to_string(k / 4 + 1) : ""),
+                                        {{}}});
+                textures.back().blocks[0].push_back(colours(k)[c]);
+            }
     } else {
         add_channels("", convention == volume::ShConvention::unity
                              ? std::array<size_t, 4>{3, 1, 2, 0}

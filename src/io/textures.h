@@ -6,6 +6,8 @@
 #include "io/pictures.h"
 #include "volume/convention.h"
 
+#include <array>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -57,12 +59,21 @@ struct Stack {
 
 Stack stack_of(Packing packing);
 
+/// What texels from 0 to 1 stand for: low + (high - low) texel.
+struct Range {
+    float low = 0, high = 1;
+};
+
+/// Of each coefficient's colours: of those above 0 in units of the same colour of coefficient 0.
+using Ranges = std::vector<std::array<Range, 3>>;
+
 /// A scalar of the volume: the floats of one grid, or of one colour of an RGB grid; or, without a
 /// name, zeros.
 struct Component {
     std::string name; ///< e.g. sh_l1_y.g
     const float* first = nullptr;
-    size_t stride = 0; ///< floats from cell to cell
+    size_t stride = 0;               ///< floats from cell to cell
+    std::optional<Range> range = {}; ///< none: texels are what they stand for
 };
 
 struct Texture {
@@ -77,10 +88,11 @@ struct Texture {
     bool is_plain_colour() const;
 };
 
-/// All that a volume has, in the order of the files. Throws Error (unsupported), naming `path`, for
-/// what a packing has no form for.
+/// All that a volume has, in the order of the files; with ranges its light has texels (ratios.h).
+/// Throws Error (unsupported), naming `path`, for what a packing has no form for.
 std::vector<Texture> textures_of(const Volume& volume, Packing packing,
-                                 volume::ShConvention convention, const std::string& path);
+                                 volume::ShConvention convention, const std::string& path,
+                                 const Ranges& ranges = {});
 
 /// The texels of a texture, 0 where it holds nothing; `volume` is what it was made of.
 image::Pixels texels_of(const Texture& texture, Packing packing, const Volume& volume,

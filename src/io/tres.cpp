@@ -315,8 +315,9 @@ WriteReport write_tres(const std::string& path, const Stored& stored, Precision 
                           "written, take fewer, or .exr");
     WriteReport report;
     const Precision precision = stored.precision(wanted, path, report);
-    const std::string description =
-        with_metadata(describe(description_format, stored, precision), volume);
+    Json json = describe(description_format, stored, precision);
+    json["metadata"] = metadata_of(volume);
+    const std::string description = text_of(json);
     AtomicFile file(path);
     file.write([&](std::ostream& out) {
         write_resource(volume, precision == Precision::half, description, out);

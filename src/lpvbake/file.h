@@ -21,6 +21,15 @@ enum class Precision {
     /// Three colours of one exponent in 32 bits, where a texture holds light that has no sign; half
     /// in all others. Of .ktx2, .dds and .glb alone.
     rgb9e5,
+    /// The mean as rgb9e5, all other coefficients over it in 8 bits each, between bounds that the
+    /// description of the files has; what is no light is half. Of .ktx2 and .dds alone.
+    unorm8,
+};
+
+/// What packing adds to the error of a volume: relative L1 of irradiance, packed against not.
+struct PackingError {
+    double cells = 0;    ///< at valid cells, as `lpvbake diff` has it
+    double filtered = 0; ///< in the middle between eight valid ones, by a texture unit's filter
 };
 
 /// What became of a request that could not be met to the letter.
@@ -33,6 +42,7 @@ struct WriteReport {
     std::vector<std::string> warnings;
     std::vector<File> files;
     Precision precision = Precision::full; ///< that of the files
+    std::optional<PackingError> packing;   ///< of precisions that store light over its mean
     /// Of an EXR: tiles a row and rows; else 0.
     int columns = 0, rows = 0;
 

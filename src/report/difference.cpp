@@ -202,6 +202,27 @@ std::string verdict(const Difference& result) {
                                          : "pass";
 }
 
+namespace {
+
+/// What packing for files added to a volume's error; none: nothing is known to.
+std::optional<double> packing_error(const Volume& volume, const char* key = "packing_error") {
+    const auto found = volume.metadata.find(key);
+    if (found == volume.metadata.end())
+        return {};
+    return std::strtod(found->second.c_str(), nullptr);
+}
+
+std::string packing_text(const char* name, const Volume& volume) {
+    const auto cells = packing_error(volume);
+    if (!cells)
+        return {};
+    return format("packed     %s: that added %.3g %% to its error at cells, %.3g %% between them\n",
+                  name, 100 * *cells,
+                  100 * packing_error(volume, "packing_error_filtered").value_or(*cells));
+}
+
+} // namespace
+
 Json difference_json(const Difference& result) {
     const volume::Comparison& c = result.comparison;
     const Grid& grid = result.b.grid;
@@ -227,6 +248,7 @@ Json difference_json(const Difference& result) {
                     {"max", c.max},
                     {"negative_a", c.negative_a},
                     {"negative_b", c.negative_b}}},
+                  {"packing_error", {nullptr, nullptr}},
                   {"energy", {{"a", c.energy_a}, {"b", c.energy_b}, {"ratio", c.energy_ratio}}},
                   {"fail", to_json(result.fail, c.exceeding[0])},
                   {"warn", to_json(result.warn, c.exceeding[1])},
@@ -238,6 +260,9 @@ Json difference_json(const Difference& result) {
                    {{"only_a", result.metadata.only_a},
                     {"only_b", result.metadata.only_b},
                     {"different", result.metadata.different}}}};
+    for (size_t i = 0; i < 2; ++i)
+        if (const auto added = packing_error(i == 0 ? result.a : result.b))
+            document["packing_error"][i] = *added;
     for (const volume::IrradianceSample& sample : c.worst)
         document["worst"].push_back({{"cell", vector_json(sample.cell)},
                                      {"position", vector_json(grid.center(sample.cell))},
@@ -294,6 +319,7 @@ std::string difference_text(const Difference& result) {
     text += format("  largest          %10.4g %%  of B's mean\n", 100 * c.max);
     text += format("  negative         %llu samples of A, %llu of B; clamped to 0\n",
                    number(c.negative_a), number(c.negative_b));
+    text += packing_text("A", result.a) + packing_text("B", result.b);
     text += format("energy     A / B = %.6g (%.6g and %.6g nit sr in cells valid in both)\n",
                    c.energy_ratio, c.energy_a, c.energy_b);
     text += threshold_text("fail", result.fail, c.exceeding[0], c);

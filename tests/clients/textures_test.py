@@ -26,7 +26,7 @@ LPVBAKE, OGRE_DDS = sys.argv[1:3]
 EXAMPLES, CACHE = pathlib.Path(sys.argv[3]), pathlib.Path(sys.argv[4]).resolve()
 ROUNDING = {np.float32: 0.0, np.float16: 2.0 ** -11}  # relative
 # VkFormat of Vulkan, and OGRE's names.
-VULKAN = {76: (np.float16, 1), 97: (np.float16, 4), 100: (np.float32, 1), 109: (np.float32, 4)}
+VULKAN = {37: (np.uint8, 4), 76: (np.float16, 1), 97: (np.float16, 4), 100: (np.float32, 1), 109: (np.float32, 4)}
 OGRE = {"PF_FLOAT16_R": (np.float16, 1), "PF_FLOAT16_RGBA": (np.float16, 4),
         "PF_FLOAT32_R": (np.float32, 1), "PF_FLOAT32_RGBA": (np.float32, 4)}
 SHARED_EXPONENT = 123
@@ -56,7 +56,7 @@ class Textures(unittest.TestCase):
         run(LPVBAKE, "bake", EXAMPLES / "cornell_box.gltf", "--bounds", "-1,0,-1,1,1.4,0.5", "--margin", "1",
             "--resolution", "16", "-o", cls.folder / "volume.vdb", "-o", cls.folder / "full.ktx2",
             "-o", cls.folder / "full.dds")
-        for precision in ("half", "rgb9e5"):
+        for precision in ("half", "rgb9e5", "unorm8"):
             run(LPVBAKE, "convert", cls.folder / "volume.vdb", cls.folder / f"{precision}.ktx2",
                 cls.folder / f"{precision}.dds", "--precision", precision)
         cls.facts = json.loads((cls.folder / "full.dds.json").read_text())
@@ -71,14 +71,19 @@ class Textures(unittest.TestCase):
         cls.parser = npm.package(CACHE, *npm.KTX_PARSE)
         cls.three = npm.three(CACHE)
 
+    def parsed(self, file, raw):
+        return json.loads(run("node", pathlib.Path(__file__).with_name("ktx2.mjs"), self.parser, self.three,
+                              file, raw))
+
     def by_ktx_parse(self, file):
         """Texels [z, y, x, channel] and their type."""
         raw = self.folder / "texels"
-        facts = json.loads(run("node", pathlib.Path(__file__).with_name("ktx2.mjs"), self.parser,
-                               self.three, file, raw))
+        facts = self.parsed(file, raw)
         self.assertEqual(facts["keys"], ["KTXwriter", "lpvbake"])
         self.assertEqual(facts["description"]["grid"], self.facts["grid"])
-        self.assertEqual(facts["description"]["metadata"], self.facts["metadata"])
+        metadata = {key: value for key, value in facts["description"]["metadata"].items()
+                    if not key.startswith("packing_error")}
+        self.assertEqual(metadata, self.facts["metadata"])
         self.assertEqual((facts["layerCount"], facts["faceCount"], facts["supercompressionScheme"]),
                          (0, 1, 2))
         size = facts["pixelDepth"], facts["pixelHeight"], facts["pixelWidth"]
@@ -121,6 +126,48 @@ class Textures(unittest.TestCase):
         texels, kind = self.by_ktx_parse(self.folder / "rgb9e5_sh_l0.ktx2")
         self.assertIsNone(kind)
         self.assertTrue(self.is_equal(texels, kind, "sh_l0"))
+
+    def packed_light(self, precision, read):
+        """Coefficients of a precision that stores light over its mean, and of each the error that half a
+        step makes: by the formula of src/io/README.md."""
+        mean = self.folder / f"{precision}_sh_l0.ktx2"
+        description = self.parsed(mean, self.folder / "texels")["description"]
+        light, steps = {}, {}
+        for entry in description["files"]:
+            if "low" not in entry:
+                continue
+            low, high = np.array(entry["low"]), np.array(entry["high"])
+            texels = read(self.folder / entry["file"])[..., :len(low)]
+            for c, channel in enumerate(entry["channels"]):
+                light[channel], steps[channel] = low[c] + (high[c] - low[c]) * texels[..., c], (high - low)[c] / 255
+        for channel in light:
+            if not channel.startswith("sh_l0."):
+                light[channel] *= light["sh_l0." + channel[-1]]
+        return light, steps
+
+    def is_packed(self, light, steps):
+        """Whether nearly all light is as near as rounding lets it be; some is clipped."""
+        for channel, values in light.items():
+            name, colour = channel.split(".")
+            grid = self.grids[name][..., "rgb".index(colour)]
+            mean = np.abs(self.grids["sh_l0"]).max(-1)
+            near = np.abs(values - grid) <= (0.51 * steps[channel] + 2.0 ** -8) * mean
+            if values.shape != grid.shape or (near * mean).sum() < 0.99 * mean.sum():
+                return False
+        return True
+
+    def test_light_over_its_mean_is_that_of_the_vdb(self):
+        def read(file):
+            texels, kind = self.by_ktx_parse(file)
+            return texels / 255 if kind is np.uint8 else texels
+        light, steps = self.packed_light("unorm8", read)
+        self.assertEqual(len(light), 27)
+        self.assertTrue(self.is_packed(light, steps))
+        for what, change in (("flipped axis", lambda texels: texels[:, :, ::-1]),
+                             ("reversed slices", lambda texels: texels[::-1]),
+                             ("swapped colours", lambda texels: texels[..., ::-1])):
+            broken, steps = self.packed_light("unorm8", lambda file: change(read(file)))
+            self.assertFalse(self.is_packed(broken, steps), what)
 
     def test_broken_texels_are_seen(self):
         for extension, read in ((".ktx2", self.by_ktx_parse), (".dds", self.by_ogre)):

@@ -95,13 +95,16 @@ class Documents(unittest.TestCase):
         run("info_volume", "info", "lpv.vdb", "--slice", "z=3", "-o", "slice.png")
         run("diff", "diff", "sn.vdb", "sn.exr")
         run("diff", "diff", "sn.vdb", "lpv.vdb", "-o", "difference.vdb", status=7)
+        run("convert", "convert", "sn.vdb", "packed.ktx2", "--precision", "unorm8")
+        run("diff", "diff", "packed.ktx2", "sn.vdb", "--fail", "100%")
         run("diff", "diff", "gather.vdb", "reference.vdb", "--fail", "1%", "--warn", "0.1%", "--slice", "z=3", "-o",
             "error.png", status=7)
         for target in TARGETS:
             run("convert", "convert", "sn.vdb", f"{target}.exr", "--target", target)
             text = (cls.folder / f"{target}.json").read_text()
             cls.documents.append(("sidecar", f"{target}.json", json.loads(text)))
-        for target, precision in (("generic", "rgb9e5"), ("threejs", "half"), ("bevy", "float")):
+        for target, precision in (("generic", "rgb9e5"), ("threejs", "half"), ("bevy", "float"),
+                                  ("houdini", "unorm8")):
             run("convert", "convert", "sn.vdb", f"{target}.dds", "--target", target, "--precision", precision)
             text = (cls.folder / f"{target}.dds.json").read_text()
             cls.documents.append(("sidecar", f"{target}.dds.json", json.loads(text)))

@@ -3,6 +3,7 @@
 #include "io/io.h"
 #include "io/ktx2.h"
 #include "unit/volumes.h"
+#include "volume/compare.h"
 
 #include <Imath/half.h>
 #include <nlohmann/json.hpp>
@@ -34,6 +35,19 @@ std::string texels_of_ktx2(const std::string& bytes) {
                               at<uint64_t>(bytes, 88)),
               texels.size());
     return texels;
+}
+
+/// Light of a room: the mean rises along x, all else is at most `share` of it.
+Volume smooth_volume(glm::ivec3 dims, int order, float share, float scale = 100) {
+    Volume volume = random_volume(dims, order, false, 7);
+    for (size_t i = 0; i < volume.grid.size(); ++i) {
+        const glm::vec3 at = glm::vec3(volume.grid.cell_at(i)) / glm::vec3(dims);
+        volume.sh[0][i] = scale * glm::vec3(1 + at.x, 1.5f + at.x * at.y, 0.5f + at.z);
+        for (size_t k = 1; k < volume.sh.size(); ++k)
+            volume.sh[k][i] =
+                share * std::sin(3 * at.x + 2 * at.y + 4 * at.z + float(k)) * volume.sh[0][i];
+    }
+    return volume;
 }
 
 /// Light without a sign.
@@ -158,6 +172,126 @@ TEST(Textures, HeadersAreAsTheirSpecificationsSay) {
             EXPECT_EQ(at<uint32_t>(dds, offset), value) << name << ' ' << offset;
         EXPECT_EQ(dds.size(), dds_head + 5 * 4 * 3 * texel);
     }
+}
+
+TEST(Textures, Unorm8IsLightOverItsMean) {
+    for (const int order : {0, 1, 2, 4})
+        for (const float scale : {100.0f, 1e6f, 1e-6f}) {
+            const TemporaryFolder folder;
+            const Volume volume = smooth_volume({9, 6, 5}, order, 0.7f, scale);
+            const io::Pictures ratio{io::Packing::ratio};
+            const WriteReport ktx2 =
+                io::write_volume(folder / "a.ktx2", volume, Precision::unorm8, ratio);
+            const WriteReport dds =
+                io::write_volume(folder / "a.dds", volume, Precision::unorm8, ratio);
+            EXPECT_TRUE(ktx2.warnings.empty());
+            for (size_t f = 0; f < ktx2.files.size(); ++f)
+                EXPECT_EQ(texels_of_ktx2(slurp(ktx2.files[f].path)),
+                          slurp(dds.files[f].path).substr(dds_head));
+
+            // As the description tells a shader to: texel of a ratio, times the mean.
+            const json described = json::parse(slurp(folder / "a.dds.json"));
+            uint64_t light = 0;
+            for (const json& file : described["files"]) {
+                if (!file.contains("low"))
+                    continue;
+                const std::string texels =
+                    slurp(folder / file["file"].get<std::string>()).substr(dds_head);
+                light += texels.size() / volume.grid.size();
+                for (size_t c = 0; c < file["channels"].size(); ++c) {
+                    const std::string name = file["channels"][c];
+                    const double low = file["low"][c], step = (double(file["high"][c]) - low) / 255;
+                    size_t k = 0;
+                    while (!name.starts_with(volume::grid_name(volume::light_kind(), int(k)) + "."))
+                        ++k;
+                    const auto colour = glm::length_t(std::string("rgb").find(name.back()));
+                    for (size_t i = 0; k > 0 && i < volume.grid.size(); ++i) {
+                        const double mean = volume.sh[0][i][colour],
+                                     is = (low + step * uint8_t(texels[4 * i + c])) * mean;
+                        EXPECT_NEAR(is, volume.sh[k][i][colour], (0.52 * step + 0.003) * mean);
+                    }
+                }
+            }
+            EXPECT_EQ(light, order == 0 ? 4u : order == 1 ? 16u : order == 2 ? 28u : 76u);
+
+            // What is told is what diff finds.
+            const Volume back = io::read_volume(folder / "a.ktx2", volume::grid_kinds());
+            ASSERT_TRUE(ktx2.packing);
+            EXPECT_DOUBLE_EQ(ktx2.packing->cells,
+                             volume::compare(back, volume, {{}, 0}).relative_l1);
+            EXPECT_GT(ktx2.packing->cells, 0);
+            EXPECT_LT(ktx2.packing->cells, 0.006);
+            EXPECT_LT(ktx2.packing->filtered, 0.02);
+            EXPECT_NEAR(std::stod(back.metadata.at("packing_error")), ktx2.packing->cells, 1e-5);
+            // Packed again, errors add up.
+            io::write_volume(folder / "b.ktx2", back, Precision::unorm8, ratio);
+            EXPECT_GE(std::stod(read_volume(folder / "b.ktx2").metadata.at("packing_error")),
+                      std::stod(back.metadata.at("packing_error")));
+        }
+}
+
+TEST(Textures, Unorm8TellsWhatItCannotHold) {
+    const TemporaryFolder folder;
+    const io::Pictures ratio{io::Packing::ratio};
+    Volume volume = smooth_volume({8, 8, 8}, 2, 0.5f);
+    const auto error = [&] {
+        return io::write_volume(folder / "a.ktx2", volume, Precision::unorm8, ratio).packing->cells;
+    };
+    const double usual = error();
+    // Some cells have a ratio of their own: their range costs all others less than it would cost
+    // them, so that they are clipped.
+    for (size_t i = 0; i < 3; ++i)
+        volume.sh[1][200 + i] = glm::vec3(1e4f);
+    volume.validity.assign(volume.grid.size(), 1.0f);
+    const double outliers = error();
+    EXPECT_GT(outliers, usual);
+    // A mean below 0 becomes 0, with all of the cell's light.
+    for (size_t i = 0; i < volume.grid.size(); i += 4)
+        volume.sh[0][i] *= -1;
+    EXPECT_GT(error(), 10 * usual);
+    const Volume back = read_volume(folder / "a.ktx2");
+    for (const glm::vec3& mean : back.sh[0])
+        EXPECT_GE(mean.r, 0);
+    // What is no light is half, and has to fit that.
+    volume.walls[0][0].x = 1e5f;
+    EXPECT_EQ(error_of("a.ktx2", error).kind, ErrorKind::unsupported);
+    volume.walls.clear();
+    for (const auto& [name, precision, packing] :
+         {std::tuple("a.vdb", Precision::unorm8, io::Packing::ratio),
+          {"a.exr", Precision::unorm8, io::Packing::ratio},
+          {"a.exr", Precision::half, io::Packing::ratio},
+          {"a.ktx2", Precision::half, io::Packing::ratio},
+          {"a.ktx2", Precision::unorm8, io::Packing::channel}}) {
+        const std::string path = folder / name;
+        const auto write = [&] {
+            io::write_volume(path, volume, precision, {packing});
+            return 0;
+        };
+        EXPECT_EQ(error_of(name, write).kind, ErrorKind::argument) << name;
+    }
+}
+
+TEST(Textures, RangesOfOtherThanLightAreRefused) {
+    const TemporaryFolder folder;
+    io::write_volume(folder / "a.dds", smooth_volume({4, 4, 4}, 1, 0.5f), Precision::unorm8,
+                     {io::Packing::ratio});
+    const std::string path = folder / "a.dds.json";
+    const json good = json::parse(slurp(path));
+    const auto refused = [&](const auto& change) {
+        json broken = good;
+        change(broken["files"]);
+        std::ofstream(path) << broken.dump();
+        return error_of("a.dds", [&] { return read_volume(path); }).kind == ErrorKind::invalid;
+    };
+    EXPECT_TRUE(refused([](json& files) { files[1]["low"].push_back(0); }));
+    EXPECT_TRUE(refused([](json& files) { files[1].erase("high"); }));
+    EXPECT_TRUE(refused([](json& files) { files[1]["high"][0] = "1"; }));
+    EXPECT_TRUE(refused([](json& files) { files[1]["high"][0] = 1e300; }));
+    EXPECT_TRUE(refused([](json& files) {
+        files.back()["low"] = files.back()["high"] = {0, 0, 0};
+    }));
+    std::ofstream(path) << good.dump();
+    EXPECT_EQ(read_volume(path).sh.size(), 4u);
 }
 
 TEST(Textures, Rgb9e5IsTheNearestOfItsKind) {
