@@ -311,14 +311,16 @@ void add_output_options(options::Options& options, OutputOptions& o) {
                    "lpvbake convert --help, and writes what it needs beside them");
     options::Choices<Precision> precisions;
     for (const Precision precision :
-         {Precision::full, Precision::half, Precision::rgb9e5, Precision::unorm8})
+         {Precision::full, Precision::half, Precision::rgb9e5, Precision::unorm8, Precision::bc6h})
         precisions.emplace_back(io::name_of(precision), precision);
     options
-        .choice("--precision", o.precision, precisions,
-                "Type of the stored numbers; rgb9e5, of .ktx2, .dds and .glb packed by band or "
-                "cube: 32 bits for the colours of the mean or of a cube, half for all else; unorm8, "
-                "of .ktx2 and .dds: the mean in 32 bits, all other light over it in 8 bits a number "
-                "(order 2 in 28 bytes a cell); what that adds to the error is told")
+        .choice(
+            "--precision", o.precision, precisions,
+            "Type of the stored numbers; rgb9e5, of .ktx2, .dds and .glb packed by band or "
+            "cube: 32 bits for the colours of the mean or of a cube, half for all else; unorm8, "
+            "of .ktx2 and .dds: the mean in 32 bits, all other light over it in 8 bits a number "
+            "(order 2 in 28 bytes a cell), or bc6h: in blocks, a byte for three (order 2 in 10 "
+            "bytes); what that adds to the error is told")
         .implies([&o] { return io::name_of(o.storage().precision); });
     options
         .choice("--sh-convention", o.convention,
@@ -332,7 +334,8 @@ void add_output_options(options::Options& options, OutputOptions& o) {
     options
         .choice("--packing", o.packing, options::choices_named<io::Packing>(io::packing_names()),
                 "One RGB file per coefficient, one RGBA file per colour channel, as VRC Light "
-                "Volumes, Bevy and three.js have it, or, with --precision unorm8, by ratio")
+                "Volumes, Bevy and three.js have it, or, with --precision unorm8, by ratio, with "
+                "bc6h by block")
         .implies([&o] { return io::name_of(o.storage().pictures.packing); });
     options
         .choice("--dering", o.dering, options::Choices<bool>{{"on", true}, {"off", false}},

@@ -17,6 +17,7 @@ constexpr size_t head_words = 37;
 constexpr uint32_t header_size = 124, pixel_format_size = 32, four_cc = 4, texture_3d = 4;
 /// Caps, height, width, pitch, pixel format, depth.
 constexpr uint32_t flags = 0x1 | 0x2 | 0x4 | 0x8 | 0x1000 | 0x800000;
+constexpr uint32_t pitch = 0x8, linear_size = 0x80000;
 constexpr uint32_t caps = 0x8 | 0x1000, caps2_volume = 0x200000; ///< complex, texture
 
 std::string encode(const TexelForm& form, glm::ivec3 dims, std::string_view texels,
@@ -24,10 +25,11 @@ std::string encode(const TexelForm& form, glm::ivec3 dims, std::string_view texe
     std::array<uint32_t, head_words> words{};
     words[0] = magic;
     words[1] = header_size;
-    words[2] = flags;
+    words[2] = form.is_block() ? (flags & ~pitch) | linear_size : flags;
     words[3] = uint32_t(dims.y);
     words[4] = uint32_t(dims.x);
-    words[5] = uint32_t(dims.x) * uint32_t(form.bytes());
+    words[5] =
+        form.is_block() ? uint32_t(texels.size()) : uint32_t(dims.x) * uint32_t(form.bytes());
     words[6] = uint32_t(dims.z);
     words[7] = 1; // level
     words[19] = pixel_format_size;
@@ -60,8 +62,7 @@ TextureContent parse(std::string_view bytes, const std::string& path) {
         if (word(side) < 1 || word(side) > uint32_t(max_texture_side))
             reject(path, "is no 3D texture of 1 to 2048 texels a side");
     content.dims = glm::ivec3(int(word(4)), int(word(3)), int(word(6)));
-    const size_t size = size_t(content.dims.x) * size_t(content.dims.y) * size_t(content.dims.z)
-                        * content.form->bytes();
+    const size_t size = content.form->size(content.dims);
     if (bytes.size() - 4 * head_words != size)
         reject(path, "has " + std::to_string(bytes.size() - 4 * head_words)
                          + " bytes of texels, expected " + std::to_string(size));
@@ -104,8 +105,8 @@ Volume read_dds(const std::string& path, volume::GridKinds kinds) {
                 const std::string bytes = read_texture_file(file);
                 const TextureContent content = parse(bytes, file);
                 check_texture(content, file, dims, channels);
-                return unpack(std::string_view(bytes).substr(4 * head_words), *content.form, dims.x,
-                              dims.y * dims.z, channels);
+                return unpack(std::string_view(bytes).substr(4 * head_words), *content.form, dims,
+                              channels);
             });
         check_listed(path, described, sidecar, json);
         return read;

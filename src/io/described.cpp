@@ -2,6 +2,7 @@
 
 #include "io/layout.h"
 #include "io/ratios.h"
+#include "io/texel.h"
 #include "lpvbake/error.h"
 #include "quoted.h"
 #include "volume/sh.h"
@@ -221,6 +222,9 @@ Json describe(const char* format, const Stored& stored, Precision precision, Pac
                  {"quantity", quantity.name},
                  {"units", quantity.units},
                  {single ? "channels" : "blocks", single ? blocks[0] : blocks}});
+        const glm::ivec3 texels = form_of(textures[t], precision).whole(dims);
+        if (texels != dims)
+            file["texels"] = {texels.x, texels.y, texels.z};
         for (const Component& channel : textures[t].blocks[0])
             if (channel.range) {
                 file["low"].push_back(channel.range->low);
@@ -324,7 +328,10 @@ void check_listed(const std::string& path, const std::string& described, const s
 }
 
 Volume read_texels(const std::string& path, const Json& json, const char* format,
-                   volume::GridKinds kinds, const Decode& decode, Ranges& ranges) {
+                   volume::GridKinds wanted_kinds, const Decode& decode, Ranges& ranges) {
+    std::vector<const GridKind*> kinds(wanted_kinds.begin(), wanted_kinds.end());
+    if (std::ranges::find(kinds, &volume::light_kind()) != kinds.end())
+        kinds.push_back(&base_kind);
     Volume volume = empty_volume(path, json, format, kinds);
     if (json.at("packing") == name_of(Packing::cube))
         throw Error(ErrorKind::unsupported,

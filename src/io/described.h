@@ -17,7 +17,7 @@ using Json = nlohmann::ordered_json;
 ///     {
 ///       "format": format, "version": 1,
 ///       "grid": { "dims": [x, y, z], "origin": [x, y, z] (metres), "cell": metres },
-///       "precision": "float" | "half" | "rgb9e5" | "unorm8", "sh_order": 0 to 4,
+///       "precision": "float" | "half" | "rgb9e5" | "unorm8" | "bc6h", "sh_order": 0 to 4,
 ///       "convention": "radiance", ..., "direction": "incident" | "travel", "axes": "gltf", ...,
 ///       "probe_position": "center"
 ///     }
@@ -34,8 +34,10 @@ Json describe(const char* format, const Stored& stored, Precision precision);
 ///                                 "validity", "wall_0.x", ...], or of atlas and cube
 ///                    "blocks": [the same of each block, "" for nothing],
 ///                    "low", "high": [numbers, of each of its channels; of ratios alone: a texel t
-///                                    stands for low + (high - low) t, and, but for those of sh_l0,
-///                                    that times the same colour of sh_l0] }, ... ]
+///                                    stands for low + (high - low) t times the same colour of the
+///                                    base or, without one, of sh_l0, for which it stands itself],
+///                    "texels": [x, y, z] (of textures of whole blocks that hold more than cells)
+///                    }, ... ]
 Json describe(const char* format, const Stored& stored, Precision precision, Packing packing,
               const std::vector<Texture>& textures, const std::vector<std::string>& files,
               const std::optional<Layout>& flipbook = {});

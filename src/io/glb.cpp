@@ -115,7 +115,7 @@ std::vector<std::string> payloads_of(const std::vector<Texture>& textures, const
     tbb::parallel_for(size_t(0), textures.size(), [&](size_t t) {
         const TexelForm& form = form_of(textures[t], precision);
         payloads[t] = encode_ktx2(
-            form, dims, pack(texels_of(textures[t], packing, volume, {1, dims.z}), form), {});
+            form, dims, pack(texels_of(textures[t], packing, volume, {1, dims.z}), form, dims), {});
     });
     return payloads;
 }

@@ -83,11 +83,13 @@ void check_precision(const std::string& path, Precision precision, Packing packi
     if (has_ratios(precision) && !format->has_ratios)
         throw Error(ErrorKind::argument,
                     path + ": " + name_of(precision) + " is for .ktx2 and .dds; use half");
-    if (has_ratios(precision) != (packing == Packing::ratio))
-        throw Error(ErrorKind::argument, path
-                                             + ": precision unorm8 and packing by ratio are for "
-                                               "each other alone, and not for targets with a "
-                                               "packing of their own");
+    if ((precision == Precision::unorm8) != (packing == Packing::ratio)
+        || (precision == Precision::bc6h) != (packing == Packing::block))
+        throw Error(
+            ErrorKind::argument,
+            path
+                + ": precision unorm8 and packing by ratio are for each other alone, as bc6h "
+                  "and block are, and not for targets with a packing of their own");
     if (precision != Precision::rgb9e5)
         return;
     if (!format->has_rgb9e5)

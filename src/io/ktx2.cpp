@@ -1,5 +1,6 @@
 #include "io/ktx2.h"
 
+#include "io/blocks.h"
 #include "io/layout.h"
 #include "io/texture_files.h"
 #include "lpvbake/error.h"
@@ -30,7 +31,10 @@ struct Sample {
 std::vector<Sample> samples_of(const TexelForm& form) {
     constexpr uint32_t exponent = 0x20, is_signed = 0x40, is_float = 0x80;
     std::vector<Sample> samples;
-    if (form.precision == Precision::rgb9e5) {
+    if (form.is_block())
+        return form.coding == Coding::bc7 ? std::vector{Sample{0, 128, 0, 0, 0xffffffff}}
+                                          : std::vector{Sample{0, 128, is_float, 0, 0x3f800000}};
+    if (form.coding == Coding::rgb9e5) {
         for (uint32_t c = 0; c < 3; ++c) {
             samples.push_back({9 * c, 9, c, 0, 8448});
             samples.push_back({27, 5, c | exponent, 15, 31});
@@ -38,10 +42,9 @@ std::vector<Sample> samples_of(const TexelForm& form) {
         return samples;
     }
     const auto bits = uint32_t(8 * form.scalar());
-    const Sample sample =
-        form.precision == Precision::unorm8
-            ? Sample{0, bits, 0, 0, 255}
-            : Sample{0, bits, is_signed | is_float, 0xbf800000, 0x3f800000}; // -1, 1
+    const Sample sample = form.coding == Coding::unorm8 ? Sample{0, bits, 0, 0, 255}
+                                                        : Sample{0, bits, is_signed | is_float,
+                                                                 0xbf800000, 0x3f800000}; // -1, 1
     for (const uint32_t channel : {0u, 1u, 2u, 15u}) // red, green, blue, alpha
         if (samples.size() < size_t(form.channels)) {
             const auto bit = bits * uint32_t(samples.size());
@@ -53,7 +56,10 @@ std::vector<Sample> samples_of(const TexelForm& form) {
 }
 
 std::string descriptor_of(const TexelForm& form) {
-    constexpr uint32_t rgbsda = 1, bt709 = 1, linear = 1;
+    constexpr uint32_t rgbsda = 1, bc6h = 133, bc7 = 134, bt709 = 1, linear = 1;
+    const uint32_t model = form.coding == Coding::bc6h  ? bc6h
+                           : form.coding == Coding::bc7 ? bc7
+                                                        : rgbsda;
     const std::vector<Sample> samples = samples_of(form);
     const auto size = uint32_t(24 + 16 * samples.size());
     std::string bytes;
@@ -61,8 +67,8 @@ std::string descriptor_of(const TexelForm& form) {
     add(4 + size);
     add(0);              // vendor Khronos, basic block
     add(2 | size << 16); // version 1.3
-    add(rgbsda | bt709 << 8 | linear << 16);
-    add(0); // blocks of 1 x 1 x 1 texels
+    add(model | bt709 << 8 | linear << 16);
+    add(form.is_block() ? (block_side - 1) * 0x101u : 0); // blocks of 4 x 4 or 1 x 1 texels
     add(uint32_t(form.bytes()));
     add(0);
     for (const Sample& sample : samples) {
@@ -184,8 +190,7 @@ Ktx2 parse(std::string_view bytes, const std::string& path) {
 
 /// Throws Error (invalid).
 std::string texels_in(const Ktx2& ktx, const std::string& path) {
-    const size_t size =
-        size_t(ktx.dims.x) * size_t(ktx.dims.y) * size_t(ktx.dims.z) * ktx.form->bytes();
+    const size_t size = ktx.form->size(ktx.dims);
     if (!ktx.is_compressed) {
         if (ktx.level.size() != size)
             reject(path, "has " + std::to_string(ktx.level.size()) + " bytes of texels, expected "
@@ -203,7 +208,7 @@ std::string texels_in(const Ktx2& ktx, const std::string& path) {
 image::Pixels pixels_of(const Ktx2& ktx, const std::string& path, glm::ivec3 dims,
                         size_t channels) {
     check_texture(ktx, path, dims, channels);
-    return unpack(texels_in(ktx, path), *ktx.form, dims.x, dims.y * dims.z, channels);
+    return unpack(texels_in(ktx, path), *ktx.form, dims, channels);
 }
 
 /// A file of the volume: the path itself or, where there is no such file, the first of its

@@ -28,9 +28,12 @@ enum class Packing {
     /// canonical coefficients of orders 0 to 2, colour by colour, four to an RGBA texel, in seven
     /// blocks along z, each between copies of its outermost slices.
     atlas,
-    /// Of precisions that store light over its mean: sh_l0 as `band` has it, and for each colour
+    /// Of Precision::unorm8: sh_l0 as `band` has it, and for each colour
     /// the other coefficients in their order, four a texture: ratio_r, ratio_r2, ..., ratio_g, ...
     ratio,
+    /// Of Precision::bc6h: base, a mean of no sign, and one RGB file a coefficient as `band` has
+    /// it.
+    block,
 };
 
 const char* name_of(Packing packing);

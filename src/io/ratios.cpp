@@ -47,6 +47,43 @@ Range best_range(Weighted values) {
     return {low, quantile(values, share)};
 }
 
+/// Empty: the volume has none.
+std::vector<glm::vec3> base_of(const Volume& volume) {
+    std::vector<glm::vec3> base;
+    for (const volume::ConstGridView& grid : volume::grids_of(volume, base_kind))
+        for (size_t cell = 0; cell < grid.cells; ++cell)
+            base.emplace_back(grid.data[3 * cell], grid.data[3 * cell + 1],
+                              grid.data[3 * cell + 2]);
+    return base;
+}
+
+void set_base(const std::vector<glm::vec3>& base, Volume& volume) {
+    volume::set_grids(volume, base_kind, 1);
+    float* to = volume::grids_of(volume, base_kind)[0].data;
+    for (const glm::vec3& colour : base)
+        for (glm::length_t c = 0; c < 3; ++c)
+            *to++ = colour[c];
+}
+
+/// What the form of its texture gives back of a mean, in units of `unit`.
+std::vector<glm::vec3> rounded(const std::vector<glm::vec3>& mean, float unit,
+                               const TexelForm& form, glm::ivec3 dims,
+                               const std::vector<float>& weights) {
+    image::Pixels pixels{dims.x, dims.y * dims.z, 3, {}};
+    std::vector<float> counts;
+    for (size_t cell = 0; cell < mean.size(); ++cell)
+        for (glm::length_t c = 0; c < 3; ++c) {
+            pixels.samples.push_back(std::max(0.0f, mean[cell][c] / unit));
+            counts.push_back(weights[cell]);
+        }
+    pixels = unpack(pack(pixels, form, dims, counts), form, dims, 3);
+    std::vector<glm::vec3> back;
+    for (size_t cell = 0; cell < mean.size(); ++cell)
+        back.emplace_back(pixels.samples[3 * cell], pixels.samples[3 * cell + 1],
+                          pixels.samples[3 * cell + 2]);
+    return back;
+}
+
 /// The light of a volume with its validity, no other grids.
 Volume light_of(const Volume& volume) {
     Volume light;
@@ -65,6 +102,8 @@ Volume between(const Volume& cells) {
     middle.sh_order = cells.sh_order;
     middle.sh.assign(cells.sh.size(), std::vector<glm::vec3>(middle.grid.size()));
     middle.validity.assign(middle.grid.size(), 1.0f);
+    const std::vector<glm::vec3> base = base_of(cells);
+    std::vector<glm::vec3> middle_base(base.empty() ? 0 : middle.grid.size());
     for (size_t i = 0; i < middle.grid.size(); ++i)
         for (int corner = 0; corner < 8; ++corner) {
             const glm::ivec3 step(corner & 1, corner >> 1 & 1, corner >> 2);
@@ -72,9 +111,13 @@ Volume between(const Volume& cells) {
                 cells.grid.index(glm::min(middle.grid.cell_at(i) + step, cells.grid.dims - 1));
             for (size_t k = 0; k < cells.sh.size(); ++k)
                 middle.sh[k][i] += 0.125f * cells.sh[k][cell];
-            if (!cells.validity.empty() && cells.validity[cell] == 0)
+            if (!base.empty())
+                middle_base[i] += 0.125f * base[cell];
+            if (!cells.is_valid(cell))
                 middle.validity[i] = 0;
         }
+    if (!base.empty())
+        set_base(middle_base, middle);
     return middle;
 }
 
@@ -86,37 +129,49 @@ double difference(Volume is, Volume was, const volume::Encoding& encoding) {
 
 } // namespace
 
+std::vector<float> cell_weights(const Volume& volume) {
+    const bool all = volume.validity.empty() || volume.metadata.contains("fit")
+                     || volume.metadata.contains("dilate");
+    std::vector<float> weights(volume.grid.size(), 1.0f);
+    for (size_t cell = 0; cell < weights.size() && !all; ++cell)
+        if (volume.validity[cell] == 0)
+            weights[cell] = 1e-3f;
+    return weights;
+}
+
 Ranges to_ratios(const TexelForm& form, Volume& stored) {
-    std::vector<glm::vec3>& mean = stored.sh[0];
-    const float unit = unit_of(mean);
-    image::Pixels pixels{int(mean.size()), 1, 3, {}};
-    for (const glm::vec3& colour : mean)
-        for (glm::length_t c = 0; c < 3; ++c)
-            pixels.samples.push_back(std::max(0.0f, colour[c] / unit));
-    pixels = unpack(pack(pixels, form), form, pixels.width, 1, 3);
-    for (size_t cell = 0; cell < mean.size(); ++cell)
-        mean[cell] = {pixels.samples[3 * cell], pixels.samples[3 * cell + 1],
-                      pixels.samples[3 * cell + 2]};
+    const std::vector<float> weights = cell_weights(stored);
+    const float unit = unit_of(stored.sh[0]);
+    const std::vector<glm::vec3> mean =
+        rounded(stored.sh[0], unit, form, stored.grid.dims, weights);
     Ranges ranges(stored.sh.size());
     ranges[0].fill({0, unit});
-    tbb::parallel_for(size_t(3), 3 * stored.sh.size(), [&](size_t i) {
+    const size_t first = form.is_block() ? 0 : 1;
+    tbb::parallel_for(3 * first, 3 * stored.sh.size(), [&](size_t i) {
         const size_t k = i / 3;
         const auto c = glm::length_t(i % 3);
+        const auto light = [&](size_t cell) { return unit * mean[cell][c]; };
+        const auto ratio = [&](size_t cell) {
+            return light(cell) > 0 ? stored.sh[k][cell][c] / light(cell) : 0.0f;
+        };
         Weighted values;
-        values.reserve(stored.grid.size());
-        for (size_t cell = 0; cell < stored.grid.size(); ++cell)
-            if (const float light = unit * mean[cell][c]; light > 0)
-                values.emplace_back(stored.sh[k][cell][c] / light, light);
+        values.reserve(mean.size());
+        for (size_t cell = 0; cell < mean.size(); ++cell)
+            if (light(cell) > 0)
+                values.emplace_back(ratio(cell), light(cell) * weights[cell]);
         const Range range = best_range(std::move(values));
-        ranges[k][size_t(c)] = range;
         const float width = range.high - range.low;
-        for (size_t cell = 0; cell < stored.grid.size(); ++cell) {
-            const float light = unit * mean[cell][c];
-            float& value = stored.sh[k][cell][c];
-            const float ratio = light > 0 ? value / light : 0.0f;
-            value = width > 0 ? std::clamp((ratio - range.low) / width, 0.0f, 1.0f) : 0.0f;
-        }
+        for (size_t cell = 0; cell < mean.size(); ++cell)
+            stored.sh[k][cell][c] =
+                width > 0 ? std::clamp((ratio(cell) - range.low) / width, 0.0f, 1.0f) : 0.0f;
+        const float scale = form.is_block() ? unit : 1.0f; // nothing else tells the base's
+        ranges[k][size_t(c)] = {scale * range.low, scale * range.high};
     });
+    if (!form.is_block()) {
+        stored.sh[0] = mean;
+        return ranges;
+    }
+    set_base(mean, stored);
     return ranges;
 }
 
@@ -128,9 +183,11 @@ void from_ratios(const Ranges& ranges, Volume& stored) {
                 float& value = stored.sh[k][cell][glm::length_t(c)];
                 value = low + (high - low) * value;
             }
-    for (size_t k = 1; k < stored.sh.size(); ++k)
+    const std::vector<glm::vec3> base = base_of(stored), &over = base.empty() ? stored.sh[0] : base;
+    for (size_t k = base.empty() ? 1 : 0; k < stored.sh.size(); ++k)
         for (size_t cell = 0; cell < stored.grid.size(); ++cell)
-            stored.sh[k][cell] *= stored.sh[0][cell];
+            stored.sh[k][cell] *= over[cell];
+    volume::set_grids(stored, base_kind, 0);
 }
 
 PackingError packing_error(const Volume& stored, const volume::Encoding& encoding,

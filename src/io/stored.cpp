@@ -95,9 +95,11 @@ const char* name_of(Precision precision) {
     case Precision::rgb9e5:
         return "rgb9e5";
     case Precision::unorm8:
+        return "unorm8";
+    case Precision::bc6h:
         break;
     }
-    return "unorm8";
+    return "bc6h";
 }
 
 void decode(const volume::Encoding& encoding, const std::string& path, Volume& stored) {

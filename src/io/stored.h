@@ -10,12 +10,12 @@
 
 namespace lpvbake::io {
 
-/// "float", "half", "rgb9e5" or "unorm8".
+/// "float", "half", "rgb9e5", "unorm8" or "bc6h".
 const char* name_of(Precision precision);
 
 /// Whether light is stored over its mean.
 constexpr bool has_ratios(Precision precision) {
-    return precision == Precision::unorm8;
+    return precision == Precision::unorm8 || precision == Precision::bc6h;
 }
 
 /// A volume as a file of an encoding stores it. One that is given up is changed in place, with the

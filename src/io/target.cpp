@@ -5,6 +5,8 @@
 #include "io/exr.h"
 #include "io/glb.h"
 #include "io/ktx2.h"
+#include "io/nvdb.h"
+#include "io/texel.h"
 #include "io/tres.h"
 #include "io/vdb.h"
 #include "lpvbake/error.h"
@@ -368,7 +370,7 @@ Target with_precision(Target target, Precision precision) {
     // Programs whose formulas the notes have know of no ratios: check_precision refuses them.
     if (has_ratios(precision) && target.notes == Notes::none
         && target.pictures.packing == Packing::band)
-        target.pictures.packing = Packing::ratio;
+        target.pictures.packing = precision == Precision::unorm8 ? Packing::ratio : Packing::block;
     return target;
 }
 
@@ -393,6 +395,24 @@ WriteReport write_for(const Target& target, const std::string& path, Volume&& vo
         volume.metadata["l1_scale"] = format("%.9g", target.l1_scale);
     }
     return write(target, path, std::move(volume), warnings);
+}
+
+uint64_t stored_bytes(const Target& target, const std::string& path, Volume grids,
+                      glm::ivec3 dims) {
+    const VolumeFormat& format = *volume_format(path);
+    if (&format == &nvdb_format || &format == &tres_format)
+        throw Error(ErrorKind::argument,
+                    path + ": how many bytes it takes is not known before; use .vdb");
+    limit_order(target, grids);
+    const Packing packing = format.has_pictures ? target.pictures.packing : Packing::band;
+    const glm::ivec3 texels = stack_of(packing).dims(dims);
+    const bool is_half = target.precision == Precision::half;
+    uint64_t bytes = 0;
+    for (const Texture& texture : textures_of(grids, packing, target.encoding.convention, path))
+        bytes += format.has_rgb9e5 ? form_of(texture, target.precision).size(texels)
+                                   : uint64_t(texels.x) * uint64_t(texels.y) * uint64_t(texels.z)
+                                         * texture.channels() * (is_half ? 2 : 4);
+    return bytes;
 }
 
 std::vector<std::string> files_for(const Target& target, const std::string& path, Volume grids) {

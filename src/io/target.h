@@ -51,6 +51,11 @@ Target with_precision(Target target, Precision precision);
 WriteReport write_for(const Target& target, const std::string& path, Volume&& volume);
 WriteReport write_for(const Target& target, const std::string& path, const Volume& volume);
 
+/// Bytes of the numbers that write_for stores of a volume of `dims` with these grids, before they
+/// are compressed without loss; no header or notes. Throws Error: argument (.tres and .nvdb, whose
+/// nodes have a size of their own), and as write_for does for a form that there is not.
+uint64_t stored_bytes(const Target& target, const std::string& path, Volume grids, glm::ivec3 dims);
+
 /// The files that write_for makes of a volume with these grids, whatever is in them; as it lists
 /// them. Throws Error as write_for does for a form that there is not.
 std::vector<std::string> files_for(const Target& target, const std::string& path, Volume grids);

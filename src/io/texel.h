@@ -11,20 +11,25 @@
 
 namespace lpvbake::io {
 
+enum class Coding { full, half, rgb9e5, unorm8, bc6h, bc7 };
+
 /// A form of texels and the numbers that it has in headers.
 struct TexelForm {
-    Precision precision;
-    int channels;    ///< 1 or 4, of half and full; 3 of rgb9e5; 4 of unorm8
+    Coding coding;
+    int channels;    ///< 1 or 4, of half and full; 4 of unorm8; 3 of all else
     uint32_t vulkan; ///< in KTX2
     uint32_t dxgi;   ///< in DDS
 
-    size_t bytes() const {
-        return precision == Precision::rgb9e5 ? 4 : size_t(channels) * scalar();
-    }
-    /// Bytes of a channel, of rgb9e5 of all.
-    size_t scalar() const {
-        return precision == Precision::unorm8 ? 1 : precision == Precision::half ? 2 : 4;
-    }
+    /// Blocks of 4 x 4 texels of a slice (blocks.h).
+    bool is_block() const { return coding == Coding::bc6h || coding == Coding::bc7; }
+    /// Bytes of a texel, or of a block.
+    size_t bytes() const;
+    /// Bytes of a channel, of rgb9e5 of all, of blocks 1.
+    size_t scalar() const;
+    /// Dims that are whole blocks, the least that hold these.
+    glm::ivec3 whole(glm::ivec3 dims) const;
+    /// Bytes of a texture of these dims.
+    size_t size(glm::ivec3 dims) const;
 };
 
 /// The form of a texture: three channels have a fourth beside them, which is 1, as GPUs want it,
@@ -34,12 +39,15 @@ const TexelForm& form_of(const Texture& texture, Precision precision);
 /// The form of that number; null if it is none of ours.
 const TexelForm* form_numbered(uint32_t TexelForm::*number, uint32_t value);
 
-/// Texels in their form, in the order of `pixels`.
-std::string pack(const image::Pixels& pixels, const TexelForm& form);
+/// Texels in their form, x fastest; `pixels` are slices of dims.y rows one below the other. Of
+/// blocks, what is beyond the dims is as at their edge, and `weights`, as many numbers as samples,
+/// say how much an error of each counts; all alike if there are none.
+std::string pack(const image::Pixels& pixels, const TexelForm& form, glm::ivec3 dims,
+                 const std::vector<float>& weights = {});
 
 /// The other way, of so many channels (the fourth that pack added is left out); `bytes` has
-/// width * height of them. What is read may be infinite or no number.
-image::Pixels unpack(std::string_view bytes, const TexelForm& form, int width, int height,
+/// form.size(dims) of them. What is read may be infinite or no number.
+image::Pixels unpack(std::string_view bytes, const TexelForm& form, glm::ivec3 dims,
                      size_t channels);
 
 /// Whether texels of that form hold so many channels.

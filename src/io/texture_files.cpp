@@ -41,14 +41,33 @@ std::vector<std::string> texture_files(const TextureContainer& container, const 
     return names;
 }
 
+/// How much an error of each texel of a texture of light counts, where blocks weigh them; else
+/// nothing. `light` has its texels.
+std::vector<float> weights_of(const Texture& texture, const TexelForm& form, const Volume& light) {
+    if (!form.is_block())
+        return {};
+    std::vector<float> weights;
+    const std::vector<float> cells = cell_weights(light);
+    const volume::ConstGridView base = volume::grids_of(light, base_kind)[0];
+    for (size_t cell = 0; cell < cells.size(); ++cell)
+        for (size_t c = 0; c < 3; ++c) {
+            const Range range = texture.blocks[0][c].range.value_or(Range{});
+            const float scale = base.data[3 * cell + c] * (range.high - range.low);
+            weights.push_back(texture.kind == &base_kind ? cells[cell]
+                                                         : cells[cell] * scale * scale);
+        }
+    return weights;
+}
+
 /// Texels of all textures. `light` is what they are made of.
 std::vector<std::string> pack_all(const std::vector<Texture>& textures, const Volume& light,
                                   Packing packing, Precision precision) {
     std::vector<std::string> packed(textures.size());
-    const Layout layout{1, stack_of(packing).dims(light.grid.dims).z};
+    const glm::ivec3 dims = light.grid.dims;
     tbb::parallel_for(size_t(0), textures.size(), [&](size_t t) {
-        packed[t] =
-            pack(texels_of(textures[t], packing, light, layout), form_of(textures[t], precision));
+        const TexelForm& form = form_of(textures[t], precision);
+        packed[t] = pack(texels_of(textures[t], packing, light, {1, dims.z}), form, dims,
+                         weights_of(textures[t], form, light));
     });
     return packed;
 }
@@ -64,8 +83,7 @@ PackingError measure(const Stored& stored, const std::vector<std::string>& names
         names[0], json, kind.c_str(), light,
         [&](const std::string& file, glm::ivec3 dims, const Layout&, size_t channels) {
             const size_t t = size_t(std::ranges::find(names, file) - names.begin());
-            return unpack(packed[t], form_of(textures[t], precision), dims.x, dims.y * dims.z,
-                          channels);
+            return unpack(packed[t], form_of(textures[t], precision), dims, channels);
         },
         ranges);
     const PackingError error =
@@ -114,8 +132,8 @@ WriteReport write_textures(const TextureContainer& container, const std::string&
             return file.write(description);
         const TexelForm& form = form_of(textures[i], precision);
         file.write(container.encode(
-            form, dims,
-            packed.empty() ? pack(texels_of(textures[i], packing, volume, {1, dims.z}), form)
+            form, form.whole(dims),
+            packed.empty() ? pack(texels_of(textures[i], packing, volume, {1, dims.z}), form, dims)
                            : packed[i],
             description));
     });
@@ -128,7 +146,7 @@ std::string read_texture_file(const std::string& path) {
 
 void check_texture(const TextureContent& content, const std::string& path, glm::ivec3 dims,
                    size_t channels) {
-    if (content.dims != dims || !holds(*content.form, channels))
+    if (content.dims != content.form->whole(dims) || !holds(*content.form, channels))
         throw Error(ErrorKind::invalid, path + ": has " + text_of(content.dims) + " texels of "
                                             + std::to_string(content.form->channels)
                                             + " channels; its description says " + text_of(dims)

@@ -14,7 +14,8 @@
 namespace lpvbake::io {
 namespace {
 
-constexpr const char* names_of_packings[] = {"band", "channel", "vrc", "cube", "atlas", "ratio"};
+constexpr const char* names_of_packings[] = {"band",  "channel", "vrc",  "cube",
+                                             "atlas", "ratio",   "block"};
 
 /// The scalars of a grid.
 std::vector<Component> components(const volume::ConstGridView& grid) {
@@ -55,6 +56,15 @@ Texture cube_texture() {
     return cube;
 }
 
+/// Of a volume that has no such grid, names alone.
+Texture base_texture(const Volume& volume) {
+    const std::vector<volume::ConstGridView> base = volume::grids_of(volume, base_kind);
+    return {base_kind.name,
+            {base.empty() ? std::vector<Component>{{"base.r"}, {"base.g"}, {"base.b"}}
+                          : components(base[0])},
+            &base_kind};
+}
+
 /// How many of these share a picture, of one, three or four channels: those of one kind.
 size_t grids_in_picture(std::span<const volume::ConstGridView> grids) {
     size_t left = 1;
@@ -78,6 +88,7 @@ void check_packing(const Volume& volume, Packing packing, volume::ShConvention c
     switch (packing) {
     case Packing::band:
     case Packing::ratio:
+    case Packing::block:
         break;
     case Packing::channel:
         unless(order == 1 || order == 2, "colour channel holds SH order 1 or 2");
@@ -174,7 +185,9 @@ std::vector<Texture> textures_of(const Volume& volume, Packing packing,
         }
         return textures;
     }
-    if (packing == Packing::band) {
+    if (packing == Packing::block)
+        textures.push_back(base_texture(volume));
+    if (packing == Packing::band || packing == Packing::block) {
         for (size_t k = 0; k < volume.sh.size(); ++k)
             add_band(k);
     } else if (packing == Packing::ratio) {
@@ -200,6 +213,8 @@ std::vector<Texture> textures_of(const Volume& volume, Packing packing,
     for (size_t g = light.size(), count; g < grids.size(); g += count) {
         const volume::ConstGridView& first = grids[g];
         count = grids_in_picture(std::span(grids).subspan(g));
+        if (first.kind == &base_kind)
+            continue;
         const bool whole = first.k == 0 && count > 1;
         Texture& texture = textures.emplace_back(
             Texture{whole ? first.kind->name : first.name(), {{}}, first.kind});
@@ -241,9 +256,13 @@ std::vector<std::string> texture_names(const std::string& stem, const char* exte
     return names;
 }
 
+const GridKind base_kind{
+    .name = "base", .channels = "rgb", .quantity = {"what coefficients are over", "1"}};
+
 bool Texture::is_plain_colour() const {
-    return kind == &volume::light_kind() && channels() == 3
-           && (suffix == "sh_l0" || suffix == "cube");
+    return kind == &base_kind
+           || (kind == &volume::light_kind() && channels() == 3
+               && (suffix == "sh_l0" || suffix == "cube"));
 }
 
 } // namespace lpvbake::io

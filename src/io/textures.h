@@ -64,7 +64,11 @@ struct Range {
     float low = 0, high = 1;
 };
 
-/// Of each coefficient's colours: of those above 0 in units of the same colour of coefficient 0.
+/// What all coefficients are over in Packing::block. Volumes have it in files alone.
+extern const GridKind base_kind;
+
+/// Of each coefficient's colours, in units of the same colour of the base or, without one, those
+/// above 0 in units of coefficient 0.
 using Ranges = std::vector<std::array<Range, 3>>;
 
 /// A scalar of the volume: the floats of one grid, or of one colour of an RGB grid; or, without a
@@ -83,8 +87,8 @@ struct Texture {
     const GridKind* kind = &volume::light_kind();
 
     size_t channels() const { return blocks[0].size(); }
-    /// Whether it holds three colours of light that have no sign: the mean over directions, or a
-    /// cube's sides.
+    /// Whether it holds three colours of light that have no sign: the mean over directions, the
+    /// base, or a cube's sides.
     bool is_plain_colour() const;
 };
 

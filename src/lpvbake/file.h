@@ -24,6 +24,9 @@ enum class Precision {
     /// The mean as rgb9e5, all other coefficients over it in 8 bits each, between bounds that the
     /// description of the files has; what is no light is half. Of .ktx2 and .dds alone.
     unorm8,
+    /// Blocks of 4 x 4 texels of GPUs: a mean in BC6H, all coefficients over it in BC7, each
+    /// between bounds; what is no light is half. Of .ktx2 and .dds alone.
+    bc6h,
 };
 
 /// What packing adds to the error of a volume: relative L1 of irradiance, packed against not.

@@ -8,6 +8,7 @@ Usage: textures_test.py LPVBAKE OGRE_DDS EXAMPLES CACHE
 OGRE_DDS is the program of ogre_dds.cpp. What comes from the npm registry is kept in the folder CACHE.
 """
 
+import contextlib
 import json
 import pathlib
 import subprocess
@@ -16,6 +17,7 @@ import tempfile
 import unittest
 
 import numpy as np
+import OpenImageIO as oiio
 import pyopenvdb
 
 sys.dont_write_bytecode = True
@@ -40,6 +42,10 @@ def run(*command):
     return result.stdout
 
 
+def open_picture(file):
+    return contextlib.closing(oiio.ImageInput.open(str(file)))
+
+
 def shared_exponent(words):
     """Colours of RGB9E5."""
     mantissas = np.stack([words >> shift & 511 for shift in (0, 9, 18)], -1)
@@ -56,7 +62,7 @@ class Textures(unittest.TestCase):
         run(LPVBAKE, "bake", EXAMPLES / "cornell_box.gltf", "--bounds", "-1,0,-1,1,1.4,0.5", "--margin", "1",
             "--resolution", "16", "-o", cls.folder / "volume.vdb", "-o", cls.folder / "full.ktx2",
             "-o", cls.folder / "full.dds")
-        for precision in ("half", "rgb9e5", "unorm8"):
+        for precision in ("half", "rgb9e5", "unorm8", "bc6h"):
             run(LPVBAKE, "convert", cls.folder / "volume.vdb", cls.folder / f"{precision}.ktx2",
                 cls.folder / f"{precision}.dds", "--precision", precision)
         cls.facts = json.loads((cls.folder / "full.dds.json").read_text())
@@ -127,11 +133,25 @@ class Textures(unittest.TestCase):
         self.assertIsNone(kind)
         self.assertTrue(self.is_equal(texels, kind, "sh_l0"))
 
+    def by_openimageio(self, file):
+        """Texels of a 3D texture of blocks, whose slices are a picture one below the other."""
+        raw = bytearray(file.read_bytes())
+        height, width = np.frombuffer(raw, "<u4", 2, 12)
+        depth, = np.frombuffer(raw, "<u4", 1, 24)
+        for offset, value in ((8, 0x81007), (12, height * depth), (24, 0), (108, 0x1000), (112, 0), (132, 3)):
+            raw[offset:offset + 4] = int(value).to_bytes(4, "little")
+        picture = self.folder / "picture.dds"
+        picture.write_bytes(raw)
+        with open_picture(picture) as source:
+            texels = np.array(source.read_image("float"))[..., :3]
+        texels = texels.reshape(depth, height, width, 3)
+        dims = self.facts["grid"]["dims"]
+        return texels[:, :dims[1], :dims[0]]
+
     def packed_light(self, precision, read):
         """Coefficients of a precision that stores light over its mean, and of each the error that half a
         step makes: by the formula of src/io/README.md."""
-        mean = self.folder / f"{precision}_sh_l0.ktx2"
-        description = self.parsed(mean, self.folder / "texels")["description"]
+        description = self.parsed(self.folder / f"{precision}_sh_l0.ktx2", self.folder / "texels")["description"]
         light, steps = {}, {}
         for entry in description["files"]:
             if "low" not in entry:
@@ -140,9 +160,11 @@ class Textures(unittest.TestCase):
             texels = read(self.folder / entry["file"])[..., :len(low)]
             for c, channel in enumerate(entry["channels"]):
                 light[channel], steps[channel] = low[c] + (high[c] - low[c]) * texels[..., c], (high - low)[c] / 255
+        base = self.folder / f"{precision}_base.dds"
+        over = read(base) if base.exists() else np.stack([light[f"sh_l0.{c}"] for c in "rgb"], -1)
         for channel in light:
-            if not channel.startswith("sh_l0."):
-                light[channel] *= light["sh_l0." + channel[-1]]
+            if base.exists() or not channel.startswith("sh_l0."):
+                light[channel] = light[channel] * over[..., "rgb".index(channel[-1])]
         return light, steps
 
     def is_packed(self, light, steps):
@@ -168,6 +190,23 @@ class Textures(unittest.TestCase):
                              ("swapped colours", lambda texels: texels[..., ::-1])):
             broken, steps = self.packed_light("unorm8", lambda file: change(read(file)))
             self.assertFalse(self.is_packed(broken, steps), what)
+
+    def test_blocks_are_decoded_by_openimageio(self):
+        valid = self.grids["validity"][..., 0] > 0
+        def error(change):
+            light, _ = self.packed_light("bc6h", lambda file: change(self.by_openimageio(file.with_suffix(".dds"))))
+            off = total = 0
+            for channel, values in light.items():
+                name, colour = channel.split(".")
+                grid = self.grids[name][..., "rgb".index(colour)]
+                off, total = off + np.abs(values - grid)[valid].sum(), total + np.abs(grid)[valid].sum()
+            return off / total
+        self.assertLess(error(lambda texels: texels), 0.05)  # 16 cells: steep
+        for what, change in (("flipped axis", lambda texels: texels[:, :, ::-1]),
+                             ("rows upside down", lambda texels: texels[:, ::-1]),
+                             ("reversed slices", lambda texels: texels[::-1]),
+                             ("swapped colours", lambda texels: texels[..., ::-1])):
+            self.assertGreater(error(change), 0.1, what)
 
     def test_broken_texels_are_seen(self):
         for extension, read in ((".ktx2", self.by_ktx_parse), (".dds", self.by_ogre)):

@@ -206,9 +206,11 @@ TEST(Textures, Unorm8IsLightOverItsMean) {
                         ++k;
                     const auto colour = glm::length_t(std::string("rgb").find(name.back()));
                     for (size_t i = 0; k > 0 && i < volume.grid.size(); ++i) {
+                        if (!volume.is_valid(i))
+                            continue;
                         const double mean = volume.sh[0][i][colour],
                                      is = (low + step * uint8_t(texels[4 * i + c])) * mean;
-                        EXPECT_NEAR(is, volume.sh[k][i][colour], (0.52 * step + 0.003) * mean);
+                        EXPECT_NEAR(is, volume.sh[k][i][colour], (0.52 * step + 0.006) * mean);
                     }
                 }
             }
@@ -261,7 +263,10 @@ TEST(Textures, Unorm8TellsWhatItCannotHold) {
           {"a.exr", Precision::unorm8, io::Packing::ratio},
           {"a.exr", Precision::half, io::Packing::ratio},
           {"a.ktx2", Precision::half, io::Packing::ratio},
-          {"a.ktx2", Precision::unorm8, io::Packing::channel}}) {
+          {"a.ktx2", Precision::unorm8, io::Packing::channel},
+          {"a.ktx2", Precision::bc6h, io::Packing::band},
+          {"a.dds", Precision::half, io::Packing::block},
+          {"a.exr", Precision::bc6h, io::Packing::block}}) {
         const std::string path = folder / name;
         const auto write = [&] {
             io::write_volume(path, volume, precision, {packing});
@@ -269,6 +274,97 @@ TEST(Textures, Unorm8TellsWhatItCannotHold) {
         };
         EXPECT_EQ(error_of(name, write).kind, ErrorKind::argument) << name;
     }
+}
+
+TEST(Textures, Bc6hIsBlocksOverABase) {
+    const io::Pictures block{io::Packing::block};
+    for (const glm::ivec3 dims : {glm::ivec3(8, 12, 3), glm::ivec3(9, 6, 5), glm::ivec3(1)})
+        for (const int order : {0, 1, 2, 4}) {
+            const TemporaryFolder folder;
+            const Volume volume = smooth_volume(dims, order, 0.7f, 1e6f);
+            const WriteReport ktx2 =
+                io::write_volume(folder / "a.ktx2", volume, Precision::bc6h, block);
+            const WriteReport dds =
+                io::write_volume(folder / "a.dds", volume, Precision::bc6h, block);
+            EXPECT_TRUE(ktx2.warnings.empty());
+            const size_t blocks = size_t((dims.x + 3) / 4 * ((dims.y + 3) / 4) * dims.z);
+            for (size_t f = 0; f < ktx2.files.size(); ++f) {
+                const std::string texels = texels_of_ktx2(slurp(ktx2.files[f].path));
+                EXPECT_EQ(texels, slurp(dds.files[f].path).substr(dds_head));
+                if (f < volume.sh.size() + 1) { // a byte a cell
+                    EXPECT_EQ(texels.size(), 16 * blocks);
+                }
+            }
+            const json described = json::parse(slurp(folder / "a.dds.json"));
+            for (const json& file : described["files"]) {
+                const bool is_light = file["file"] == "a_base.dds" || file.contains("low");
+                EXPECT_EQ(file.contains("texels"), is_light && (dims.x % 4 > 0 || dims.y % 4 > 0));
+            }
+            for (const std::string& path : {folder / "a.ktx2", folder / "a.dds"}) {
+                const Volume back = io::read_volume(path, volume::grid_kinds());
+                EXPECT_TRUE(back.others.empty());
+                const double error = volume::compare(back, volume, {{}, 0}).relative_l1;
+                EXPECT_DOUBLE_EQ(ktx2.packing->cells, error);
+                EXPECT_LT(error, dims.x == 1 ? 0.003 : 0.06) << order; // few cells, steep
+                EXPECT_EQ(back.walls.size(), volume.walls.size());
+            }
+        }
+}
+
+TEST(Textures, Bc6hHasTheHeadersOfBlocks) {
+    const TemporaryFolder folder;
+    for (const char* extension : extensions)
+        io::write_volume(folder / "a" + extension, smooth_volume({9, 6, 5}, 1, 0.5f),
+                         Precision::bc6h, {io::Packing::block});
+    const struct {
+        const char* name;
+        uint32_t vulkan, dxgi, model, sample, upper;
+    } cases[] = {{"base", 143, 95, 133, 0x80, 0x3f800000}, {"sh_l0", 145, 98, 134, 0, 0xffffffff}};
+    for (const auto& [name, vulkan, dxgi, model, sample, upper] : cases) {
+        const std::string ktx2 = slurp(folder / "a_" + name + ".ktx2"),
+                          dds = slurp(folder / "a_" + name + ".dds");
+        const uint32_t words[] = {vulkan, 1, 12, 8, 5, 0, 1, 1, 2, 104, 44, 148};
+        for (size_t i = 0; i < std::size(words); ++i)
+            EXPECT_EQ(at<uint32_t>(ktx2, 12 + 4 * i), words[i]) << name << ' ' << i;
+        const uint32_t descriptor[] = {
+            44, 0, 2 | 40 << 16, model | 0x10100, 0x0303, 16, 0, 127 << 16 | sample << 24,
+            0,  0, upper};
+        for (size_t i = 0; i < std::size(descriptor); ++i)
+            EXPECT_EQ(at<uint32_t>(ktx2, 104 + 4 * i), descriptor[i]) << name << ' ' << i;
+        const uint32_t texels = 3 * 2 * 5 * 16;
+        EXPECT_EQ(at<uint64_t>(ktx2, 96), texels);
+        const std::pair<size_t, uint32_t> fields[] = {
+            {8, 0x881007}, {12, 8}, {16, 12}, {20, texels}, {24, 5}, {128, dxgi}, {132, 4}};
+        for (const auto& [offset, value] : fields)
+            EXPECT_EQ(at<uint32_t>(dds, offset), value) << name << ' ' << offset;
+        EXPECT_EQ(dds.size(), dds_head + texels);
+    }
+    // A block of a mode that is not written.
+    std::string broken = slurp(folder / "a_sh_l0.dds");
+    broken[dds_head + 32] = 0;
+    std::ofstream(folder / "a_sh_l0.dds", std::ios::binary) << broken;
+    EXPECT_EQ(error_of("a.dds", [&] { read_volume(folder / "a.dds"); }).kind, ErrorKind::invalid);
+}
+
+TEST(Textures, BlocksForgetCellsInsideGeometry) {
+    // Half of each block lies in a wall and is dark: what is seen gets all of the precision, unless
+    // a fit gave those cells values that programs read.
+    const TemporaryFolder folder;
+    Volume volume = smooth_volume({16, 16, 4}, 1, 0.5f);
+    for (size_t i = 0; i < volume.grid.size(); ++i) {
+        volume.validity[i] = float(volume.grid.cell_at(i).x % 4 > 1);
+        for (auto& cells : volume.sh)
+            cells[i] *= volume.validity[i];
+    }
+    const auto write = [&] {
+        return io::write_volume(folder / "a.ktx2", volume, Precision::bc6h, {io::Packing::block})
+            .packing->cells;
+    };
+    const double left_out = write();
+    volume.metadata["fit"] = "generic";
+    const double kept = write();
+    EXPECT_LT(left_out, 0.01);
+    EXPECT_LT(left_out, 0.8 * kept);
 }
 
 TEST(Textures, RangesOfOtherThanLightAreRefused) {
