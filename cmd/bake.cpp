@@ -5,6 +5,7 @@
 #include "background.h"
 #include "bake/pilot.h"
 #include "bake/points.h"
+#include "bake/storage.h"
 #include "commands.h"
 #include "io/points.h"
 #include "lpvbake/error.h"
@@ -45,6 +46,8 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::map<std::string, double> parameters; ///< of solvers
     FitOptions fit;
     std::optional<uint64_t> verify; ///< points
+    std::optional<uint64_t> bytes;  ///< of each output
+    bool any_resolution = true;     ///< with `bytes`
     std::string at;                 ///< file of points; empty: a grid is baked
 };
 
@@ -174,6 +177,8 @@ void check_options(const BakeOptions& o) {
         throw Error(ErrorKind::argument,
                     o.at.empty() ? "no output: add -o FILE" + io::format_list(" or -o FILE")
                                  : "no output: add -o FILE, " + io::lit_point_format_list());
+    if (o.bytes && o.outputs.paths.empty())
+        throw Error(ErrorKind::argument, "--bytes is of outputs: add -o FILE");
     const solver::SolverKind& solver = *solvers_of(o).front();
     for (const auto& [name, value] : o.parameters)
         if (const solver::Parameter* own = solver::find_parameter(solver, name);
@@ -219,7 +224,8 @@ bake::Wish wish_of(const BakeOptions& o) {
 
 /// The document of --format json, as far as a dry run shares it.
 report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
-                      const bake::Choice& choice, uint64_t triangles, const Grid& grid) {
+                      const bake::Choice& choice, const std::optional<bake::Storage>& storage,
+                      uint64_t triangles, const Grid& grid) {
     report::Json chosen{{"solver", choice.solver().kind().name},
                         {"sh_order", choice.solver().order()},
                         {"text", choice.text},
@@ -245,10 +251,18 @@ report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
                           {"choice", chosen}};
     if (choice.plan.settings.points > 0)
         document["points"] = choice.plan.settings.points;
+    if (storage)
+        document["storage"] = {{"sh_order", storage->order},
+                               {"resolution", storage->resolution},
+                               {"precision", io::name_of(storage->precision)},
+                               {"bytes", storage->bytes},
+                               {"error", storage->error},
+                               {"text", storage->text}};
     return document;
 }
 
-void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice) {
+void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice,
+                const std::optional<bake::Storage>& storage) {
     std::printf("device        %s\n", device.name.c_str());
     if (const uint64_t points = choice.plan.settings.points)
         std::printf("points        %llu, surfaces in patches of at most %.4g m\n",
@@ -260,6 +274,11 @@ void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice) {
                                               : "an error that cannot be foretold";
     std::printf("choice        %s: %s, about %.2g s on 2 CPU threads\n", choice.text.c_str(),
                 error.c_str(), choice.plan.seconds);
+    if (storage)
+        std::printf("storage       %s: %s of numbers, with the bake's and that of cells about %.2g "
+                    "%% error in a Cornell box\n",
+                    storage->text.c_str(), bytes_text(storage->bytes).c_str(),
+                    100 * storage->error);
 }
 
 /// The files that the bake will leave.
@@ -279,10 +298,11 @@ std::vector<Written> planned_outputs(const BakeOptions& o, const bake::BakePlan&
 }
 
 void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const bake::Choice& choice,
+                const std::optional<bake::Storage>& storage,
                 const std::vector<std::string>& warnings) {
     const bake::BakePlan& plan = choice.plan;
     if (o.format == Format::json) {
-        report::Json document = describe(o, device, choice, plan.triangles, plan.grid);
+        report::Json document = describe(o, device, choice, storage, plan.triangles, plan.grid);
         document["outputs"] = planned_json(planned_outputs(o, plan));
         document["stages"] = stages_json(plan.stages);
         document["warnings"] = warnings;
@@ -297,7 +317,7 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const bake:
         print_json(document);
         return;
     }
-    print_head(device, choice);
+    print_head(device, choice, storage);
     std::printf("scene         %s\n", counted(plan.triangles, "triangle").c_str());
     std::printf("memory        %s on the device, about %s beside it\n",
                 bytes_text(plan.device_bytes).c_str(), bytes_text(plan.host_bytes).c_str());
@@ -313,12 +333,14 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const bake:
 }
 
 void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const bake::Choice& choice,
-                  const Volume& volume, const std::optional<report::Verified>& verified,
+                  const std::optional<bake::Storage>& storage, const Volume& volume,
+                  const std::optional<report::Verified>& verified,
                   const std::vector<Written>& outputs, const Run& run) {
     const double seconds = run.seconds();
     const std::string reader = reader_of(*o.outputs.target, o.fit).name;
     if (o.format == Format::json) {
-        report::Json document = describe(o, device, choice, choice.plan.triangles, volume.grid);
+        report::Json document =
+            describe(o, device, choice, storage, choice.plan.triangles, volume.grid);
         document["outputs"] = outputs_json(outputs);
         document["stages"] = stages_json(run.stages);
         document["warnings"] = run.progress.warnings();
@@ -330,7 +352,7 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const bak
         print_json(document);
         return;
     }
-    print_head(device, choice);
+    print_head(device, choice, storage);
     print_stages(run.stages);
     print_total(seconds);
     if (verified)
@@ -435,10 +457,39 @@ void run_at(const BakeOptions& o, const std::string& settings, const Scene& scen
     device.check_validation();
     run.progress.end();
     baked.lit.light.grid = choice.plan.grid;
-    print_result(o, device.info(), choice, baked.lit.light, {}, written, run);
+    print_result(o, device.info(), choice, {}, baked.lit.light, {}, written, run);
 }
 
-void run(const BakeOptions& o, const std::string& settings) {
+/// Sets what of the options --bytes chooses.
+bake::Storage choose_storage(const Scene& scene, const bake::BakeSettings& base,
+                             const bake::Wish& wish, BakeOptions& o) {
+    bake::StorageWish storage{*o.bytes, o.outputs.paths, o.outputs.storage(), o.outputs.precision,
+                              {},       o.any_resolution};
+    const solver::SolverKind& kind = *wish.solvers.front();
+    if (wish.order)
+        storage.orders = {*wish.order};
+    else
+        std::ranges::copy_if(kind.orders, std::back_inserter(storage.orders),
+                             [](int order) { return order <= 2; }); // few can read more
+    const auto with_order = [&](int order) {
+        bake::BakeSettings settings = base;
+        settings.solver = solver::SolverSettings(kind);
+        settings.solver.set_order(order);
+        return settings;
+    };
+    const auto grids = [&](int order) {
+        bake::BakePlan plan;
+        plan.settings = with_order(order);
+        return bake::grids_of(plan);
+    };
+    const bake::Storage chosen =
+        bake::choose_storage(base.bounds.value_or(bounds_of(scene)), base.grid, storage, grids,
+                             [&](int order) { return bake::expected_error(with_order(order)); });
+    o.outputs.precision = chosen.precision;
+    return chosen;
+}
+
+void run(BakeOptions o, const std::string& settings) {
     check_options(o);
     const readers::Reader reader = reader_of(*o.outputs.target, o.fit);
     tell("settings: " + settings);
@@ -462,6 +513,13 @@ void run(const BakeOptions& o, const std::string& settings) {
     run.end_stage("open", "the device, opened while the scene was loaded");
 
     base.bounds = o.box_in(scene);
+    std::optional<bake::Storage> storage;
+    if (o.bytes) {
+        storage = choose_storage(scene, base, wish, o);
+        base.grid.resolution = storage->resolution;
+        wish.order = storage->order;
+        tell("storage: " + storage->text);
+    }
     const bake::SceneFacts facts = bake::survey(scene);
     if (wish.error) {
         bake::add_pilot(scene, facts, base, *device, run.progress, wish);
@@ -473,7 +531,7 @@ void run(const BakeOptions& o, const std::string& settings) {
         tell("choice: " + choice.text);
         run.warn(choice.plan.warnings);
         run.progress.end();
-        print_plan(o, device->info(), choice, run.progress.warnings());
+        print_plan(o, device->info(), choice, storage, run.progress.warnings());
         return;
     }
 
@@ -483,6 +541,8 @@ void run(const BakeOptions& o, const std::string& settings) {
     }
     Attempt made = bake_until(o, scene, base, wish, std::move(choice), reader, *device, run);
     made.volume.metadata["choice"] = made.choice.text;
+    if (storage)
+        made.volume.metadata["storage"] = storage->text;
     fill_metadata(o, scene, settings, made.volume);
     add_light(scene, made.volume);
 
@@ -492,7 +552,7 @@ void run(const BakeOptions& o, const std::string& settings) {
     run.end_stage("write", counted(written.size(), "output"));
     device->check_validation();
     run.progress.end();
-    print_result(o, device->info(), made.choice, made.volume, made.verified, written, run);
+    print_result(o, device->info(), made.choice, storage, made.volume, made.verified, written, run);
 }
 
 void add_solver_options(options::Options& options, BakeOptions& o) {
@@ -552,11 +612,18 @@ options::Action declare(options::Options& options) {
                   + "; --cell-size is how large patches of surfaces are at most then; see below")
         .exclude({"resolution", "bounds", "margin", "rsm-samples", "rsm-size", "tolerance",
                   "target", "precision", "sh-convention", "axes", "packing", "dering", "l1-scale",
-                  "exr-columns", "dilate", "fit", "evaluation", "verify"})
+                  "exr-columns", "dilate", "fit", "evaluation", "verify", "bytes"})
         .keep_to_one_run();
     add_light_options(options, o);
     add_solver_options(options, o);
     add_output_options(options, o.outputs);
+    options
+        .value(
+            "--bytes", o.bytes, "SIZE", options::parse_bytes,
+            "Of the order, resolution and precision that are not given, take those with the least "
+            "expected error whose numbers fit into SIZE, as 8M, in each output; see below")
+        .implies("8M")
+        .record(options::Recorded::if_changed);
     options
         .number("--dilate", o.fit.dilate, 0, 1024,
                 "Rings of cells inside geometry to fill from cells around them; the validity "
@@ -585,7 +652,11 @@ options::Action declare(options::Options& options) {
     add_dry_run_option(options, o,
                        "Print grid, memory, the files that will exist and an estimate of the time");
     add_run_options(options, o);
-    return [fields, &options] { run(*fields, options.recorded()); };
+    return [fields, &options] {
+        fields->any_resolution =
+            !options.find("resolution")->is_set() && !options.find("cell-size")->is_set();
+        run(*fields, options.recorded());
+    };
 }
 
 } // namespace

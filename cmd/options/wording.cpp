@@ -12,6 +12,7 @@ constexpr Wording table[] = {
     {"`animation`", "--animation"},
     {"`bounces`", "--bounces"},
     {"`bounds`", "--bounds"},
+    {"`bytes`", "--bytes"},
     {"`camera`", "--camera"},
     {"`cell_size`", "--cell-size"},
     {"`cull_backfaces`", "--backfaces cull"},

@@ -349,6 +349,7 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
         {"--metallic", {"gold"}},
         {"--backfaces", {"no"}},
         {"--precision", {"double"}},
+        {"--bytes", {"0", "-1M", "much"}},
         {"--isa", {"avx3", "AVX2", ""}},
         {"--packing", {"tile"}},
         {"--threads", {"-1", "many"}},
@@ -372,6 +373,7 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
              {{"--solver", "lpv", "--sh-order", "2"}, "--sh-order 2"},
              {{"--vpls", "64", "--directions", "96"},
               "--vpls is an option of gather, not of sn (--directions)"},
+             {{"--bytes", "100"}, "--bytes 100: the least that a volume takes here is"},
              {{"--quality", "fast", "--error", "4%"}, "exclude"}})
         refused(bake + words, text);
     refused({"info"}, "info: file is missing: lpvbake info file");

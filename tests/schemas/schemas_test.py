@@ -22,7 +22,7 @@ LOADED = {path.stem: json.loads(path.read_text()) for path in SCHEMAS.glob("*.js
 SMALL = ["--threads", "1", "--resolution", "8"]
 # Members that are there after one option alone.
 OPTIONAL = [("bake", "fit"), ("convert", "fit"), ("bake", "verified"), ("bake", "points"),
-            ("bake_dry_run", "points")]
+            ("bake_dry_run", "points"), ("bake", "storage"), ("bake_dry_run", "storage")]
 TARGETS = ["generic", "unity", "threejs", "vrc", "bevy"]  # each packing once
 
 
@@ -73,6 +73,9 @@ class Documents(unittest.TestCase):
 
         bake = ["bake", "box.gltf", *SMALL]
         run("bake", *bake, "-o", "sn.vdb", "-o", "sn.exr", "--fit", "surfaces")
+        stored = ["bake", "box.gltf", "--threads", "1", "-o", "stored.ktx2", "--bytes", "100k"]
+        run("bake", *stored)
+        run("bake_dry_run", *stored, "--dry-run")
         run("bake", *bake, "-o", "verified.vdb", "--verify", "8")
         verify = ["verify", "verified.vdb", "box.gltf", "--threads", "1", "--points", "8"]
         run("verify", *verify)
@@ -104,7 +107,7 @@ class Documents(unittest.TestCase):
             text = (cls.folder / f"{target}.json").read_text()
             cls.documents.append(("sidecar", f"{target}.json", json.loads(text)))
         for target, precision in (("generic", "rgb9e5"), ("threejs", "half"), ("bevy", "float"),
-                                  ("houdini", "unorm8")):
+                                  ("houdini", "unorm8"), ("blender", "bc6h")):
             run("convert", "convert", "sn.vdb", f"{target}.dds", "--target", target, "--precision", precision)
             text = (cls.folder / f"{target}.dds.json").read_text()
             cls.documents.append(("sidecar", f"{target}.dds.json", json.loads(text)))
