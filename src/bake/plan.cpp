@@ -121,7 +121,9 @@ void plan_lighting(const SceneFacts& scene, const surface::PatchCount& surfaces,
             light += (light.empty() ? "" : ", ") + std::string(what);
     plan.stages.push_back(
         {"lighting",
-         seconds::lighting + seconds::lighting_patch * patches + seconds::lighting_ray * rays,
+         seconds::lighting + seconds::lighting_patch * patches
+             + seconds::lighting_triangle * double(plan.triangles)
+             + seconds::lighting_light * double(scene.lights.size()) + seconds::lighting_ray * rays,
          format("about %.2g patches; ", patches) + light
              + (!bounces        ? "; all reflections from patch to patch"
                 : *bounces == 0 ? "; no reflections"
