@@ -16,7 +16,6 @@
 
 #include <algorithm>
 #include <array>
-#include <map>
 #include <set>
 #include <vector>
 
@@ -32,14 +31,14 @@ constexpr std::size_t most_cells = 256; ///< and by many
 constexpr uint32_t most_rounds = 16;    ///< through all zones, a cell in each eighth of each
 
 BakePlan plan_of(const SceneFacts& facts, const BakeSettings& settings,
-                 const gpu::DeviceInfo& device, uint64_t places) {
+                 const gpu::DeviceInfo& device) {
     BakeSettings pilot = settings;
     pilot.solver = solver::SolverSettings(solver::gather::gather_kind);
     pilot.solver.set(pilot.solver.kind().ladder.front());
     pilot.solver.set_order(order);
     pilot.solver.set("vpls", many_clusters + solver::more_clusters + solver::few_clusters);
     pilot.fit = nullptr;
-    pilot.points = places;
+    pilot.points = most_cells;
     return plan_bake(facts, pilot, device);
 }
 
@@ -99,16 +98,16 @@ std::vector<glm::vec3> draw_open_cells(glm::ivec3 dims, const visibility::Visibi
     return open;
 }
 
-/// Cells, and how many each stands for.
+/// Some of the cells, by their index, and how many each stands for.
 struct Sample {
-    std::vector<glm::vec3> cells;
+    std::vector<std::size_t> cells;
     std::vector<double> stands_for;
 };
 
 /// Draws by the light in them, so that one beside a lamp is not missed, by even steps (systematic
 /// sampling; Madow 1949).
-Sample draw_by_light(const std::vector<glm::vec3>& cells, const Volume& light) {
-    std::vector<double> size(cells.size());
+Sample draw_by_light(const Volume& light) {
+    std::vector<double> size(light.sh[0].size());
     double sum = 0;
     for (std::size_t i = 0; i < size.size(); ++i)
         sum += size[i] = std::max(0.0, double(glm::dot(light.sh[0][i], glm::vec3(1.0f))));
@@ -124,7 +123,7 @@ Sample draw_by_light(const std::vector<glm::vec3>& cells, const Volume& light) {
             ++times;
         if (times == 0)
             continue;
-        sample.cells.push_back(cells[i]);
+        sample.cells.push_back(i);
         sample.stands_for.push_back(times * step / (size[i] + even));
     }
     return sample;
@@ -137,19 +136,19 @@ Volume up_to(const Volume& volume, int highest) {
     return some;
 }
 
-/// The volume of some of its cells.
-Volume at_cells(const Volume& volume, const std::vector<glm::vec3>& cells,
-                const std::vector<glm::vec3>& wanted) {
-    std::map<std::array<float, 3>, std::size_t> places;
-    for (std::size_t i = 0; i < cells.size(); ++i)
-        places[{cells[i].x, cells[i].y, cells[i].z}] = i;
+template <class T>
+std::vector<T> some_of(const std::vector<T>& all, const std::vector<std::size_t>& wanted) {
+    std::vector<T> some;
+    for (const std::size_t i : wanted)
+        some.push_back(all[i]);
+    return some;
+}
+
+Volume at_cells(const Volume& volume, const std::vector<std::size_t>& wanted) {
     Volume some = empty_volume(wanted.size());
     some.sh_order = volume.sh_order;
-    for (const std::vector<glm::vec3>& coefficient : volume.sh) {
-        std::vector<glm::vec3>& values = some.sh.emplace_back();
-        for (const glm::vec3& cell : wanted)
-            values.push_back(coefficient[places.at({cell.x, cell.y, cell.z})]);
-    }
+    for (const std::vector<glm::vec3>& coefficient : volume.sh)
+        some.sh.push_back(some_of(coefficient, wanted));
     return some;
 }
 
@@ -173,7 +172,7 @@ double lost(const Volume& some, const Volume& all, const Sample& sample) {
 std::optional<solver::Pilot> run_pilot(const Scene& scene, const SceneFacts& facts,
                                        const BakeSettings& settings, const gpu::Device& device,
                                        Progress& progress) {
-    const BakePlan plan = plan_of(facts, settings, device.info(), 0);
+    const BakePlan plan = plan_of(facts, settings, device.info());
     const visibility::Visibility visibility(scene, plan.frame, plan.settings.isa);
     const surface::LitSurfaces lit =
         surface::light_surfaces(scene, visibility, plan.frame, lighting_of(plan), progress);
@@ -192,11 +191,12 @@ std::optional<solver::Pilot> run_pilot(const Scene& scene, const SceneFacts& fac
     const Volume rough = gather(open, solver::few_clusters, 2);
     if (volume::total_energy(rough) == 0.0)
         return std::nullopt;
-    const Sample sample = draw_by_light(open, rough);
-    const Volume all = gather(sample.cells, many_clusters, order), two = up_to(all, 2);
+    const Sample sample = draw_by_light(rough);
+    const std::vector<glm::vec3> cells = some_of(open, sample.cells);
+    const Volume all = gather(cells, many_clusters, order), two = up_to(all, 2);
     return solver::Pilot{{lost(up_to(all, 1), all, sample), lost(two, all, sample)},
-                         {lost(at_cells(rough, open, sample.cells), two, sample),
-                          lost(gather(sample.cells, solver::more_clusters, 2), two, sample)}};
+                         {lost(at_cells(rough, sample.cells), two, sample),
+                          lost(gather(cells, solver::more_clusters, 2), two, sample)}};
 }
 
 void add_pilot(const Scene& scene, const SceneFacts& facts, const BakeSettings& settings,
@@ -204,7 +204,7 @@ void add_pilot(const Scene& scene, const SceneFacts& facts, const BakeSettings& 
     if (!wish.error || settings.points > 0)
         return;
     wish.pilot = run_pilot(scene, facts, settings, device, progress);
-    wish.pilot_seconds = plan_of(facts, settings, device.info(), most_cells).seconds;
+    wish.pilot_seconds = plan_of(facts, settings, device.info()).seconds;
 }
 
 } // namespace lpvbake::bake
