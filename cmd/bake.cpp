@@ -469,8 +469,9 @@ bake::Storage choose_storage(const Scene& scene, const bake::BakeSettings& base,
     if (wish.order)
         storage.orders = {*wish.order};
     else
-        std::ranges::copy_if(kind.orders, std::back_inserter(storage.orders),
-                             [](int order) { return order <= 2; }); // few can read more
+        std::ranges::copy_if(kind.orders, std::back_inserter(storage.orders), [&](int order) {
+            return order != 3 && order <= wish.kept_order; // band 3 lights no surface
+        });
     const auto with_order = [&](int order) {
         bake::BakeSettings settings = base;
         settings.solver = solver::SolverSettings(kind);
@@ -482,9 +483,9 @@ bake::Storage choose_storage(const Scene& scene, const bake::BakeSettings& base,
         plan.settings = with_order(order);
         return bake::grids_of(plan);
     };
-    const bake::Storage chosen =
-        bake::choose_storage(base.bounds.value_or(bounds_of(scene)), base.grid, storage, grids,
-                             [&](int order) { return bake::expected_error(with_order(order)); });
+    const bake::Storage chosen = bake::choose_storage(
+        base.bounds.value_or(bounds_of(scene)), base.grid, storage, grids,
+        [&](int order) { return bake::expected_error(with_order(order), {}, wish.kept_order); });
     o.outputs.precision = chosen.precision;
     return chosen;
 }
@@ -521,7 +522,7 @@ void run(BakeOptions o, const std::string& settings) {
         tell("storage: " + storage->text);
     }
     const bake::SceneFacts facts = bake::survey(scene);
-    if (wish.error) {
+    if (wish.error && base.points == 0) {
         bake::add_pilot(scene, facts, base, *device, run.progress, wish);
         run.end_stage("pilot", "what bands and clusters lose of this scene's light");
     }
@@ -654,7 +655,7 @@ options::Action declare(options::Options& options) {
     add_run_options(options, o);
     return [fields, &options] {
         fields->any_resolution =
-            !options.find("resolution")->is_set() && !options.find("cell-size")->is_set();
+            !options.find("resolution")->is_given() && !options.find("cell-size")->is_given();
         run(*fields, options.recorded());
     };
 }

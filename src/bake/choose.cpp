@@ -129,15 +129,16 @@ Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const 
         choice.warnings.push_back(about(scene.path, text));
     };
     if (!choice.foretold)
-        warn("its light comes from so many small places that the error of a bake cannot be "
-             "foretold, only measured");
+        warn("what a pilot sees of its light is too uneven to foretell the error of a bake: it can "
+             "only be measured");
     else if (!accurate(choice))
         warn(format("`error` %.3g %%: about %.2g %% is expected, the least%s; taken is %s",
                     100 * *wish.error, 100 * choice.error, wish.seconds ? " in that time" : "",
                     choice.text.c_str()));
     if (!fast(choice))
-        warn(format("`time_budget` %.3g s: the fastest takes about %.2g s; taken is %s",
-                    *wish.seconds, wish.pilot_seconds + choice.plan.seconds, choice.text.c_str()));
+        warn(format("`time_budget` %.3g s: the fastest takes about %.2g s%s; taken is %s",
+                    *wish.seconds, wish.pilot_seconds + choice.plan.seconds,
+                    wish.pilot ? " with the pilot" : "", choice.text.c_str()));
     return choice;
 }
 

@@ -28,7 +28,8 @@ constexpr int edge = 8; ///< of a zone, cells: those that `gather` gives the sam
 constexpr std::size_t most_zones = 64;
 constexpr std::size_t most_open = 2048; ///< cells that are looked at by few clusters
 constexpr std::size_t most_cells = 256; ///< and by many
-constexpr uint32_t most_rounds = 16;    ///< through all zones, a cell in each eighth of each
+constexpr double most_seconds = 30; ///< that it is expected to take; else the Cornell box has to do
+constexpr uint32_t most_rounds = 16; ///< through all zones, a cell in each eighth of each
 
 BakePlan plan_of(const SceneFacts& facts, const BakeSettings& settings,
                  const gpu::DeviceInfo& device) {
@@ -203,8 +204,11 @@ void add_pilot(const Scene& scene, const SceneFacts& facts, const BakeSettings& 
                const gpu::Device& device, Progress& progress, Wish& wish) {
     if (!wish.error || settings.points > 0)
         return;
+    const double seconds = plan_of(facts, settings, device.info()).seconds;
+    if (seconds > most_seconds)
+        return;
     wish.pilot = run_pilot(scene, facts, settings, device, progress);
-    wish.pilot_seconds = plan_of(facts, settings, device.info()).seconds;
+    wish.pilot_seconds = seconds;
 }
 
 } // namespace lpvbake::bake

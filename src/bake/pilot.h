@@ -18,7 +18,8 @@ std::optional<solver::Pilot> run_pilot(const Scene& scene, const SceneFacts& fac
                                        const BakeSettings& settings, const gpu::Device& device,
                                        Progress& progress);
 
-/// Where the wish is for an error, has it go by a pilot.
+/// Where the wish is for an error at cells, has it go by a pilot, unless that is expected to take
+/// more than half a minute.
 void add_pilot(const Scene& scene, const SceneFacts& facts, const BakeSettings& settings,
                const gpu::Device& device, Progress& progress, Wish& wish);
 

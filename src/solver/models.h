@@ -95,7 +95,9 @@ inline constexpr Pilot cornell_box_once{{0.25, 0.046}, {0.016, 0.0071}}; ///< af
 // What solvers add to what the pilot tells; the squares of all terms sum.
 inline constexpr double lpv = 0.7;
 
-inline constexpr double surfaces = 0.0054; ///< of all that go by patches
+/// Of all that go by patches. The median is half of it; but whoever chooses by a model chooses where
+/// it says too little.
+inline constexpr double surfaces = 0.012;
 
 inline constexpr double sn_peaks = 0.55;      ///< of what the clusters of its brightest light lose
 inline constexpr double sn_directions = 0.19; ///< over the root of their number
