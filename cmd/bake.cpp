@@ -229,7 +229,7 @@ report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
     report::Json chosen{{"solver", choice.solver().kind().name},
                         {"sh_order", choice.solver().order()},
                         {"text", choice.text},
-                        {"error", choice.foretold ? report::Json(choice.error) : report::Json()},
+                        {"error", choice.foretold() ? report::Json(choice.error) : report::Json()},
                         {"seconds", choice.plan.seconds}};
     for (const solver::Parameter& parameter : choice.solver().kind().parameters)
         if (solver::is_on_ladder(choice.solver().kind(), parameter.name)) {
@@ -269,9 +269,10 @@ void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice,
                     (unsigned long long)points, choice.plan.grid.cell);
     else
         print_grid(choice.plan.grid);
-    const std::string error = choice.foretold ? format("up to %.2g %% error%s", 100 * choice.error,
-                                                       choice.pilot ? "" : " in a Cornell box")
-                                              : "an error that cannot be foretold";
+    const std::string error = choice.foretold()
+                                  ? format("up to %.2g %% error%s", 100 * choice.error,
+                                           choice.pilot ? "" : " in a Cornell box")
+                                  : "an error that cannot be foretold";
     std::printf("choice        %s: %s, about %.2g s on 2 CPU threads\n", choice.text.c_str(),
                 error.c_str(), choice.plan.seconds);
     if (storage)
@@ -410,9 +411,9 @@ Attempt attempt(const BakeOptions& o, const Scene& scene, bake::Choice choice,
 
 /// Bakes, and where an error is wanted and measured, bakes on until it is reached or no settings
 /// promise less.
-Attempt bake_until(const BakeOptions& o, const Scene& scene, const bake::BakeSettings& base,
-                   bake::Wish wish, bake::Choice choice, const readers::Reader& reader,
-                   const gpu::Device& device, Run& run) {
+Attempt bake_until(const BakeOptions& o, const Scene& scene, const bake::SceneFacts& facts,
+                   const bake::BakeSettings& base, bake::Wish wish, bake::Choice choice,
+                   const readers::Reader& reader, const gpu::Device& device, Run& run) {
     constexpr int most_attempts = 4;
     for (int i = 1;; ++i) {
         Attempt made = attempt(o, scene, std::move(choice), reader, device, run);
@@ -425,7 +426,7 @@ Attempt bake_until(const BakeOptions& o, const Scene& scene, const bake::BakeSet
         const char* why = "four bakes did not reach it";
         if (i < most_attempts) {
             wish.error = *wish.error * std::clamp(*o.error / error.high, 0.25, 0.8);
-            choice = bake::choose_settings(bake::survey(scene), base, wish, device.info());
+            choice = bake::choose_settings(facts, base, wish, device.info());
             if (choice.text != made.choice.text)
                 continue;
             why = "no settings are expected to err less";
@@ -540,7 +541,7 @@ void run(BakeOptions o, const std::string& settings) {
         run_at(o, settings, scene, std::move(points), choice, *device, run);
         return;
     }
-    Attempt made = bake_until(o, scene, base, wish, std::move(choice), reader, *device, run);
+    Attempt made = bake_until(o, scene, facts, base, wish, std::move(choice), reader, *device, run);
     made.volume.metadata["choice"] = made.choice.text;
     if (storage)
         made.volume.metadata["storage"] = storage->text;

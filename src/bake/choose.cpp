@@ -59,6 +59,10 @@ double expected_error(const BakeSettings& settings, const std::optional<solver::
                         solver.kind().expected_error(solver, light));
 }
 
+bool Choice::foretold() const {
+    return !pilot || is_foretold(*pilot);
+}
+
 Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const Wish& wish,
                        const gpu::DeviceInfo& device) {
     std::vector<Choice> choices;
@@ -71,7 +75,6 @@ Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const 
         choice.plan = plan_bake(scene, settings, device);
         choice.error = expected_error(settings, wish.pilot, wish.kept_order);
         choice.pilot = wish.pilot;
-        choice.foretold = !wish.pilot || is_foretold(*wish.pilot);
         choice.text = text_of(solver);
     };
     if (!wish.error && !wish.seconds) {
@@ -128,7 +131,7 @@ Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const 
     const auto warn = [&](const std::string& text) {
         choice.warnings.push_back(about(scene.path, text));
     };
-    if (!choice.foretold)
+    if (!choice.foretold())
         warn("what a pilot sees of its light is too uneven to foretell the error of a bake: it can "
              "only be measured");
     else if (!accurate(choice))

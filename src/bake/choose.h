@@ -30,11 +30,12 @@ struct Choice {
     BakePlan plan;                      ///< with the settings
     double error = 0;                   ///< expected_error
     std::optional<solver::Pilot> pilot; ///< Wish::pilot
-    bool foretold = true;               ///< not so where the scene is beyond what a pilot tells
     std::string text; ///< solver and settings, as in "gather, order 2, 192 clusters, ..."
     std::vector<std::string> warnings; ///< what of the wish is not reached
 
     const solver::SolverSettings& solver() const { return plan.settings.solver; }
+    /// Not so where the scene is beyond what a pilot tells.
+    bool foretold() const;
 };
 
 /// Plans settings for a wish: the fastest that are expected to reach the error, or the most

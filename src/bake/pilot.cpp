@@ -31,18 +31,6 @@ constexpr std::size_t most_cells = 256; ///< and by many
 constexpr double most_seconds = 30; ///< that it is expected to take; else the Cornell box has to do
 constexpr uint32_t most_rounds = 16; ///< through all zones, a cell in each eighth of each
 
-BakePlan plan_of(const SceneFacts& facts, const BakeSettings& settings,
-                 const gpu::DeviceInfo& device) {
-    BakeSettings pilot = settings;
-    pilot.solver = solver::SolverSettings(solver::gather::gather_kind);
-    pilot.solver.set(pilot.solver.kind().ladder.front());
-    pilot.solver.set_order(order);
-    pilot.solver.set("vpls", many_clusters + solver::more_clusters + solver::few_clusters);
-    pilot.fit = nullptr;
-    pilot.points = most_cells;
-    return plan_bake(facts, pilot, device);
-}
-
 /// The zones that are looked at, drawn by their number alone.
 std::vector<glm::ivec3> draw_zones(glm::ivec3 dims) {
     std::vector<glm::ivec3> zones;
@@ -170,10 +158,22 @@ double lost(const Volume& some, const Volume& all, const Sample& sample) {
 
 } // namespace
 
-std::optional<solver::Pilot> run_pilot(const Scene& scene, const SceneFacts& facts,
-                                       const BakeSettings& settings, const gpu::Device& device,
-                                       Progress& progress) {
-    const BakePlan plan = plan_of(facts, settings, device.info());
+BakePlan plan_pilot(const SceneFacts& facts, const BakeSettings& settings,
+                    const gpu::DeviceInfo& device) {
+    BakeSettings pilot = settings;
+    pilot.solver = solver::SolverSettings(solver::gather::gather_kind);
+    pilot.solver.set(pilot.solver.kind().ladder.front());
+    pilot.solver.set_order(order);
+    pilot.solver.set("vpls", many_clusters + solver::more_clusters + solver::few_clusters);
+    pilot.fit = nullptr;
+    pilot.points = most_cells;
+    return plan_bake(facts, pilot, device);
+}
+
+std::optional<solver::Pilot> run_pilot(const Scene& scene, const BakePlan& plan,
+                                       const gpu::Device& device, Progress& progress) {
+    if (plan.seconds > most_seconds)
+        return std::nullopt;
     const visibility::Visibility visibility(scene, plan.frame, plan.settings.isa);
     const surface::LitSurfaces lit =
         surface::light_surfaces(scene, visibility, plan.frame, lighting_of(plan), progress);
@@ -204,11 +204,9 @@ void add_pilot(const Scene& scene, const SceneFacts& facts, const BakeSettings& 
                const gpu::Device& device, Progress& progress, Wish& wish) {
     if (!wish.error || settings.points > 0)
         return;
-    const double seconds = plan_of(facts, settings, device.info()).seconds;
-    if (seconds > most_seconds)
-        return;
-    wish.pilot = run_pilot(scene, facts, settings, device, progress);
-    wish.pilot_seconds = seconds;
+    const BakePlan plan = plan_pilot(facts, settings, device.info());
+    wish.pilot = run_pilot(scene, plan, device, progress);
+    wish.pilot_seconds = wish.pilot ? plan.seconds : 0;
 }
 
 } // namespace lpvbake::bake

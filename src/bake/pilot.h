@@ -9,17 +9,19 @@
 
 namespace lpvbake::bake {
 
-/// Lights all surfaces with the fewest rays, and gathers at up to 256 cells in up to 48 zones of
-/// the grid, with bands up to 4 and many clusters, then with few: what that changes is what bakes
-/// lose. None where no cell is outside geometry, or no light comes to one. The same bits for any
-/// number of threads. `settings`: grid, light and bounces; of the solver nothing. Throws Error as a
-/// bake.
-std::optional<solver::Pilot> run_pilot(const Scene& scene, const SceneFacts& facts,
-                                       const BakeSettings& settings, const gpu::Device& device,
-                                       Progress& progress);
+/// What a pilot of such a bake takes. `settings`: grid, light and bounces; of the solver nothing.
+BakePlan plan_pilot(const SceneFacts& facts, const BakeSettings& settings,
+                    const gpu::DeviceInfo& device);
 
-/// Where the wish is for an error at cells, has it go by a pilot, unless that is expected to take
-/// more than half a minute.
+/// Lights all surfaces with the fewest rays, gathers with few clusters at up to 2048 cells in up to
+/// 64 zones of the grid, and at 256 of them, drawn by their light, with bands up to 4 and many
+/// clusters: what that changes is what bakes lose. None where no cell is outside geometry, no light
+/// comes to one, or it is expected to take more than half a minute. The same bits for any number of
+/// threads. Throws Error as a bake.
+std::optional<solver::Pilot> run_pilot(const Scene& scene, const BakePlan& plan,
+                                       const gpu::Device& device, Progress& progress);
+
+/// Where the wish is for an error at cells, has it go by a pilot.
 void add_pilot(const Scene& scene, const SceneFacts& facts, const BakeSettings& settings,
                const gpu::Device& device, Progress& progress, Wish& wish);
 

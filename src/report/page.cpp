@@ -1,5 +1,6 @@
 #include "report/page.h"
 
+#include "base64.h"
 #include "report/tables.h"
 #include "text.h"
 
@@ -214,20 +215,6 @@ std::string html_text(const std::string& text) {
             escaped += c;
         }
     return escaped;
-}
-
-std::string base64(std::string_view bytes) {
-    static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    std::string text;
-    for (std::size_t i = 0; i < bytes.size(); i += 3) {
-        uint32_t group = 0;
-        const std::size_t have = std::min<std::size_t>(3, bytes.size() - i);
-        for (std::size_t j = 0; j < 3; ++j)
-            group = group << 8 | (j < have ? static_cast<unsigned char>(bytes[i + j]) : 0u);
-        for (std::size_t j = 0; j < 4; ++j)
-            text += j <= have ? digits[group >> (18 - 6 * j) & 63] : '=';
-    }
-    return text;
 }
 
 std::string report_page(const Report& report, std::string_view svg) {

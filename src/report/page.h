@@ -15,7 +15,4 @@ std::string report_page(const Report& report, std::string_view svg);
 /// A text as HTML shows it: & < > " ' as entities.
 std::string html_text(const std::string& text);
 
-/// RFC 4648, padded.
-std::string base64(std::string_view bytes);
-
 } // namespace lpvbake::report

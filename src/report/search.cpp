@@ -211,7 +211,8 @@ Search begin_search(const Scene& scene, const std::vector<SweepRow>& rows, const
     std::optional<Error> refused;
     const bake::SceneFacts facts = bake::survey(scene);
     if (goal.error)
-        search.pilot = bake::run_pilot(scene, facts, rows.front().settings, device, progress);
+        search.pilot = bake::run_pilot(
+            scene, bake::plan_pilot(facts, rows.front().settings, device.info()), device, progress);
     for (const SweepRow& row : rows)
         try {
             const bake::BakePlan plan = bake::plan_bake(facts, row.settings, device.info());

@@ -546,7 +546,8 @@ TEST_F(Bake, APilotTellsWhatBandsAndClustersLose) {
     const bake::SceneFacts facts = bake::survey(scene);
     Progress silent;
     const auto pilot = [&](const Scene& of) {
-        return bake::run_pilot(of, facts, settings, device(), silent);
+        return bake::run_pilot(of, bake::plan_pilot(facts, settings, device().info()), device(),
+                               silent);
     };
     const std::optional<solver::Pilot> told = pilot(scene);
     ASSERT_TRUE(told);

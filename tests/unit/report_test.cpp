@@ -3,6 +3,7 @@
 #include "report/report.h"
 #include "report/search.h"
 
+#include "base64.h"
 #include "lpvbake/error.h"
 #include "report/baseline.h"
 #include "report/page.h"
@@ -452,12 +453,12 @@ TEST(Written, TextSaysWhoWins) {
 }
 
 TEST(Written, Base64OfTheStandardsExamples) {
-    EXPECT_EQ(report::base64(""), "");
-    EXPECT_EQ(report::base64("f"), "Zg==");
-    EXPECT_EQ(report::base64("fo"), "Zm8=");
-    EXPECT_EQ(report::base64("foo"), "Zm9v");
-    EXPECT_EQ(report::base64("foobar"), "Zm9vYmFy");
-    EXPECT_EQ(report::base64("\xff\xfe"), "//4=");
+    EXPECT_EQ(base64(""), "");
+    EXPECT_EQ(base64("f"), "Zg==");
+    EXPECT_EQ(base64("fo"), "Zm8=");
+    EXPECT_EQ(base64("foo"), "Zm9v");
+    EXPECT_EQ(base64("foobar"), "Zm9vYmFy");
+    EXPECT_EQ(base64("\xff\xfe"), "//4=");
 }
 
 TEST(Sweep, RowsHaveNoOptionsThatTheirSolverLacks) {

@@ -1,6 +1,7 @@
 // A scene's file with all that it refers to in it. It works on the JSON as it is, so that whatever
 // it does not know of stays.
 #include "lpvbake/pack.h"
+#include "base64.h"
 #include "quoted.h"
 #include "scene/gltf/container.h"
 #include "scene/gltf/document.h"
@@ -16,22 +17,13 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-std::string base64(const std::vector<unsigned char>& bytes) {
-    constexpr const char* digits =
-        "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    std::string text;
-    for (size_t i = 0; i < bytes.size(); i += 3) {
-        const auto byte = [&](size_t at) { return at < bytes.size() ? unsigned(bytes[at]) : 0u; };
-        const unsigned bits = byte(i) << 16 | byte(i + 1) << 8 | byte(i + 2);
-        for (size_t digit = 0; digit < 4; ++digit)
-            text += i + digit <= bytes.size() ? digits[bits >> (18 - 6 * digit) & 63] : '=';
-    }
-    return text;
+std::string_view text_of(const std::vector<unsigned char>& bytes) {
+    return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
 /// What kind of picture the bytes are; empty: none of those that glTF files refer to.
 std::string media_type(const std::vector<unsigned char>& bytes) {
-    const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    const std::string_view text = text_of(bytes);
     if (text.starts_with("\x89PNG"))
         return "image/png";
     if (text.starts_with("\xff\xd8\xff"))
@@ -119,7 +111,7 @@ private:
             return;
         const std::string type = image.value("mimeType", media_type(*bytes));
         if (type.empty() || bytes->empty()) {
-            image["uri"] = "data:application/octet-stream;base64," + base64(*bytes);
+            image["uri"] = "data:application/octet-stream;base64," + base64(text_of(*bytes));
             return;
         }
         packed_.bytes.resize((packed_.bytes.size() + 3) / 4 * 4);
@@ -135,7 +127,7 @@ private:
 
     void embed(const std::string& place, Json& object, const std::string& type) {
         if (const auto bytes = file_of(object, place))
-            object["uri"] = "data:" + type + ";base64," + base64(*bytes);
+            object["uri"] = "data:" + type + ";base64," + base64(text_of(*bytes));
     }
 
     /// Of what nobody here knows.
