@@ -186,7 +186,11 @@ class Chromium:
         raise AssertionError(f"{url} did not load")
 
     def screenshot(self, path):
-        path.write_bytes(base64.b64decode(self.call("GET", "/screenshot")))
+        """The canvas as it is drawn now: what the browser has on the screen may be a frame behind it,
+        even of the page before."""
+        url = self.script("dispatchEvent(new Event('resize'));"
+                          "return document.querySelector('canvas').toDataURL()")
+        path.write_bytes(base64.b64decode(url.partition(",")[2]))
         return picture(path)
 
     def close(self):
