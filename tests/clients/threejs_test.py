@@ -9,16 +9,11 @@ FLIP is the program of flip.cpp. three.js itself comes from the npm registry, on
 """
 
 import base64
-import http.server
 import json
 import pathlib
-import subprocess
 import sys
 import tempfile
-import threading
-import time
 import unittest
-import urllib.request
 
 import numpy as np
 import OpenImageIO as oiio
@@ -26,6 +21,7 @@ import OpenImageIO as oiio
 sys.dont_write_bytecode = True
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 import npm
+from chromium import Chromium, picture, pixels, run, serve
 
 LPVBAKE, FLIP = sys.argv[1:3]
 EXAMPLES, CACHE = pathlib.Path(sys.argv[3]), pathlib.Path(sys.argv[4])
@@ -37,66 +33,21 @@ TOLERANCE = 0.005
 OFFSET = "worldNormal * probeSpacing * 0.5"
 
 
-def run(*command):
-    result = subprocess.run([str(part) for part in command], capture_output=True, text=True)
-    if result.returncode != 0:
-        raise AssertionError(f"{command} ended with {result.returncode}\n{result.stderr}")
-    return result.stdout
-
-
-def pixels(path):
-    return np.asarray(oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT))
-
-
-def picture(path):
-    return pixels(path)[..., :3]
-
-
-def serve(folder):
+def serve_pages(folder):
     """Serves a folder, with three.js at /three/ and the page taking it from there; and, for
     /plain.html, with a three.js at /plain/ that looks volumes up at the surface itself, as most
     engines do, not half a cell before it."""
     package = npm.three(CACHE)
-    build = package / "build"
-    plain = {}
-    for source in build.glob("three.*.js"):
-        text = source.read_text()
-        if OFFSET in text:
-            plain[source.name] = text.replace(OFFSET, "worldNormal * probeSpacing * 0.0").encode()
-    assert plain, "three.js reads volumes in another way"
-
-    class Handler(http.server.SimpleHTTPRequestHandler):
-        def translate_path(self, path):
-            path = path.split("?")[0].lstrip("/")
-            if path.startswith("three/"):
-                return str(package / path[len("three/"):])
-            if path.startswith("plain/"):
-                return str(package / path[len("plain/"):])
-            return str(folder / path)
-
-        def do_GET(self):
-            name = self.path.split("?")[0]
-            text = plain.get(name.rsplit("/", 1)[-1]) if name.startswith("/plain/build/") else None
-            if text is None:
-                return super().do_GET()
-            self.send_response(200)
-            self.send_header("Content-Type", "text/javascript")
-            self.send_header("Content-Length", str(len(text)))
-            self.end_headers()
-            self.wfile.write(text)
-
-        def log_message(self, *_):
-            pass
-
-    Handler.extensions_map = {**http.server.SimpleHTTPRequestHandler.extensions_map,
-                              ".js": "text/javascript"}
     page = (EXAMPLES / "threejs/index.html").read_text()
     assert page.count(CDN) == 2
-    (folder / "index.html").write_text(page.replace(CDN, "./three/"))
-    (folder / "plain.html").write_text(page.replace(CDN, "./plain/"))
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    return server
+    texts = {name + ".html": page.replace(CDN, f"./{at}/")
+             for name, at in (("index", "three"), ("plain", "plain"))}
+    for source in (package / "build").glob("three.*.js"):
+        text = source.read_text()
+        if OFFSET in text:
+            texts[f"plain/build/{source.name}"] = text.replace(OFFSET, "worldNormal * probeSpacing * 0.0")
+    assert len(texts) > 2, "three.js reads volumes in another way"
+    return serve({"": folder, "three": package, "plain": package}, texts)
 
 
 def thin_room():
@@ -143,63 +94,6 @@ def thin_room():
         "scenes": [{"nodes": [0, 1]}], "scene": 0}
 
 
-class Chromium:
-    """Chromium by chromedriver (W3C WebDriver)."""
-
-    def __init__(self):
-        self.driver = subprocess.Popen(["chromedriver", "--port=0"], stdout=subprocess.PIPE,
-                                       stderr=subprocess.DEVNULL, text=True)
-        for line in self.driver.stdout:
-            if "started successfully on port" in line:
-                self.address = f"http://127.0.0.1:{line.split()[-1].rstrip('.')}"
-                break
-        arguments = ["--headless=new", "--no-sandbox", "--use-gl=angle",
-                     "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-                     "--force-device-scale-factor=1", "--hide-scrollbars"]
-        session = self.call("POST", "/session", {"capabilities": {"alwaysMatch": {
-            "goog:chromeOptions": {"args": arguments}}}})
-        self.address += "/session/" + session["sessionId"]
-
-    def call(self, method, path, body=None):
-        data = None if body is None else json.dumps(body).encode()
-        request = urllib.request.Request(self.address + path, data, method=method)
-        return json.load(urllib.request.urlopen(request, timeout=120))["value"]
-
-    def script(self, text):
-        return self.call("POST", "/execute/sync", {"script": text, "args": []})
-
-    def open(self, url):
-        """Loads the page; its state, and what it says."""
-        self.call("POST", "/url", {"url": url})
-        # Screenshots are of the view, which is smaller than the window.
-        for _ in range(2):
-            width, height = self.script("return [outerWidth - innerWidth, outerHeight - innerHeight]")
-            self.call("POST", "/window/rect",
-                      {"width": SIZE[0] + width, "height": SIZE[1] + height})
-        end = time.monotonic() + 100
-        while time.monotonic() < end:
-            state = self.script("return [document.body.dataset.state ?? '', "
-                                "document.getElementById('message').textContent]")
-            if state[0]:
-                return state
-            time.sleep(0.2)
-        raise AssertionError(f"{url} did not load")
-
-    def screenshot(self, path):
-        """The canvas as it is drawn now: what the browser has on the screen may be a frame behind it,
-        even of the page before."""
-        url = self.script("dispatchEvent(new Event('resize'));"
-                          "return document.querySelector('canvas').toDataURL()")
-        path.write_bytes(base64.b64decode(url.partition(",")[2]))
-        return picture(path)
-
-    def close(self):
-        self.call("DELETE", "")
-        self.driver.kill()
-        self.driver.wait()
-        self.driver.stdout.close()
-
-
 class ThreeJs(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -210,11 +104,10 @@ class ThreeJs(unittest.TestCase):
         cls.scene.write_bytes((EXAMPLES / "cornell_box.gltf").read_bytes())
         run(LPVBAKE, "bake", cls.scene, "-o", cls.folder / "volume.exr", "-o", cls.folder / "volume.ktx2",
             "-o", cls.folder / "lit.glb", "--target", "threejs")
-        server = serve(cls.folder)
-        cls.addClassCleanup(server.server_close)
-        cls.addClassCleanup(server.shutdown)
-        cls.url = f"http://127.0.0.1:{server.server_address[1]}/index.html"
-        cls.chromium = Chromium()
+        cls.url, close = serve_pages(cls.folder)
+        cls.addClassCleanup(close)
+        cls.url += "/index.html"
+        cls.chromium = Chromium(SIZE)
         cls.addClassCleanup(cls.chromium.close)
         cls.expected = {show: cls.render(show) for show in ("both", "direct", "indirect")}
 
@@ -418,11 +311,9 @@ class ThinWalls(unittest.TestCase):
             "--exposure", cls.EXPOSURE, "--show", "indirect", "--samples", "1", "--reference", "128",
             "--reference-output", cls.folder / "paths.png")
         cls.paths = picture(cls.folder / "paths.png")
-        server = serve(cls.folder)
-        cls.addClassCleanup(server.server_close)
-        cls.addClassCleanup(server.shutdown)
-        cls.url = f"http://127.0.0.1:{server.server_address[1]}"
-        cls.chromium = Chromium()
+        cls.url, close = serve_pages(cls.folder)
+        cls.addClassCleanup(close)
+        cls.chromium = Chromium(SIZE)
         cls.addClassCleanup(cls.chromium.close)
 
     def difference(self, page, volume):
