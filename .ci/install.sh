@@ -21,7 +21,7 @@ packages=(
 )
 if [[ ${1:-} == --clients ]]; then
     packages+=(blender chromium chromium-driver godot3-server nodejs libogre-1.12-dev
-        mmdebstrap dpkg-dev zstd)
+        mono-mcs mono-runtime mmdebstrap dpkg-dev zstd)
 fi
 
 missing=()

@@ -4,9 +4,11 @@
 #include "gpu/read_volume_l1.hlsl.h"
 #include "gpu/read_volume_l2.comp.h"
 #include "gpu/read_volume_l2.hlsl.h"
+#include "gpu/read_volume_unity.hlsl.h"
 #include "gpu/vulkan.h"
 #include "readers/readers.h"
 #include "unit/volumes.h"
+#include "volume/convention.h"
 #include "volume/sampler.h"
 #include "volume/sh.h"
 
@@ -107,7 +109,6 @@ protected:
 
     static std::vector<Irradiances> run(const Shader& shader, const Volume& volume,
                                         const std::vector<Surface>& surfaces) {
-        gpu::Device::Impl& d = device().impl();
         std::vector<Texture> textures; // the coefficients, the validity, the walls
         for (int k = 0; k < volume::sh_count(shader.order); ++k)
             textures.push_back(texture(volume.grid, [&](std::size_t i) {
@@ -119,7 +120,15 @@ protected:
             textures.push_back(texture(volume.grid, [&](std::size_t i) {
                 return volume.walls.empty() ? glm::vec4(0.0f) : glm::vec4(volume.walls[k][i], 0.0f);
             }));
-        const auto coefficients = uint32_t(volume::sh_count(shader.order));
+        return run(shader, volume.grid, textures, surfaces);
+    }
+
+    /// The last four textures are the validity and the walls.
+    static std::vector<Irradiances> run(const Shader& shader, const Grid& grid,
+                                        const std::vector<Texture>& textures,
+                                        const std::vector<Surface>& surfaces) {
+        gpu::Device::Impl& d = device().impl();
+        const auto coefficients = uint32_t(textures.size() - 4);
         const vk::raii::Sampler sampler(d.handle, {{},
                                                    vk::Filter::eLinear,
                                                    vk::Filter::eLinear,
@@ -145,8 +154,7 @@ protected:
             glm::vec3 origin;
             float cell;
             uint32_t count;
-        } const push{glm::vec3(volume.grid.origin), float(volume.grid.cell),
-                     uint32_t(surfaces.size())};
+        } const push{glm::vec3(grid.origin), float(grid.cell), uint32_t(surfaces.size())};
         const vk::PushConstantRange pushed(stage, 0, sizeof push);
         const vk::raii::PipelineLayout layout(d.handle, {{}, *set_layout, pushed});
         const vk::raii::ShaderModule module(d.handle,
@@ -289,6 +297,50 @@ TEST_F(ShadersTest, ReadWhatTheSamplerReads) {
         EXPECT_LT(dark, int(surfaces.size()) / 2); // else this would compare nothing with nothing
         EXPECT_GT(bent_otherwise, int(surfaces.size()) / 4);
         EXPECT_EQ(walled > int(surfaces.size()) / 10, shader.order == 2);
+    }
+}
+
+// What examples/unity shows, in Unity's axes, of textures that stand as those of --target unity.
+TEST_F(ShadersTest, UnitysShaderReadsTheTargetsTextures) {
+    const Volume volume = random_volume({7, 5, 6}, 2, false, 5);
+    const Volume first = of_order(volume, 1);
+    const glm::dmat3 turn = volume::from_gltf(volume::Axes::unity);
+    const double filtering = device().is_cpu() ? 0.05 : 50;
+    for (const Volume* held : {&first, &volume}) {
+        Volume stored = *held;
+        volume::turn_axes(turn, stored);
+        volume::encode(volume::ShConvention::unity, stored.sh_order, stored.sh);
+        stored.sh.resize(9, std::vector<glm::vec3>(stored.grid.size(), glm::vec3(NAN)));
+        std::vector<Texture> textures;
+        const auto add = [&](std::array<std::size_t, 4> order) {
+            for (int colour = 0; colour < 3; ++colour)
+                textures.push_back(texture(stored.grid, [&](std::size_t i) {
+                    return glm::vec4(stored.sh[order[0]][i][colour], stored.sh[order[1]][i][colour],
+                                     stored.sh[order[2]][i][colour],
+                                     stored.sh[order[3]][i][colour]);
+                }));
+        };
+        add({3, 1, 2, 0});
+        add({4, 5, 6, 7});
+        for (int unused = 0; unused < 5; ++unused) // after x2y2, of which there is one
+            textures.push_back(texture(
+                stored.grid, [&](std::size_t i) { return glm::vec4(stored.sh[8][i], 1.0f); }));
+        const std::vector<Surface> surfaces = random_surfaces(stored.grid, 2000, 6);
+        const std::vector<Irradiances> found = run(
+            {"Unity", 2, true, shaders::read_volume_unity_hlsl}, stored.grid, textures, surfaces);
+        int lit = 0;
+        for (std::size_t i = 0; i < surfaces.size(); ++i) {
+            const glm::dvec3 p(surfaces[i].point), n(surfaces[i].normal);
+            const glm::dvec3 expected =
+                0.5 / pi
+                * read_irradiance(*held, glm::transpose(turn) * p, glm::transpose(turn) * n,
+                                  Reading::trilinear);
+            const glm::dvec3 got(held->sh_order == 1 ? found[i].trilinear_l1 : found[i].l1);
+            for (int axis = 0; axis < 3; ++axis)
+                ASSERT_NEAR(expected[axis], got[axis], filtering) << i << ' ' << axis;
+            lit += expected.y > 100 * filtering;
+        }
+        EXPECT_GT(lit, int(surfaces.size()) / 3);
     }
 }
 
