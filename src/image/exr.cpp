@@ -13,6 +13,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <ostream>
 
 namespace lpvbake::image {
 namespace {
@@ -35,6 +36,46 @@ private:
     size_t at_ = 0;
 };
 
+/// A file in a stream, which says by its state what fails.
+class StandardStream : public Imf::OStream {
+public:
+    StandardStream(std::ostream& out, const char* name) : Imf::OStream(name), out_(out) {}
+    void write(const char* data, int count) override { out_.write(data, count); }
+    uint64_t tellp() override { return out_ ? uint64_t(out_.tellp()) : 0; }
+    void seekp(uint64_t position) override { out_.seekp(std::streamoff(position)); }
+
+private:
+    std::ostream& out_;
+};
+
+struct Slice {
+    std::string name;
+    const char* first;
+    size_t stride; ///< bytes
+};
+
+void encode(Imf::OStream& stream, int width, int height, Imf::PixelType type,
+            const std::vector<Slice>& slices, const std::map<std::string, std::string>& attributes,
+            const std::string& name) {
+    try {
+        Imf::Header header(width, height);
+        header.compression() = Imf::ZIP_COMPRESSION;
+        for (const auto& [key, value] : attributes)
+            header.insert(key, Imf::StringAttribute(value));
+        Imf::FrameBuffer buffer;
+        for (const Slice& slice : slices) {
+            header.channels().insert(slice.name, Imf::Channel(type));
+            buffer.insert(slice.name, Imf::Slice(type, const_cast<char*>(slice.first), slice.stride,
+                                                 slice.stride * size_t(width)));
+        }
+        Imf::OutputFile file(stream, header, 0);
+        file.setFrameBuffer(buffer);
+        file.writePixels(height);
+    } catch (const std::exception& error) {
+        throw Error(ErrorKind::failure, name + ": cannot be encoded as EXR: " + error.what());
+    }
+}
+
 } // namespace
 
 std::vector<unsigned char> encode_exr(const Pixels& pixels, bool half,
@@ -49,36 +90,29 @@ std::vector<unsigned char> encode_exr(const Pixels& pixels, bool half,
         throw Error(ErrorKind::failure, name + ": " + std::to_string(channels) + " channels and "
                                             + std::to_string(pixels.samples.size())
                                             + " samples make no picture");
-    try {
-        Imf::Header header(pixels.width, pixels.height);
-        header.compression() = Imf::ZIP_COMPRESSION;
-        for (const auto& [key, value] : attributes)
-            header.insert(key, Imf::StringAttribute(value));
-        const Imf::PixelType type = half ? Imf::HALF : Imf::FLOAT;
-        std::vector<Imath::half> halves;
-        if (half)
-            halves.assign(pixels.samples.begin(), pixels.samples.end());
-        const size_t size = half ? sizeof(Imath::half) : sizeof(float);
-        char* const first =
-            half ? reinterpret_cast<char*>(halves.data())
-                 : reinterpret_cast<char*>(const_cast<float*>(pixels.samples.data()));
-        Imf::FrameBuffer buffer;
-        for (int channel = 0; channel < channels; ++channel) {
-            header.channels().insert(names[size_t(channel)], Imf::Channel(type));
-            buffer.insert(names[size_t(channel)],
-                          Imf::Slice(type, first + size_t(channel) * size, size * size_t(channels),
-                                     size * size_t(channels) * size_t(pixels.width)));
-        }
-        MemoryStream stream(name.c_str());
-        {
-            Imf::OutputFile file(stream, header, 0);
-            file.setFrameBuffer(buffer);
-            file.writePixels(pixels.height);
-        }
-        return std::move(stream.bytes);
-    } catch (const std::exception& error) {
-        throw Error(ErrorKind::failure, name + ": cannot be encoded as EXR: " + error.what());
-    }
+    std::vector<Imath::half> halves;
+    if (half)
+        halves.assign(pixels.samples.begin(), pixels.samples.end());
+    const size_t size = half ? sizeof(Imath::half) : sizeof(float);
+    const char* const first = half ? reinterpret_cast<const char*>(halves.data())
+                                   : reinterpret_cast<const char*>(pixels.samples.data());
+    std::vector<Slice> slices;
+    for (size_t channel = 0; channel < size_t(channels); ++channel)
+        slices.push_back({names[channel], first + channel * size, size * size_t(channels)});
+    MemoryStream stream(name.c_str());
+    encode(stream, pixels.width, pixels.height, half ? Imf::HALF : Imf::FLOAT, slices, attributes,
+           name);
+    return std::move(stream.bytes);
+}
+
+void write_exr(std::ostream& out, int width, int height, const std::vector<Channel>& channels,
+               const std::map<std::string, std::string>& attributes, const std::string& name) {
+    std::vector<Slice> slices;
+    for (const Channel& channel : channels)
+        slices.push_back({channel.name, reinterpret_cast<const char*>(channel.first),
+                          channel.stride * sizeof(float)});
+    StandardStream stream(out, name.c_str());
+    encode(stream, width, height, Imf::FLOAT, slices, attributes, name);
 }
 
 } // namespace lpvbake::image

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <future>
+#include <iosfwd>
 #include <map>
 #include <span>
 #include <string>
@@ -39,6 +40,18 @@ Rgba8 decode_image(std::span<const std::byte> data, const std::string& name, uin
 std::vector<unsigned char> encode_exr(const Pixels& pixels, bool half,
                                       const std::map<std::string, std::string>& attributes,
                                       const std::string& name);
+
+/// Samples of a picture, row-major from the top left, `stride` floats apart.
+struct Channel {
+    std::string name;
+    const float* first;
+    std::size_t stride;
+};
+
+/// Writes EXR as encode_exr does, but of float channels of any names, from where they lie, into a
+/// stream that is seekable. Throws as it, and what the stream throws.
+void write_exr(std::ostream& out, int width, int height, const std::vector<Channel>& channels,
+               const std::map<std::string, std::string>& attributes, const std::string& name);
 
 /// Decodes an EXR whole, channels in the order R, G, B, A. Throws Error (invalid), also for images
 /// of more than `max_texels`, before their memory is taken.

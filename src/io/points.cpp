@@ -1,6 +1,7 @@
 #include "io/points.h"
 
 #include "file_error.h"
+#include "image/image.h"
 #include "io/atomic_file.h"
 #include "io/described.h"
 #include "lpvbake/error.h"
@@ -230,7 +231,23 @@ std::string_view npy_value(const std::string& path, std::string_view header, std
     return value;
 }
 
-/// An array of n x 3 or n x 6 little-endian floats or doubles (NumPy's format 1.0 to 3.0).
+/// The numbers of a shape, such as "5, 3"; empty: it is none.
+std::vector<std::size_t> npy_shape(std::string_view text) {
+    std::vector<std::size_t> shape;
+    while (!text.empty()) {
+        const std::size_t comma = std::min(text.find(','), text.size());
+        double side = 0;
+        if (!read_number(text.substr(0, comma), side) || !(side >= 0) || side != std::floor(side)
+            || side > 1e15)
+            return {};
+        shape.push_back(std::size_t(side));
+        text.remove_prefix(std::min(comma + 1, text.size()));
+    }
+    return shape;
+}
+
+/// An array of n x 3 or n x 6 little-endian floats or doubles, or height x width of these (NumPy's
+/// format 1.0 to 3.0).
 void read_npy(const std::string& path, std::istream& in, Collected& to) {
     char magic[8];
     unsigned char size[4] = {};
@@ -249,15 +266,20 @@ void read_npy(const std::string& path, std::istream& in, Collected& to) {
     if (npy_value(path, header, "'fortran_order':", ",") != "False")
         reject(path, "is in Fortran's order; write it in C's, as numpy.ascontiguousarray makes it");
     const std::string_view shape = npy_value(path, header, "'shape': (", ")");
-    const std::size_t comma = std::min(shape.find(','), shape.size());
-    double rows = 0, columns = 0;
-    if (!read_number(shape.substr(0, comma), rows)
-        || !read_number(shape.substr(std::min(comma + 1, shape.size())), columns) || !(rows >= 0)
-        || rows != std::floor(rows) || (columns != 3 && columns != 6))
-        reject(path, "has the shape (" + printable(shape) + "); it has to be (n, 3) or (n, 6)");
+    const std::vector<std::size_t> sides = npy_shape(shape);
+    const std::size_t columns = sides.empty() ? 0 : sides.back();
+    if (sides.size() < 2 || sides.size() > 3 || (columns != 3 && columns != 6))
+        reject(path,
+               "has the shape (" + printable(shape)
+                   + "); it has to be (n, 3), (n, 6), (height, width, 3) or (height, width, 6)");
+    double rows = 1;
+    for (std::size_t i = 0; i + 1 < sides.size(); ++i)
+        rows *= double(sides[i]);
     if (rows > double(volume::most_points))
         reject(path, format("has %.0f points, more than %zu; bake them in parts", rows,
                             volume::most_points));
+    if (sides.size() == 3)
+        to.points.width = sides[1];
     const bool is_double = type == "'<f8'";
     for (std::size_t row = 0; row < std::size_t(rows); ++row) {
         double numbers[6];
@@ -266,7 +288,7 @@ void read_npy(const std::string& path, std::istream& in, Collected& to) {
                         : in.read(reinterpret_cast<char*>(floats), std::streamsize(columns * 4))))
             reject(path, format("ends in row %zu of %.0f", row, rows));
         if (!is_double)
-            std::copy_n(floats, int(columns), numbers);
+            std::copy_n(floats, columns, numbers);
         const auto where = [row] { return "row " + std::to_string(row); };
         to.add_position({numbers[0], numbers[1], numbers[2]}, where);
         if (columns == 6)
@@ -321,7 +343,13 @@ void put_bytes(std::ostream& out, const T& value) {
     out.write(reinterpret_cast<const char*>(&value), sizeof value);
 }
 
-/// A structured array, a record a point (NumPy's format 1.0).
+/// Width and height of the picture of which points are the texels; of a list, one in each row.
+std::pair<std::size_t, std::size_t> size_of(const volume::Points& points) {
+    const std::size_t width = std::max<std::size_t>(points.width, 1);
+    return {width, points.positions.size() / width};
+}
+
+/// A structured array, a record a point, of the points' shape (NumPy's format 1.0).
 void write_npy(std::ostream& out, const volume::LitPoints& lit) {
     std::string fields = "('position', '<f8', (3,)), ";
     if (!lit.points.normals.empty())
@@ -329,8 +357,10 @@ void write_npy(std::ostream& out, const volume::LitPoints& lit) {
     fields += format("('sh', '<f4', (%zu, 3)), ('validity', '<f4'), ('backs', '<f4'), "
                      "('sky', '<f4', (4,))",
                      lit.light.sh.size());
+    const auto [width, height] = size_of(lit.points);
     std::string header = "{'descr': [" + fields + "], 'fortran_order': False, 'shape': ("
-                         + std::to_string(lit.points.positions.size()) + ",), }";
+                         + std::to_string(height) + ","
+                         + (lit.points.width > 0 ? " " + std::to_string(width) : "") + "), }";
     header.resize((10 + header.size() + 1 + 63) / 64 * 64 - 10 - 1, ' ');
     header += '\n';
     out << "\x93NUMPY" << '\x01' << '\0';
@@ -350,6 +380,32 @@ void write_npy(std::ostream& out, const volume::LitPoints& lit) {
     }
 }
 
+/// A picture of float channels: irradiance as R, G and B, and all else in layers.
+void write_exr(std::ostream& out, const volume::LitPoints& lit) {
+    std::vector<image::Channel> channels;
+    const auto add = [&](const std::string& layer, const char* names, const float* first) {
+        const std::size_t count = std::strlen(names);
+        for (std::size_t c = 0; c < count; ++c)
+            channels.push_back({layer + names[c], first + c, count});
+    };
+    if (!lit.irradiance.empty())
+        add("", "RGB", &lit.irradiance[0].x);
+    for (const volume::ConstGridView& grid : volume::grids_of(lit.light, volume::light_kind()))
+        add(grid.name() + '.', "RGB", grid.data);
+    channels.push_back({"validity", lit.light.validity.data(), 1});
+    channels.push_back({"backs", lit.backs.data(), 1});
+    for (std::size_t k = 0; k < 4; ++k)
+        channels.push_back({format("sky.%zu", k), &lit.sky[0].x + k, 4});
+    std::map<std::string, std::string> attributes;
+    const Json metadata = metadata_of(lit.light);
+    for (const auto& [key, value] : metadata.items())
+        attributes["lpv:" + key] = value.get<std::string>();
+    attributes["lpv:sh_order"] = std::to_string(lit.light.sh_order);
+    attributes["lpv:convention"] = volume::name_of(volume::ShConvention::radiance);
+    const auto [width, height] = size_of(lit.points);
+    image::write_exr(out, int(width), int(height), channels, attributes, "points");
+}
+
 /// A form of points' files; null: it cannot be read, or written.
 struct PointFormat {
     const char* suffix;
@@ -357,8 +413,10 @@ struct PointFormat {
     void (*write)(std::ostream& out, const volume::LitPoints& lit);
 };
 
-constexpr PointFormat formats[] = {
-    {".json", read_json, write_json}, {".csv", read_csv, nullptr}, {".npy", read_npy, write_npy}};
+constexpr PointFormat formats[] = {{".json", read_json, write_json},
+                                   {".csv", read_csv, nullptr},
+                                   {".npy", read_npy, write_npy},
+                                   {".exr", nullptr, write_exr}};
 
 const PointFormat* format_of(const std::string& path) {
     const auto found = std::ranges::find(formats, suffix_of(path),

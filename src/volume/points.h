@@ -12,6 +12,8 @@ namespace lpvbake::volume {
 struct Points {
     std::vector<glm::dvec3> positions;
     std::vector<glm::vec3> normals; ///< unit, one a point; empty: there are none
+    /// Of the picture whose texels they are, row by row, such as a lightmap; 0: they are a list.
+    std::size_t width = 0;
 };
 
 /// Most points of one bake: the texels of a lightmap of 4096 x 4096.

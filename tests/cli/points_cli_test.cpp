@@ -5,6 +5,12 @@
 
 #include <nlohmann/json.hpp>
 
+#include <OpenEXR/ImfChannelList.h>
+#include <OpenEXR/ImfFrameBuffer.h>
+#include <OpenEXR/ImfHeader.h>
+#include <OpenEXR/ImfInputFile.h>
+#include <OpenEXR/ImfStringAttribute.h>
+
 #include <cmath>
 #include <cstring>
 #include <fstream>
@@ -195,6 +201,69 @@ TEST_F(PointsCli, OtherFormsHoldTheSame) {
     EXPECT_EQ(z, float(points[1]["sh"][8][2]));
 }
 
+/// What a picture's channels hold of a point, as its JSON has it.
+std::map<std::string, float> channels_of(const json& point) {
+    std::map<std::string, float> channels{{"validity", point["validity"]},
+                                          {"backs", point["backs"]}};
+    for (std::size_t k = 0; k < 4; ++k)
+        channels["sky." + std::to_string(k)] = point["sky"][k];
+    for (std::size_t c = 0; c < 3; ++c) {
+        const std::string colour(1, "RGB"[c]);
+        channels[colour] = point["irradiance"][c];
+        std::size_t k = 0;
+        for (const char* name :
+             {"l0", "l1_y", "l1_z", "l1_x", "l2_xy", "l2_yz", "l2_z2", "l2_xz", "l2_x2y2"})
+            channels[std::string("sh_") + name + '.' + colour] = point["sh"][k++][c];
+    }
+    return channels;
+}
+
+/// Two by three texels of a lightmap, on the floor, become a picture of as many; a list a column.
+TEST_F(PointsCli, TexelsOfALightmapKeepTheirPlace) {
+    std::vector<double> texels;
+    json points = json::array(), normals = json::array();
+    for (int v = 0; v < 2; ++v)
+        for (int u = 0; u < 3; ++u) {
+            texels.insert(texels.end(), {-0.6 + 0.6 * u, 0, 0.75 + 0.2 * v, 0, 1, 0});
+            points.push_back({-0.6 + 0.6 * u, 0.0, 0.75 + 0.2 * v});
+            normals.push_back({0, 1, 0});
+        }
+    const std::string sky = " --sky '#ffffff,10'";
+    const json lit = light_at({{"points", points}, {"normals", normals}}, sky)["points"];
+    write("in.npy", npy("<f8", "(2, 3, 6)", bytes_of(texels)));
+    CliResult result = run("--at in.npy -o out.exr -o out.npy -o again.json" + sky);
+    ASSERT_EQ(result.status, 0) << result.err;
+    EXPECT_EQ(json::parse(slurp(folder_ / "again.json"))["points"], lit);
+    EXPECT_NE(slurp(folder_ / "out.npy").find("'shape': (2, 3), }"), std::string::npos);
+    const auto expect_picture = [&](const std::string& name, int width, int height) {
+        Imf::InputFile file((folder_ / name).c_str());
+        const Imath::Box2i window = file.header().dataWindow();
+        ASSERT_EQ(window.max - window.min, Imath::V2i(width - 1, height - 1));
+        std::vector<std::map<std::string, float>> found(6);
+        for (auto c = file.header().channels().begin(); c != file.header().channels().end(); ++c) {
+            std::vector<float> samples(6, NAN);
+            Imf::FrameBuffer buffer;
+            buffer.insert(c.name(), Imf::Slice(Imf::FLOAT, reinterpret_cast<char*>(samples.data()),
+                                               sizeof(float), sizeof(float) * std::size_t(width)));
+            file.setFrameBuffer(buffer);
+            file.readPixels(0, height - 1);
+            for (std::size_t i = 0; i < 6; ++i)
+                found[i][c.name()] = samples[i];
+        }
+        for (std::size_t i = 0; i < 6; ++i)
+            EXPECT_EQ(found[i], channels_of(lit[i])) << i;
+        const auto* order = file.header().findTypedAttribute<Imf::StringAttribute>("lpv:sh_order");
+        ASSERT_TRUE(order);
+        EXPECT_EQ(order->value(), "2");
+    };
+    expect_picture("out.exr", 3, 2);
+    EXPECT_NE(lit[0]["irradiance"], lit[1]["irradiance"]); // else texels could be anywhere
+    EXPECT_NE(lit[0]["irradiance"], lit[3]["irradiance"]);
+    result = run("--at in.json -o out.exr" + sky);
+    ASSERT_EQ(result.status, 0) << result.err;
+    expect_picture("out.exr", 1, 6);
+}
+
 TEST_F(PointsCli, RefusesBadTablesByTheirPlace) {
     const auto refused = [&](const std::string& name, const std::string& text,
                              const std::string& why) {
@@ -216,6 +285,10 @@ TEST_F(PointsCli, RefusesBadTablesByTheirPlace) {
     refused("a.npy", "no", "is no NPY file");
     refused("a.npy", npy("<f4", "(3,)", three), "has the shape (3,)");
     refused("a.npy", npy("<f4", "(1, 3, 1)", three), "has the shape (1, 3, 1)");
+    refused("a.npy", npy("<f4", "(1, 1, 1, 3)", three), "has the shape (1, 1, 1, 3)");
+    refused("a.npy", npy("<f4", "(1, x, 3)", three), "has the shape (1, x, 3)");
+    refused("a.npy", npy("<f4", "(2, 2, 3)", three), "ends in row 1 of 4");
+    refused("a.npy", npy("<f4", "(10000, 10000, 3)", three), "has 100000000 points, more than");
     refused("a.npy", npy("<f4", "(1, 4)", three), "has the shape (1, 4)");
     refused("a.npy", npy("<i4", "(1, 3)", three), "has numbers of type '<i4'");
     refused("a.npy", npy("<f4", "(1, 3)", three, "True"), "is in Fortran's order");
