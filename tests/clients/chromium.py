@@ -1,4 +1,4 @@
-"""Pages in headless Chromium, and what they show."""
+"""Pages in headless Chromium, what they show, and broken volumes to show by them."""
 
 import base64
 import http.server
@@ -26,6 +26,42 @@ def pixels(path):
 
 def picture(path):
     return pixels(path)[..., :3]
+
+
+def broken_atlases(volume):
+    """Volumes that a page must not take for `volume`, the .json of one baked with --target threejs -o
+    NAME.exr. Pairs of what is wrong and the name of a .json beside it, which the next one overwrites."""
+    facts = json.loads(volume.read_text())
+    layout = facts["layout"]
+    (width, height), columns, rows = layout["tile"], layout["columns"], layout["rows"]
+    image = pixels(volume.with_name(facts["files"][0]["file"]))
+    atlas = image.reshape(rows, height, columns, width, 4).swapaxes(1, 2)
+    atlas = atlas.reshape(rows * columns, height, width, 4)
+    probes = atlas[:layout["slices"]].reshape(7, -1, height, width, 4).copy()
+
+    def coefficients(change):  # [block, slice, y, x, channel] as [slice, y, x, 28 floats]
+        floats = np.moveaxis(probes, 0, 3).reshape(*probes.shape[1:4], 28).copy()
+        change(floats)
+        return np.moveaxis(floats.reshape(*probes.shape[1:4], 7, 4), 3, 0)
+
+    def swap(floats):  # y and x
+        floats[..., 3:6], floats[..., 9:12] = floats[..., 9:12].copy(), floats[..., 3:6].copy()
+
+    def negate(floats):  # band 1
+        floats[..., 3:12] *= -1
+
+    broken = {"flipped axis": probes[:, :, :, ::-1], "swapped coefficient": coefficients(swap),
+              "wrong sign": coefficients(negate), "wrong slice order": probes[:, ::-1],
+              "missing pi": probes / np.pi}
+    for name, changed in broken.items():
+        atlas[:layout["slices"]] = changed.reshape(-1, height, width, 4)
+        back = atlas.reshape(rows, columns, height, width, 4).swapaxes(1, 2)
+        out = oiio.ImageBuf(oiio.ImageSpec(image.shape[1], image.shape[0], 4, "half"))
+        out.set_pixels(oiio.ROI(), np.ascontiguousarray(back.reshape(image.shape)))
+        out.write(str(volume.with_name("broken_atlas.exr")))
+        facts["files"][0]["file"] = "broken_atlas.exr"
+        volume.with_name("broken.json").write_text(json.dumps(facts))
+        yield name, "broken.json"
 
 
 def serve(folders, texts):

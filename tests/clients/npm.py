@@ -8,6 +8,11 @@ import urllib.request
 
 
 KTX_PARSE = ("ktx-parse", "2.0.0", "608908d207488fb8500ed001aab046e78fc677238e4f867023a75f2d248baba1")
+ZSTDDEC = ("zstddec", "0.3.4", "dd71c2fe89a595d47cab9e9ee89829aed07e5cec7b4b1be4202a4e97f5ef4fd3")
+BABYLON = ("babylonjs", "9.28.0", "d50d748496610b2e1d5671fda687be9349e0902a7058c264fade9086c9bf95ac")
+BABYLON_LOADERS = ("babylonjs-loaders", "9.28.0",
+                   "7be282a57a9c023c9f742a9b19d27b63643805083b1e905224fbf8fe4d5a44b8")
+PLAYCANVAS = ("playcanvas", "2.23.3", "02d004937bc7f96c2a2473c336f5c2420c79b2b459af15ff991d6cac14a8bc97")
 GLTF_VALIDATOR = ("gltf-validator", "2.0.0-dev.3.10",
                   "4e03dbdc3bc0d1342afd5d2d7ae341a7e3474502ccb872b02dbbaddaee0fdec6")
 

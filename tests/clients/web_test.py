@@ -1,0 +1,160 @@
+#!/usr/bin/env python3
+"""The pages of Babylon.js and PlayCanvas in headless Chromium, beside `lpvbake render` of the same volume
+and camera, and that the comparison fails where the volume is broken.
+
+Usage: web_test.py LPVBAKE EXAMPLES CACHE
+
+The engines come from the npm registry, once, into the folder CACHE.
+"""
+
+import json
+import pathlib
+import re
+import sys
+import tempfile
+import unittest
+
+import numpy as np
+
+sys.dont_write_bytecode = True
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+import npm
+from chromium import Chromium, broken_atlases, picture, run, serve
+
+LPVBAKE, EXAMPLES, CACHE = sys.argv[1], pathlib.Path(sys.argv[2]), pathlib.Path(sys.argv[3])
+PACKAGES = (npm.KTX_PARSE, npm.ZSTDDEC, npm.BABYLON, npm.BABYLON_LOADERS, npm.PLAYCANVAS)
+CAMERA, EXPOSURE, SIZE = "0,1,4:0,1,0:35", "4", (500, 320)  # Chromium's least width
+# Mean difference of what is shown, 0 to 1; shadow maps and rays differ, and edges.
+TOLERANCE = 0.005
+
+
+def serve_pages(folder):
+    """Serves a folder, below it the pages, and the packages that they ask a CDN for, of that version."""
+    known = {f"{name}@{version}": npm.package(CACHE, name, version, digest)
+             for name, version, digest in PACKAGES}
+    pages = {}
+    for name in ("babylon", "playcanvas"):
+        page = (EXAMPLES / name / "index.html").read_text()
+        asked = set(re.findall(r"https://cdn\.jsdelivr\.net/npm/([^/]+)/", page))
+        assert asked and asked <= set(known), f"{name} asks for {asked}, npm.py has {set(known)}"
+        pages[f"{name}/index.html"] = page.replace("https://cdn.jsdelivr.net/npm/", "../")
+        engine = "babylonjs@" if name == "babylon" else "playcanvas@"
+        pages[f"{name}/without.html"] = pages[f"{name}/index.html"].replace(f"../{engine}", "../none@")
+    return serve({"": folder, "web": EXAMPLES / "web", **known}, pages)
+
+
+class Volumes:
+    """A scene, its volumes and its pictures, for all pages."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.scene = folder / "scene.gltf"
+        self.scene.write_bytes((EXAMPLES / "cornell_box.gltf").read_bytes())
+        run(LPVBAKE, "bake", self.scene, "-o", folder / "volume.exr", "-o", folder / "volume.ktx2",
+            "--target", "threejs")
+        self.pack(folder / "volume.json", "bytes", "unorm8")
+        self.expected = {show: self.render(show, "volume.json", "--camera", CAMERA, "--exposure", EXPOSURE)
+                         for show in ("both", "direct", "indirect")}
+
+    def pack(self, volume, name, precision="half"):
+        packing = ["--packing", "ratio"] if precision == "unorm8" else []
+        run(LPVBAKE, "convert", volume, self.folder / f"{name}.ktx2", "--target", "threejs", "--precision",
+            precision, *packing)
+
+    def render(self, show, volume, *options):
+        path = self.folder / "render.png"
+        # The volume is fitted to three.js' lookup, and read by it.
+        run(LPVBAKE, "render", self.scene, self.folder / volume, "-o", path, "--size", f"{SIZE[0]}x{SIZE[1]}",
+            "--show", "final" if show == "both" else show, *options)
+        return picture(path)
+
+
+def setUpModule():
+    global chromium, volumes, address
+    temporary = tempfile.TemporaryDirectory()
+    unittest.addModuleCleanup(temporary.cleanup)
+    volumes = Volumes(pathlib.Path(temporary.name))
+    address, close = serve_pages(volumes.folder)
+    unittest.addModuleCleanup(close)
+    chromium = Chromium(SIZE)
+    unittest.addModuleCleanup(chromium.close)
+
+
+class Page:
+    def encoded(self, shown):
+        """As sRGB."""
+        return shown
+
+    def open(self, volume, query="", page="index"):
+        return chromium.open(f"{address}/{self.name}/{page}.html?scene=../scene.gltf&volume=../{volume}"
+                             f"&panel=0&{query}")
+
+    def view(self, volume, query):
+        self.assertEqual(self.open(volume, query), ["ready", ""])
+        return self.encoded(chromium.screenshot(volumes.folder / "view.png"))
+
+    def difference(self, show, volume):
+        view = self.view(volume, f"show={show}&camera={CAMERA}&exposure={EXPOSURE}")
+        self.assertEqual(view.shape, volumes.expected[show].shape)
+        return float(np.mean(np.abs(view - volumes.expected[show])))
+
+    def test_shows_what_render_shows(self):
+        for show in ("both", "direct", "indirect"):
+            difference = self.difference(show, "volume_atlas.ktx2")
+            print(f"{self.name}, {show}: mean difference {difference:.4f}")
+            self.assertGreater(volumes.expected[show].mean(), 0.05, show)
+            self.assertLess(difference, TOLERANCE, show)
+
+    def test_bytes_show_it_too(self):
+        difference = self.difference("indirect", "bytes_sh_l0.ktx2")
+        print(f"{self.name}, unorm8: mean difference {difference:.4f}")
+        self.assertLess(difference, TOLERANCE)
+
+    def test_broken_volumes_look_different(self):
+        for name, volume in broken_atlases(volumes.folder / "volume.json"):
+            forms = {"half": "broken_atlas.ktx2"}
+            if name in ("flipped axis", "swapped coefficient"):
+                forms["unorm8"] = "broken_sh_l0.ktx2"
+            for precision, file in forms.items():
+                volumes.pack(volumes.folder / volume, "broken", precision)
+                difference = self.difference("indirect", file)
+                print(f"{self.name}, {name}, {precision}: mean difference {difference:.4f}")
+                self.assertGreater(difference, 5 * TOLERANCE, (name, precision))
+
+    def test_lights_sky_and_exposure_are_those_of_the_bake_and_the_camera_that_of_the_file(self):
+        (volumes.folder / "lights.json").write_text(json.dumps({"lights": [
+            {"type": "spot", "intensity": 200, "color": [1, 0.8, 0.5], "position": [0.5, 1.9, 0.5],
+             "direction": [-0.6, -1, -0.5], "spot": {"innerConeAngle": 0.2, "outerConeAngle": 0.6}}]}))
+        light = ["--no-scene-lights", "--sun", "20,30,300", "--sky", "0.2:0.4:1,30",
+                 "--lights", volumes.folder / "lights.json"]
+        run(LPVBAKE, "bake", volumes.scene, "-o", volumes.folder / "given.ktx2", "--target", "threejs",
+            "--resolution", "16", *light)
+        facts = json.loads(run(LPVBAKE, "info", volumes.folder / "given_atlas.ktx2", "--format", "json"))
+        expected = volumes.render("both", "given_atlas.ktx2", "--exposure", facts["metadata"]["exposure"], *light)
+        difference = float(np.mean(np.abs(self.view("given_atlas.ktx2", "show=both") - expected)))
+        print(f"{self.name}, lights of the bake: mean difference {difference:.4f}")
+        self.assertLess(difference, TOLERANCE)
+
+    def test_says_what_is_wrong(self):
+        run(LPVBAKE, "convert", volumes.folder / "volume.json", volumes.folder / "band.ktx2")
+        for page, volume, said in (("index", "band_sh_l0.ktx2", "--target threejs"), ("index", "none.ktx2", "none.ktx2: 404"),
+                                   ("without", "volume_atlas.ktx2", "could not be loaded")):
+            state, message = self.open(volume, page=page)
+            self.assertEqual(state, "failed", page)
+            self.assertIn(said, message)
+
+
+class Babylon(Page, unittest.TestCase):
+    name = "babylon"
+
+
+class PlayCanvas(Page, unittest.TestCase):
+    name = "playcanvas"
+
+    def encoded(self, shown):
+        linear = shown ** 2.2  # its gammaCorrectOutput
+        return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
