@@ -10,6 +10,20 @@
 //     #define LPV_WALLS             // where there are grids wall_0 to wall_2
 //     uniform sampler3D lpv_walls[3];
 //
+// Light over its mean is unpacked as it is looked up: of --precision unorm8
+//
+//     #define LPV_UNORM8
+//     uniform sampler3D lpv_sh[4];  // sh_l0, ratio_r, ratio_g, ratio_b; of order 2
+//                                   // 7: sh_l0, ratio_r, ratio_r2, ratio_g, ...
+// of --precision bc6h
+//
+//     #define LPV_BC6H
+//     uniform sampler3D lpv_sh[4];  // or 9, as without it
+//     uniform sampler3D lpv_base;
+// and of both `low` and `high` of each texture of lpv_sh, as the description has them:
+//
+//     uniform vec4 lpv_low[4], lpv_high[4]; // as many as lpv_sh
+//
 // Coefficients are canonical, as `lpvbake bake` writes them unless --sh-convention says otherwise,
 // in whatever --axes. A Lambert surface's luminance is albedo / pi times its irradiance.
 
@@ -30,20 +44,72 @@ struct LpvSh { vec3 c[4]; };
 struct LpvSh { vec3 c[9]; };
 #endif
 
+#ifndef LPV_UNORM8
+#define LPV_EACH_TEXTURE(DO) LPV_EACH(DO)
+#define LPV_TEXTURES ((LPV_ORDER + 1) * (LPV_ORDER + 1))
+#elif LPV_ORDER == 1
+#define LPV_EACH_TEXTURE(DO) DO(0) DO(1) DO(2) DO(3)
+#define LPV_TEXTURES 4
+#else
+#define LPV_EACH_TEXTURE(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6)
+#define LPV_TEXTURES 7
+#endif
+
 // Metres to cells: cell (i, j, k) has its centre at (i, j, k).
 vec3 lpv_to_lattice(LpvVolume volume, vec3 point) {
     return (point - volume.origin) / volume.cell - 0.5;
+}
+
+// ---- coefficients, of the texels of lpv_sh and lpv_base ----
+
+LpvSh lpv_unpack(vec4 t[LPV_TEXTURES], vec3 base) {
+    LpvSh sh;
+#if defined(LPV_UNORM8) || defined(LPV_BC6H)
+#define LPV_STRETCH(i) t[i] = lpv_low[i] + (lpv_high[i] - lpv_low[i]) * t[i];
+    LPV_EACH_TEXTURE(LPV_STRETCH)
+#endif
+#ifdef LPV_UNORM8
+    sh.c[0] = t[0].rgb;
+    for (int k = 1; k < (LPV_ORDER + 1) * (LPV_ORDER + 1); ++k) {
+        int i = (k - 1) / 4, channel = (k - 1) % 4;
+        sh.c[k] = sh.c[0] * vec3(t[1 + i][channel], t[1 + LPV_ORDER + i][channel],
+                                 t[1 + 2 * LPV_ORDER + i][channel]);
+    }
+#else
+#define LPV_TAKE(k) sh.c[k] = t[k].rgb * base;
+    LPV_EACH(LPV_TAKE)
+#endif
+    return sh;
+}
+
+LpvSh lpv_filtered(vec3 uvw) {
+    vec4 t[LPV_TEXTURES];
+#define LPV_SAMPLE(i) t[i] = textureLod(lpv_sh[i], uvw, 0.0);
+    LPV_EACH_TEXTURE(LPV_SAMPLE)
+#ifdef LPV_BC6H
+    return lpv_unpack(t, textureLod(lpv_base, uvw, 0.0).rgb);
+#else
+    return lpv_unpack(t, vec3(1.0));
+#endif
+}
+
+LpvSh lpv_of_cell(ivec3 cell) {
+    vec4 t[LPV_TEXTURES];
+#define LPV_FETCH(i) t[i] = texelFetch(lpv_sh[i], cell, 0);
+    LPV_EACH_TEXTURE(LPV_FETCH)
+#ifdef LPV_BC6H
+    return lpv_unpack(t, texelFetch(lpv_base, cell, 0).rgb);
+#else
+    return lpv_unpack(t, vec3(1.0));
+#endif
 }
 
 // ---- the field at a point (metres) ----
 
 // By the texture unit: light of cells inside and behind walls leaks in.
 LpvSh lpv_trilinear(LpvVolume volume, vec3 point) {
-    vec3 uvw = (lpv_to_lattice(volume, point) + 0.5) / vec3(textureSize(lpv_validity, 0));
-    LpvSh sh;
-#define LPV_SAMPLE(k) sh.c[k] = textureLod(lpv_sh[k], uvw, 0.0).rgb;
-    LPV_EACH(LPV_SAMPLE)
-    return sh;
+    // Textures of blocks have more texels than cells.
+    return lpv_filtered((lpv_to_lattice(volume, point) + 0.5) / vec3(textureSize(lpv_sh[0], 0)));
 }
 
 bool lpv_is_valid(ivec3 cell) {
@@ -97,7 +163,7 @@ bool lpv_nearest(vec3 at, vec3 n, ivec3 low, bool clear, out ivec3 cell) {
 }
 
 #define LPV_CLEAR(k) sh.c[k] = vec3(0.0);
-#define LPV_FETCH(k) sh.c[k] += weight * texelFetch(lpv_sh[k], cell, 0).rgb;
+#define LPV_ADD(k) sh.c[k] += weight * one.c[k];
 
 // Weights of the eight cells from `low` on around `place`, as a surface at `at` sees them: what the
 // walls let pass, as if there were none, and whatever the direction. Returns their sums.
@@ -134,7 +200,6 @@ LpvSh lpv_facing(LpvVolume volume, vec3 point, vec3 n) {
                              : vec3(0.0, 0.0, sum.z > 0.0 ? 1.0 / sum.z : 0.0);
     LpvSh sh;
     LPV_EACH(LPV_CLEAR)
-    float weight = 1.0;
     if (sum.x <= 1e-3) {
         ivec3 next_low;
         vec3 next[8];
@@ -145,20 +210,19 @@ LpvSh lpv_facing(LpvVolume volume, vec3 point, vec3 n) {
             use = vec3(1.0 / next_sum.x, 0.0, 0.0);
         }
 #ifdef LPV_WALLS
-        else if (sum.x <= 0.0 && lpv_nearest(at, n, low, true, cell)) {
-            LPV_EACH(LPV_FETCH)
-            return sh;
-        }
+        else if (sum.x <= 0.0 && lpv_nearest(at, n, low, true, cell))
+            return lpv_of_cell(cell);
 #endif
     }
     if (use.x + use.y + use.z > 0.0) {
         for (int i = 0; i < 8; ++i) {
             cell = min(low + ivec3(i & 1, (i >> 1) & 1, i >> 2), textureSize(lpv_validity, 0) - 1);
-            weight = dot(use, weights[i]);
-            LPV_EACH(LPV_FETCH)
+            float weight = dot(use, weights[i]);
+            LpvSh one = lpv_of_cell(cell);
+            LPV_EACH(LPV_ADD)
         }
     } else if (lpv_nearest(at, n, low, false, cell)) {
-        LPV_EACH(LPV_FETCH)
+        return lpv_of_cell(cell);
     }
     return sh;
 }

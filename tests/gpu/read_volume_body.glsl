@@ -1,6 +1,17 @@
 // Reads a volume at points by everything that examples/shaders/lpvbake.glsl has; LPV_ORDER is given,
-// LPV_WALLS may be.
-layout(set = 0, binding = 0) uniform sampler3D lpv_sh[(LPV_ORDER + 1) * (LPV_ORDER + 1)];
+// LPV_WALLS, LPV_UNORM8 and LPV_BC6H may be.
+#ifdef LPV_UNORM8
+#define TEXTURES (1 + 3 * LPV_ORDER)
+#else
+#define TEXTURES ((LPV_ORDER + 1) * (LPV_ORDER + 1))
+#endif
+layout(set = 0, binding = 0) uniform sampler3D lpv_sh[TEXTURES];
+#if defined(LPV_UNORM8) || defined(LPV_BC6H)
+layout(set = 0, binding = 6) uniform Ranges { vec4 lpv_low[TEXTURES], lpv_high[TEXTURES]; };
+#endif
+#ifdef LPV_BC6H
+layout(set = 0, binding = 7) uniform sampler3D lpv_base;
+#endif
 layout(set = 0, binding = 1) uniform sampler3D lpv_validity;
 #ifdef LPV_WALLS
 layout(set = 0, binding = 5) uniform sampler3D lpv_walls[3];

@@ -1,6 +1,17 @@
 // Reads a volume at points by everything that examples/shaders/lpvbake.hlsl has; LPV_ORDER is given,
-// LPV_WALLS may be.
-[[vk::binding(0)]] Texture3D lpv_sh[(LPV_ORDER + 1) * (LPV_ORDER + 1)];
+// LPV_WALLS, LPV_UNORM8 and LPV_BC6H may be.
+#ifdef LPV_UNORM8
+#define TEXTURES (1 + 3 * LPV_ORDER)
+#else
+#define TEXTURES ((LPV_ORDER + 1) * (LPV_ORDER + 1))
+#endif
+[[vk::binding(0)]] Texture3D lpv_sh[TEXTURES];
+#if defined(LPV_UNORM8) || defined(LPV_BC6H)
+[[vk::binding(6)]] cbuffer Ranges { float4 lpv_low[TEXTURES], lpv_high[TEXTURES]; };
+#endif
+#ifdef LPV_BC6H
+[[vk::binding(7)]] Texture3D lpv_base;
+#endif
 [[vk::binding(1)]] Texture3D lpv_validity;
 [[vk::binding(2)]] SamplerState lpv_sampler;
 #ifdef LPV_WALLS

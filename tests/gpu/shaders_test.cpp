@@ -1,16 +1,27 @@
 // examples/shaders on the device, from 3D textures, against the sampler of src/volume.
 #include "device.h"
+#include "gpu/read_volume_bc6h_l1.comp.h"
+#include "gpu/read_volume_bc6h_l1.hlsl.h"
+#include "gpu/read_volume_bc6h_l2.comp.h"
+#include "gpu/read_volume_bc6h_l2.hlsl.h"
 #include "gpu/read_volume_l1.comp.h"
 #include "gpu/read_volume_l1.hlsl.h"
 #include "gpu/read_volume_l2.comp.h"
 #include "gpu/read_volume_l2.hlsl.h"
 #include "gpu/read_volume_unity.hlsl.h"
+#include "gpu/read_volume_unorm8_l1.comp.h"
+#include "gpu/read_volume_unorm8_l1.hlsl.h"
+#include "gpu/read_volume_unorm8_l2.comp.h"
+#include "gpu/read_volume_unorm8_l2.hlsl.h"
 #include "gpu/vulkan.h"
+#include "io/texel.h"
 #include "readers/readers.h"
 #include "unit/volumes.h"
 #include "volume/convention.h"
 #include "volume/sampler.h"
 #include "volume/sh.h"
+
+#include <nlohmann/json.hpp>
 
 #include <array>
 #include <numbers>
@@ -64,11 +75,12 @@ protected:
         std::vector<glm::vec4> texels(grid.size());
         for (std::size_t i = 0; i < texels.size(); ++i)
             texels[i] = value(i);
-        const gpu::Buffer source = filled(texels);
+        return texture(vk::Format::eR32G32B32A32Sfloat, grid.dims, filled(texels));
+    }
+
+    static Texture texture(vk::Format format, glm::ivec3 dims, const gpu::Buffer& source) {
         gpu::Device::Impl& d = device().impl();
-        const vk::Extent3D extent(uint32_t(grid.dims.x), uint32_t(grid.dims.y),
-                                  uint32_t(grid.dims.z));
-        const vk::Format format = vk::Format::eR32G32B32A32Sfloat;
+        const vk::Extent3D extent(uint32_t(dims.x), uint32_t(dims.y), uint32_t(dims.z));
         Texture made;
         made.image = vk::raii::Image(
             d.handle, {{},
@@ -107,6 +119,15 @@ protected:
         return made;
     }
 
+    /// As the file has it, in its own form.
+    static Texture texture_of_dds(const std::string& path) {
+        const std::string bytes = slurp(path);
+        const auto word = [&](std::size_t i) { return io::number_at<uint32_t>(bytes, 4 * i); };
+        const io::TexelForm* form = io::form_numbered(&io::TexelForm::dxgi, word(32));
+        const std::vector<char> texels(bytes.begin() + 148, bytes.end());
+        return texture(vk::Format(form->vulkan), {word(4), word(3), word(6)}, filled(texels));
+    }
+
     static std::vector<Irradiances> run(const Shader& shader, const Volume& volume,
                                         const std::vector<Surface>& surfaces) {
         std::vector<Texture> textures; // the coefficients, the validity, the walls
@@ -123,12 +144,16 @@ protected:
         return run(shader, volume.grid, textures, surfaces);
     }
 
-    /// The last four textures are the validity and the walls.
+    /// The last four textures are the validity and the walls. Of light over its mean there are
+    /// the ranges, all `low` before all `high`; the base is another's texture where it has none.
     static std::vector<Irradiances> run(const Shader& shader, const Grid& grid,
                                         const std::vector<Texture>& textures,
-                                        const std::vector<Surface>& surfaces) {
+                                        const std::vector<Surface>& surfaces,
+                                        const std::vector<glm::vec4>& ranges = {{}},
+                                        const Texture* base = nullptr) {
         gpu::Device::Impl& d = device().impl();
         const auto coefficients = uint32_t(textures.size() - 4);
+        const gpu::Buffer low_high = filled(ranges);
         const vk::raii::Sampler sampler(d.handle, {{},
                                                    vk::Filter::eLinear,
                                                    vk::Filter::eLinear,
@@ -148,7 +173,9 @@ protected:
             vk::DescriptorSetLayoutBinding(2, vk::DescriptorType::eSampler, 1, stage),
             vk::DescriptorSetLayoutBinding(3, vk::DescriptorType::eStorageBuffer, 1, stage),
             vk::DescriptorSetLayoutBinding(4, vk::DescriptorType::eStorageBuffer, 1, stage),
-            vk::DescriptorSetLayoutBinding(5, image, 3, stage)};
+            vk::DescriptorSetLayoutBinding(5, image, 3, stage),
+            vk::DescriptorSetLayoutBinding(6, vk::DescriptorType::eUniformBuffer, 1, stage),
+            vk::DescriptorSetLayoutBinding(7, image, 1, stage)};
         const vk::raii::DescriptorSetLayout set_layout(d.handle, {{}, bindings});
         struct Push {
             glm::vec3 origin;
@@ -161,7 +188,8 @@ protected:
                                             {{}, shader.words.size_bytes(), shader.words.data()});
         const vk::raii::Pipeline pipeline(d.handle, nullptr,
                                           {{}, {{}, stage, *module, "main"}, *layout});
-        const std::array sizes{vk::DescriptorPoolSize(image, coefficients + 4),
+        const std::array sizes{vk::DescriptorPoolSize(image, coefficients + 5),
+                               vk::DescriptorPoolSize(vk::DescriptorType::eUniformBuffer, 1),
                                vk::DescriptorPoolSize(vk::DescriptorType::eSampler, 1),
                                vk::DescriptorPoolSize(vk::DescriptorType::eStorageBuffer, 2)};
         const vk::raii::DescriptorPool pool(
@@ -171,6 +199,9 @@ protected:
         for (const Texture& each : textures)
             images.emplace_back(*sampler, *each.view, vk::ImageLayout::eShaderReadOnlyOptimal);
         const vk::DescriptorImageInfo sampling(*sampler);
+        const vk::DescriptorImageInfo over(*sampler, *(base ? *base : textures.front()).view,
+                                           vk::ImageLayout::eShaderReadOnlyOptimal);
+        const vk::DescriptorBufferInfo bounds(*low_high.impl().handle, 0, low_high.bytes());
         const vk::DescriptorBufferInfo in(*source.impl().handle, 0, source.bytes());
         const vk::DescriptorBufferInfo out(*target.impl().handle, 0, target.bytes());
         const vk::DescriptorSet set = *sets.front();
@@ -182,7 +213,10 @@ protected:
                 vk::WriteDescriptorSet(set, 2, 0, 1, vk::DescriptorType::eSampler, &sampling),
                 vk::WriteDescriptorSet(set, 3, 0, 1, storage, nullptr, &in),
                 vk::WriteDescriptorSet(set, 4, 0, 1, storage, nullptr, &out),
-                vk::WriteDescriptorSet(set, 5, 0, 3, image, &images[coefficients + 1])},
+                vk::WriteDescriptorSet(set, 5, 0, 3, image, &images[coefficients + 1]),
+                vk::WriteDescriptorSet(set, 6, 0, 1, vk::DescriptorType::eUniformBuffer, nullptr,
+                                       &bounds),
+                vk::WriteDescriptorSet(set, 7, 0, 1, image, &over)},
             {});
         d.submit_now([&](const vk::raii::CommandBuffer& commands) {
             commands.bindPipeline(vk::PipelineBindPoint::eCompute, *pipeline);
@@ -297,6 +331,101 @@ TEST_F(ShadersTest, ReadWhatTheSamplerReads) {
         EXPECT_LT(dark, int(surfaces.size()) / 2); // else this would compare nothing with nothing
         EXPECT_GT(bent_otherwise, int(surfaces.size()) / 4);
         EXPECT_EQ(walled > int(surfaces.size()) / 10, shader.order == 2);
+    }
+}
+
+/// Light of one sign: the mean rises, all else is a part of it.
+Volume bright_volume(glm::ivec3 dims, int order) {
+    Volume volume = random_volume(dims, order, false, 5);
+    volume.walls.resize(3, std::vector<glm::vec3>(volume.grid.size()));
+    volume.validity.assign(volume.grid.size(), 1.0f);
+    for (std::size_t i = 0; i < volume.grid.size(); ++i) {
+        const glm::vec3 at = glm::vec3(volume.grid.cell_at(i)) / glm::vec3(dims);
+        volume.sh[0][i] = 1000.0f * glm::vec3(1 + at.x, 1.5f + at.x * at.y, 0.5f + at.z);
+        for (std::size_t k = 1; k < volume.sh.size(); ++k)
+            volume.sh[k][i] =
+                volume.sh[0][i] * glm::sin(3 * at.x + 2 * at.y + 4 * at.z + float(k) + at);
+    }
+    return volume;
+}
+
+/// What a texture unit makes of it at a point: the mean and all that is over it, each by itself.
+glm::dvec3 filtered_irradiance(const Volume& volume, glm::dvec3 p, glm::dvec3 n) {
+    const volume::CellWeights weights = volume::weights_at(volume, p, n, Reading::trilinear);
+    std::array<glm::dvec3, 4> sum{};
+    for (std::size_t w = 0; w < 8; ++w)
+        for (std::size_t k = 0; k < 4; ++k) {
+            const glm::dvec3 mean(volume.sh[0][weights.cell[w]]);
+            const glm::dvec3 value(volume.sh[k][weights.cell[w]]);
+            sum[k] += weights.weight[w] * (k == 0 ? mean : value / mean);
+        }
+    return sum[0]
+           * (std::sqrt(pi) / 2 + std::sqrt(pi / 3) * (sum[1] * n.y + sum[2] * n.z + sum[3] * n.x));
+}
+
+TEST_F(ShadersTest, UnpackWhatIsReadOfTheFiles) {
+    struct Packed {
+        Shader shader;
+        Precision precision;
+    };
+    const Packed all[] = {
+        {{"GLSL, unorm8, order 1", 1, false, shaders::read_volume_unorm8_l1_comp},
+         Precision::unorm8},
+        {{"GLSL, unorm8, order 2", 2, false, shaders::read_volume_unorm8_l2_comp},
+         Precision::unorm8},
+        {{"HLSL, unorm8, order 1", 1, true, shaders::read_volume_unorm8_l1_hlsl},
+         Precision::unorm8},
+        {{"HLSL, unorm8, order 2", 2, true, shaders::read_volume_unorm8_l2_hlsl},
+         Precision::unorm8},
+        {{"GLSL, bc6h, order 1", 1, false, shaders::read_volume_bc6h_l1_comp}, Precision::bc6h},
+        {{"GLSL, bc6h, order 2", 2, false, shaders::read_volume_bc6h_l2_comp}, Precision::bc6h},
+        {{"HLSL, bc6h, order 1", 1, true, shaders::read_volume_bc6h_l1_hlsl}, Precision::bc6h},
+        {{"HLSL, bc6h, order 2", 2, true, shaders::read_volume_bc6h_l2_hlsl}, Precision::bc6h}};
+    const TemporaryFolder folder;
+    for (const auto& [shader, precision] : all) {
+        SCOPED_TRACE(shader.name);
+        const std::string path = folder / "volume.dds";
+        write_volume(path, bright_volume({10, 7, 5}, shader.order), "generic", precision);
+        const Volume held = read_volume(path);
+        std::vector<Texture> light, walls, base;
+        std::vector<glm::vec4> low, high;
+        const auto description = nlohmann::json::parse(slurp(folder / "volume.dds.json"));
+        for (const nlohmann::json& entry : description.at("files")) {
+            const std::string name = entry.at("file");
+            Texture made = texture_of_dds(folder / name);
+            if (entry.contains("low")) {
+                light.push_back(std::move(made));
+                low.emplace_back();
+                high.emplace_back();
+                for (glm::length_t c = 0; c < glm::length_t(entry["low"].size()); ++c) {
+                    low.back()[c] = entry["low"][std::size_t(c)];
+                    high.back()[c] = entry["high"][std::size_t(c)];
+                }
+            } else {
+                (name == "volume_base.dds" ? base : walls).push_back(std::move(made));
+            }
+        }
+        ASSERT_EQ(walls.size(), 4U); // and the validity
+        ASSERT_EQ(base.size(), precision == Precision::bc6h ? 1U : 0U);
+        std::ranges::move(walls, std::back_inserter(light));
+        low.insert(low.end(), high.begin(), high.end());
+        const std::vector<Surface> surfaces = random_surfaces(held.grid, 2000, 6);
+        const std::vector<Irradiances> found =
+            run(shader, held.grid, light, surfaces, low, base.empty() ? nullptr : base.data());
+        double brightest = 0;
+        for (std::size_t i = 0; i < surfaces.size(); ++i) {
+            const glm::dvec3 p(surfaces[i].point), n(surfaces[i].normal);
+            const glm::dvec3 facing = read_irradiance(held, p, n, Reading::facing);
+            const glm::dvec3 got(shader.order == 1 ? found[i].l1 : found[i].l2);
+            const glm::dvec3 trilinear = glm::max(filtered_irradiance(held, p, n), 0.0);
+            for (int axis = 0; axis < 3; ++axis) {
+                ASSERT_NEAR(facing[axis], got[axis], 0.5) << i << ' ' << axis;
+                // Units filter 8 bits, and blocks' base is not their mean.
+                ASSERT_NEAR(trilinear[axis], found[i].trilinear_l1[axis], 60) << i << ' ' << axis;
+            }
+            brightest = std::max(brightest, facing.y);
+        }
+        EXPECT_GT(brightest, 4000);
     }
 }
 

@@ -1,0 +1,5 @@
+#version 450
+#define LPV_ORDER 1
+#define LPV_BC6H
+#define LPV_WALLS
+#include "read_volume_body.glsl"

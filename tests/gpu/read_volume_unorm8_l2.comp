@@ -1,0 +1,5 @@
+#version 450
+#define LPV_ORDER 2
+#define LPV_UNORM8
+#define LPV_WALLS
+#include "read_volume_body.glsl"
