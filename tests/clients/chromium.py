@@ -1,6 +1,7 @@
 """Pages in headless Chromium, what they show, and broken volumes to show by them."""
 
 import base64
+import contextlib
 import http.server
 import io
 import json
@@ -21,7 +22,9 @@ def run(*command):
 
 
 def pixels(path):
-    return np.asarray(oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT))
+    # Not by ImageBuf, which has a cache and knows a file again by its second.
+    with contextlib.closing(oiio.ImageInput.open(str(path))) as source:
+        return np.array(source.read_image("float"))
 
 
 def picture(path):

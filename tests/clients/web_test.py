@@ -136,6 +136,24 @@ class Page:
         print(f"{self.name}, lights of the bake: mean difference {difference:.4f}")
         self.assertLess(difference, TOLERANCE)
 
+    def test_panel_and_pointer_change_what_is_seen(self):
+        direct = self.view("volume_atlas.ktx2", f"show=direct&camera={CAMERA}&exposure={EXPOSURE}")
+        chromium.script("const { show } = document.getElementById('panel').elements; show.value = 'indirect';"
+                        "show[0].dispatchEvent(new Event('input', { bubbles: true }))")
+        indirect = self.encoded(chromium.screenshot(volumes.folder / "view.png"))
+        self.assertLess(float(np.mean(np.abs(indirect - volumes.expected["indirect"]))), TOLERANCE)
+        chromium.script("const canvas = document.querySelector('canvas');"
+                        "canvas.dispatchEvent(new PointerEvent('pointermove', { buttons: 1, movementX: 60 }));"
+                        "canvas.dispatchEvent(new WheelEvent('wheel', { deltaY: 200 }))")
+        turned = self.encoded(chromium.screenshot(volumes.folder / "view.png"))
+        # Around the point looked at, by 60 / 200, and away.
+        far = 4 * 1.001 ** 200
+        eye = f"{-far * np.sin(0.3):.6f},1,{far * np.cos(0.3):.6f}"
+        expected = volumes.render("indirect", "volume.json", "--camera", f"{eye}:0,1,0:35", "--exposure", EXPOSURE)
+        self.assertLess(float(np.mean(np.abs(turned - expected))), TOLERANCE)
+        self.assertGreater(float(np.mean(np.abs(turned - indirect))), 5 * TOLERANCE)
+        self.assertGreater(float(np.mean(np.abs(direct - indirect))), 5 * TOLERANCE)
+
     def test_says_what_is_wrong(self):
         run(LPVBAKE, "convert", volumes.folder / "volume.json", volumes.folder / "band.ktx2")
         for page, volume, said in (("index", "band_sh_l0.ktx2", "--target threejs"),
