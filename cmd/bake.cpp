@@ -269,17 +269,17 @@ void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice,
                     (unsigned long long)points, choice.plan.grid.cell);
     else
         print_grid(choice.plan.grid);
-    const std::string error = choice.foretold()
-                                  ? format("up to %.2g %% error%s", 100 * choice.error,
-                                           choice.pilot ? "" : " in a Cornell box")
-                                  : "an error that cannot be foretold";
-    std::printf("choice        %s: %s, about %.2g s on 2 CPU threads\n", choice.text.c_str(),
-                error.c_str(), choice.plan.seconds);
+    const std::string error =
+        choice.foretold() ? format("up to %s %% error%s", two_digits(100 * choice.error).c_str(),
+                                   choice.pilot ? "" : " in a Cornell box")
+                          : "an error that cannot be foretold";
+    std::printf("choice        %s: %s, about %s s on 2 CPU threads\n", choice.text.c_str(),
+                error.c_str(), two_digits(choice.plan.seconds).c_str());
     if (storage)
-        std::printf("storage       %s: %s of numbers, with the bake's and that of cells about %.2g "
+        std::printf("storage       %s: %s of numbers, with the bake's and that of cells about %s "
                     "%% error in a Cornell box\n",
                     storage->text.c_str(), bytes_text(storage->bytes).c_str(),
-                    100 * storage->error);
+                    two_digits(100 * storage->error).c_str());
 }
 
 /// The files that the bake will leave.
@@ -322,8 +322,8 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const bake:
     std::printf("scene         %s\n", counted(plan.triangles, "triangle").c_str());
     std::printf("memory        %s on the device, about %s beside it\n",
                 bytes_text(plan.device_bytes).c_str(), bytes_text(plan.host_bytes).c_str());
-    std::printf("time          about %.2g s on 2 CPU threads, without loading and writing\n",
-                plan.seconds);
+    std::printf("time          about %s s on 2 CPU threads, without loading and writing\n",
+                two_digits(plan.seconds).c_str());
     print_stages(plan.stages);
     for (const solver::SkippedStage& skipped : plan.skipped)
         std::printf("skipped       %s: %s\n", skipped.name.c_str(),

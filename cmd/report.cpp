@@ -245,8 +245,9 @@ void print_plan(const ReportOptions& o, const options::Options& options,
                                {"dims", {dims.x, dims.y, dims.z}},
                                {"seconds", plan.seconds}});
             if (o.format == Format::text)
-                std::printf("row           %-28s %4d x %4d x %4d cells, about %.2g s each\n",
-                            report::row_name(row).c_str(), dims.x, dims.y, dims.z, plan.seconds);
+                std::printf("row           %-28s %4d x %4d x %4d cells, about %s s each\n",
+                            report::row_name(row).c_str(), dims.x, dims.y, dims.z,
+                            two_digits(plan.seconds).c_str());
         }
         const double here_seconds =
             report::expected_seconds(scenes[i], here, to_settings(o), device, progress);

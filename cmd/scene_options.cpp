@@ -8,6 +8,7 @@
 #include "lpvbake/scene.h"
 #include "options/lights.h"
 #include "scene/scene_hash.h"
+#include "text.h"
 
 #include <algorithm>
 #include <cerrno>
@@ -595,9 +596,10 @@ report::Json planned_json(const std::vector<Written>& outputs) {
 void print_outputs(const std::vector<Written>& outputs) {
     for (const Written& output : outputs) {
         if (const auto& added = output.packing)
-            std::printf("packed        %s: adds %.2g %% to the error at cells, %.2g %% between "
+            std::printf("packed        %s: adds %s %% to the error at cells, %s %% between "
                         "them by a texture unit's filter\n",
-                        output.path.c_str(), 100 * added->cells, 100 * added->filtered);
+                        output.path.c_str(), two_digits(100 * added->cells).c_str(),
+                        two_digits(100 * added->filtered).c_str());
         for (const WriteReport::File& file : output.files)
             std::printf("wrote         %s (%s)\n", file.path.c_str(),
                         bytes_text(file.bytes).c_str());

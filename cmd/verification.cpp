@@ -26,12 +26,13 @@ std::string error_text(const report::MeasuredError& error) {
 }
 
 void print_verified(const report::Verified& verified, const std::string& reader) {
-    std::printf("verified      cells %s, surfaces as %s shows them %s; %s, paths' noise %.2g and "
-                "%.2g %%\n",
+    std::printf("verified      cells %s, surfaces as %s shows them %s; %s, paths' noise %s and "
+                "%s %%\n",
                 error_text(verified.cells).c_str(), reader.c_str(),
                 error_text(verified.surfaces).c_str(),
                 counted(verified.cells.points + verified.surfaces.points, "point").c_str(),
-                100 * verified.cells.noise, 100 * verified.surfaces.noise);
+                two_digits(100 * verified.cells.noise).c_str(),
+                two_digits(100 * verified.surfaces.noise).c_str());
     for (const report::WrongPlace& place : verified.worst)
         std::printf("worst         %s at %.4g,%.4g,%.4g m: %.4g lx, paths %.4g; %.2g %% of the "
                     "error\n",

@@ -1,6 +1,8 @@
 // lpvbake verify: how wrong a volume is in its scene.
 
 #include "commands.h"
+#include "io/glb.h"
+#include "io/io.h"
 #include "lpvbake/error.h"
 #include "read_light.h"
 #include "report/describe.h"
@@ -116,7 +118,6 @@ options::Action declare(options::Options& options) {
               "Volume of bake or reference, " + io::format_list(", ", true))
         .require();
     add_scene_option(options, o);
-    options.find("scene")->require();
     add_light_options(options, o);
 
     options.group("Measure");
@@ -131,6 +132,12 @@ options::Action declare(options::Options& options) {
     add_isa_option(options, o);
     add_run_options(options, o);
     return [fields, &options] {
+        if (fields->scene.empty()) {
+            if (io::volume_format(fields->volume) != &io::glb_format)
+                throw Error(ErrorKind::argument,
+                            "no scene: lpvbake verify VOLUME SCENE (see lpvbake verify --help)");
+            fields->scene = fields->volume;
+        }
         const Volume volume = read_light(fields->volume);
         take_light(fields->volume, volume, options);
         tell("settings: " + options.recorded());

@@ -17,6 +17,11 @@ __attribute__((format(printf, 1, 2))) inline std::string format(const char* patt
     return text;
 }
 
+/// Two digits, and all before the point: "0.12", "5.3", "107".
+inline std::string two_digits(double value) {
+    return value < 99.5 ? format("%.2g", value) : format("%.0f", value);
+}
+
 /// "1 light", "2 lights", "3 patches"; `many` is `one` and an s unless given.
 inline std::string counted(uint64_t count, const std::string& one, const std::string& many = "") {
     return std::to_string(count) + " " + (count == 1 ? one : many.empty() ? one + "s" : many);

@@ -75,14 +75,15 @@ double parse_share(const std::string& text, double lo, double hi) {
 }
 
 double parse_seconds(const std::string& text) {
-    for (const auto& [unit, scale] : {std::pair{"ms", 1e-3}, {"min", 60.0}, {"s", 1.0}, {"", 1.0}})
+    for (const auto& [unit, scale] :
+         {std::pair{"ms", 1e-3}, {"min", 60.0}, {"h", 3600.0}, {"s", 1.0}, {"", 1.0}})
         if (text.ends_with(unit)) {
             const auto value = parse_number(text.substr(0, text.size() - std::strlen(unit)));
             if (value && *value > 0)
                 return *value * scale;
             break;
         }
-    refuse(text, "is no time above 0");
+    refuse(text, "is no time above 0, such as 500ms, 2s, 1.5min or 1h");
 }
 
 uint64_t parse_bytes(const std::string& text) {

@@ -24,6 +24,8 @@ constexpr Wording table[] = {
     {"`max_albedo`", "--max-albedo"},
     {"`max_memory`", "--max-memory"},
     {"`occlusion`", "--occlusion"},
+    {"`packing`", "--packing"},
+    {"`precision`", "--precision"},
     {"`rays`", "--rays"},
     {"`resolution`", "--resolution"},
     {"`scene`", "--scene"},

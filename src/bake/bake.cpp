@@ -31,11 +31,11 @@ void warn_of_contested(const Contested& contested, const BakePlan& plan, solver:
                                   ? format("`cell_size` %.4g", contested.cell)
                                   : format("`resolution` %.0f", std::ceil(cells));
     const glm::dvec3 at = contested.worst;
-    stages.warn(format("%s reads places that walls part from the same cells, and shows %.2g %% of "
+    stages.warn(format("%s reads places that walls part from the same cells, and shows %s %% of "
                        "the light on surfaces wrong by it, most at %.4g,%.4g,%.4g; from %s on it "
                        "should be less than %.0f %%",
-                       plan.settings.fit->name, 100 * contested.share, at.x, at.y, at.z,
-                       finer.c_str(), 100 * contested_most));
+                       plan.settings.fit->name, two_digits(100 * contested.share).c_str(), at.x,
+                       at.y, at.z, finer.c_str(), 100 * contested_most));
 }
 
 /// Where maps hold some of the light, surfaces are lit anew for all of it.
@@ -59,10 +59,11 @@ void fit_volume(const Scene& scene, const BakePlan& plan, const visibility::Visi
                            reader.name));
         return;
     }
-    stages.end(format("%s on surfaces: %.3g %% wrong, energy %.3f, %.2g %% in the dark (%.3g %%, "
-                      "%.3f, %.2g %% before), %s",
-                      reader.name, 100 * fit.after.relative, fit.after.energy, 100 * fit.after.leak,
-                      100 * fit.before.relative, fit.before.energy, 100 * fit.before.leak,
+    stages.end(format("%s on surfaces: %.3g %% wrong, energy %.3f, %s %% in the dark (%.3g %%, "
+                      "%.3f, %s %% before), %s",
+                      reader.name, 100 * fit.after.relative, fit.after.energy,
+                      two_digits(100 * fit.after.leak).c_str(), 100 * fit.before.relative,
+                      fit.before.energy, two_digits(100 * fit.before.leak).c_str(),
                       counted(fit.fit.points, "point").c_str()));
     warn_of_contested(fit.contested, plan, stages);
     if (!fit.fit.taken)

@@ -135,12 +135,12 @@ Choice choose_settings(const SceneFacts& scene, const BakeSettings& base, const 
         warn("what a pilot sees of its light is too uneven to foretell the error of a bake: it can "
              "only be measured");
     else if (!accurate(choice))
-        warn(format("`error` %.3g %%: about %.2g %% is expected, the least%s; taken is %s",
-                    100 * *wish.error, 100 * choice.error, wish.seconds ? " in that time" : "",
-                    choice.text.c_str()));
+        warn(format("`error` %.3g %%: about %s %% is expected, the least%s; taken is %s",
+                    100 * *wish.error, two_digits(100 * choice.error).c_str(),
+                    wish.seconds ? " in that time" : "", choice.text.c_str()));
     if (!fast(choice))
-        warn(format("`time_budget` %.3g s: the fastest takes about %.2g s%s; taken is %s",
-                    *wish.seconds, wish.pilot_seconds + choice.plan.seconds,
+        warn(format("`time_budget` %.3g s: the fastest takes about %s s%s; taken is %s",
+                    *wish.seconds, two_digits(wish.pilot_seconds + choice.plan.seconds).c_str(),
                     wish.pilot ? " with the pilot" : "", choice.text.c_str()));
     return choice;
 }

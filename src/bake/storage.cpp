@@ -95,9 +95,11 @@ Storage choose_storage(const Bounds& box, const volume::GridSettings& grid, cons
         }
     }
     if (!best)
-        throw Error(ErrorKind::argument,
-                    format("`bytes` %llu: the least that a volume takes here is %llu",
-                           (unsigned long long)wish.bytes, (unsigned long long)least));
+        throw Error(
+            ErrorKind::argument,
+            format("`bytes` %llu: in bytes, of which a volume takes %llu here at least; give "
+                   "more, such as 8M",
+                   (unsigned long long)wish.bytes, (unsigned long long)least));
     const glm::ivec3 cells = dims(best->resolution);
     best->text = format("order %d, %d x %d x %d cells, %s", best->order, cells.x, cells.y, cells.z,
                         io::name_of(best->precision));

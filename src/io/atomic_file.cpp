@@ -179,6 +179,11 @@ write_together(const std::vector<std::string>& names,
     return written;
 }
 
+void remove_files(const std::vector<std::string>& names) {
+    for (const std::string& name : names)
+        unlink(name.c_str());
+}
+
 void refuse_pipes(const std::string& path, const std::string& name) {
     struct stat status {};
     if (stat(path.c_str(), &status) == 0 && !S_ISREG(status.st_mode) && !S_ISDIR(status.st_mode))

@@ -53,8 +53,15 @@ std::vector<WriteReport::File>
 write_together(const std::vector<std::string>& names,
                const std::function<void(AtomicFile&, size_t)>& write);
 
+/// As far as that is possible.
+void remove_files(const std::vector<std::string>& names);
+
 /// Throws Error (file), beginning with `name`, for pipes and devices: to open one may wait forever.
 void refuse_pipes(const std::string& path, const std::string& name);
+
+/// Why a file without its end is refused.
+inline constexpr const char* cut_off =
+    "ends before what its header says: it is cut off or damaged; copy it again, or bake it again";
 
 /// Reads a whole file of at most `max_bytes`. Throws Error (file), or Error (invalid) if it is
 /// larger.

@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <fstream>
 #include <map>
 
 namespace lpvbake::io {
@@ -315,6 +316,28 @@ std::string sidecar_of(const std::string& path, const std::string& sidecar) {
         name.resize(end);
     }
     return beside().string();
+}
+
+std::vector<std::string> left_behind(const std::string& sidecar,
+                                     const std::vector<std::string>& files) {
+    namespace fs = std::filesystem;
+    std::vector<std::string> left;
+    std::ifstream in(sidecar);
+    const Json json = Json::parse(in, nullptr, false);
+    if (!json.is_object() || !json.contains("files") || !json["files"].is_array())
+        return left;
+    const std::string name = fs::path(sidecar).filename(),
+                      stem = name.substr(0, name.find('.')) + "_";
+    for (const Json& file : json["files"]) {
+        if (!file.is_object() || !file.contains("file") || !file["file"].is_string())
+            return {};
+        const std::string own = file["file"];
+        const std::string path = fs::path(sidecar).replace_filename(own);
+        if (own.starts_with(stem) && own.find('/') == own.npos
+            && std::ranges::find(files, path) == files.end())
+            left.push_back(path);
+    }
+    return left;
 }
 
 void check_listed(const std::string& path, const std::string& described, const std::string& sidecar,

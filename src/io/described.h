@@ -68,6 +68,11 @@ int count_grids(const Volume& volume, const GridKind& kind,
 /// textures STEM_sh_l1_y.EXTENSION.
 std::string sidecar_of(const std::string& path, const std::string& sidecar);
 
+/// Textures of the volume that a sidecar describes and these files replace, but for those among
+/// them: nothing would name them any more. Empty where there is no such volume.
+std::vector<std::string> left_behind(const std::string& sidecar,
+                                     const std::vector<std::string>& files);
+
 /// Throws Error (invalid) unless `path` is that of the volume that `description`, in the file
 /// `described`, is of: its own, or one of its textures.
 void check_listed(const std::string& path, const std::string& described, const std::string& sidecar,

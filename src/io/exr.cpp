@@ -122,6 +122,7 @@ WriteReport write_exr(const std::string& path, const Stored& stored, Precision w
     const std::vector<std::string> names = names_of(path, textures);
     Json json = describe(format_name, stored, report.precision, packing, textures, names, layout);
     json["metadata"] = metadata_of(volume);
+    const std::vector<std::string> left = left_behind(names.back(), names);
     report.files = write_together(names, [&](AtomicFile& file, size_t i) {
         if (i == textures.size())
             return file.write(text_of(json));
@@ -130,6 +131,7 @@ WriteReport write_exr(const std::string& path, const Stored& stored, Precision w
                               header_of(volume, json, stored.encoding(), json["files"][i]), path);
         file.write({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
     });
+    remove_files(left);
     return report;
 }
 

@@ -187,7 +187,7 @@ Glb parse(std::string_view bytes, const std::string& path) {
     const auto chunk = [&](size_t at) {
         const size_t begin = at + chunk_head_size, size = number_at<uint32_t>(bytes, at);
         if (length > bytes.size() || begin > length || size > length - begin)
-            reject(path, "ends before what its header says: it is cut off or damaged");
+            reject(path, cut_off);
         return bytes.substr(begin, size);
     };
     Glb glb{chunk(head_size), {}};

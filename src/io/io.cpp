@@ -83,13 +83,17 @@ void check_precision(const std::string& path, Precision precision, Packing packi
     if (has_ratios(precision) && !format->has_ratios)
         throw Error(ErrorKind::argument,
                     path + ": " + name_of(precision) + " is for .ktx2 and .dds; use half");
-    if ((precision == Precision::unorm8) != (packing == Packing::ratio)
-        || (precision == Precision::bc6h) != (packing == Packing::block))
-        throw Error(
-            ErrorKind::argument,
-            path
-                + ": precision unorm8 and packing by ratio are for each other alone, as bc6h "
-                  "and block are, and not for targets with a packing of their own");
+    for (const auto& [own, by] :
+         {std::pair{Precision::unorm8, Packing::ratio}, std::pair{Precision::bc6h, Packing::block}})
+        if ((precision == own) != (packing == by))
+            throw Error(ErrorKind::argument,
+                        path
+                            + (precision == own
+                                   ? std::string(": `precision` ") + name_of(own) + " is packed by "
+                                         + name_of(by) + " alone, not by " + name_of(packing)
+                                         + ", as `packing` or the target wants it; use half"
+                                   : std::string(": `packing` ") + name_of(by)
+                                         + " is for `precision` " + name_of(own) + " alone"));
     if (precision != Precision::rgb9e5)
         return;
     if (!format->has_rgb9e5)

@@ -1,5 +1,6 @@
 #include "io/ktx2.h"
 
+#include "io/atomic_file.h"
 #include "io/blocks.h"
 #include "io/layout.h"
 #include "io/texture_files.h"
@@ -139,7 +140,7 @@ struct Ktx2 : TextureContent {
 std::string_view part(std::string_view bytes, uint64_t offset, uint64_t size,
                       const std::string& path) {
     if (offset > bytes.size() || size > bytes.size() - offset)
-        reject(path, "ends before what its header says: it is cut off or damaged");
+        reject(path, cut_off);
     return bytes.substr(size_t(offset), size_t(size));
 }
 

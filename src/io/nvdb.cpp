@@ -164,7 +164,7 @@ public:
 private:
     void read(uint64_t offset, void* to, uint64_t size) {
         if (offset > size_ || size > size_ - offset)
-            reject(path_, "ends before what its header says: it is cut off or damaged");
+            reject(path_, cut_off);
         file_.seekg(std::streamoff(offset));
         if (!file_.read(static_cast<char*>(to), std::streamsize(size)))
             throw Error(ErrorKind::file, path_ + ": cannot be read: input/output error");

@@ -127,6 +127,9 @@ WriteReport write_textures(const TextureContainer& container, const std::string&
         report.packing = measure(stored, names, textures, packed, precision, json);
     }
     const std::string description = text_of(json);
+    std::vector<std::string> left;
+    if (container.format->sidecar[0] != '\0')
+        left = left_behind(names.back(), names);
     report.files = write_together(names, [&](AtomicFile& file, size_t i) {
         if (i == textures.size()) // the sidecar
             return file.write(description);
@@ -137,6 +140,7 @@ WriteReport write_textures(const TextureContainer& container, const std::string&
                            : packed[i],
             description));
     });
+    remove_files(left);
     return report;
 }
 

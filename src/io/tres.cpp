@@ -241,7 +241,8 @@ void write_resource(const Volume& volume, bool four_digits, const std::string& d
 std::string_view behind(std::string_view text, std::string_view key, const std::string& path) {
     const size_t found = text.find(key);
     if (found == std::string_view::npos)
-        reject(path, "has no " + std::string(key) + "...: it is not a volume of lpvbake");
+        reject(path, "has no " + std::string(key)
+                         + "...: it is no volume of lpvbake, or cut off; bake it again");
     return text.substr(found + key.size());
 }
 
@@ -252,7 +253,9 @@ float next_number(std::string_view& text, const std::string& path) {
     float value = 0;
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
     if (error != std::errc())
-        reject(path, "has fewer numbers of light than probes, or what is no number");
+        reject(path,
+               "has fewer numbers of light than probes, or what is no number: it is cut off or "
+               "damaged; bake it again");
     text.remove_prefix(size_t(end - text.data()));
     return value;
 }
@@ -262,7 +265,8 @@ std::string description_in(std::string_view text, const std::string& path) {
     const Json description =
         Json::parse(rest.substr(0, rest.find('\n')), nullptr, false); // Godot's strings are JSON's
     if (!description.is_string())
-        reject(path, "its description is not a text on one line");
+        reject(path, "its description is not a text on one line: it is cut off or damaged; bake it "
+                     "again");
     return description.get<std::string>();
 }
 
@@ -307,7 +311,7 @@ WriteReport write_tres(const std::string& path, const Stored& stored, Precision 
     if (stored.encoding().convention != volume::ShConvention::godot
         || stored.encoding().axes != volume::Axes::gltf || volume.sh_order > 2)
         throw Error(ErrorKind::unsupported,
-                    path + ": holds orders 0 to 2 as Godot has them: write it for godot");
+                    path + ": holds light as Godot has it; add `target` godot");
     if (volume.grid.size() > most_cells)
         throw Error(ErrorKind::unsupported,
                     path + ": " + std::to_string(volume.grid.size())

@@ -275,11 +275,12 @@ std::string pass_name(const ProbeSums& sums, uint64_t rays, double seconds_a_ray
     if (sums.rays == 0)
         return name;
     const double noise = sums.noise();
-    name += format(", noise %.2g %%", 100.0 * noise);
+    name += format(", noise %s %%", two_digits(100.0 * noise).c_str());
     const double more = settings.noise > 0.0 ? noise / settings.noise : 1.0;
     const double wanted = std::min(double(settings.rays), double(sums.rays) * more * more);
     if (settings.noise > 0.0)
-        name += format(", about %.2g s to go", seconds_a_ray * (wanted - double(sums.rays)));
+        name += format(", about %s s to go",
+                       two_digits(seconds_a_ray * (wanted - double(sums.rays))).c_str());
     return name;
 }
 

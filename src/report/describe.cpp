@@ -327,8 +327,8 @@ std::string volume_text(const std::string& path, const Volume& volume) {
     text += format("transform  index (i, j, k) at (%.6g, %.6g, %.6g) + %.6g (i, j, k) m\n",
                    grid.center({0, 0, 0}).x, grid.center({0, 0, 0}).y, grid.center({0, 0, 0}).z,
                    grid.cell);
-    text +=
-        format("energy     %.6g nit sr over all cells (luminance)\n", volume::total_energy(volume));
+    text += format("energy     %.6g nit sr over valid cells (luminance)\n",
+                   volume::total_energy(volume));
     for (const auto& [name, range] : ranges_of(volume)) {
         text += format("%-14s  %5.1f %% of cells not zero\n", name.c_str(),
                        100.0 * double(range.nonzero) / double(grid.size()));

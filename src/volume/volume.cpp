@@ -11,8 +11,9 @@ double total_energy(const Volume& volume) {
     if (volume.sh.empty())
         return 0;
     double sum = 0;
-    for (const glm::vec3& c : volume.sh[0])
-        sum += glm::dot(glm::dvec3(c), colour::rec709_luminance);
+    for (size_t cell = 0; cell < volume.sh[0].size(); ++cell)
+        if (volume.validity.empty() || volume.validity[cell] > 0)
+            sum += glm::dot(glm::dvec3(volume.sh[0][cell]), colour::rec709_luminance);
     return std::sqrt(4 * std::numbers::pi) * sum;
 }
 

@@ -342,7 +342,7 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
         {"--iterations", {"-1", "1.5"}},
         {"--tolerance", {"-1", "2", "nan"}},
         {"--error", {"0", "-1%", "101%", "few"}},
-        {"--time-budget", {"0", "-1s", "soon", "2h", ""}},
+        {"--time-budget", {"0", "-1s", "soon", "2d", ""}},
         {"--dilate", {"-1", "1.5"}},
         {"--occlusion", {"some", "", "FACE"}},
         {"--max-albedo", {"-0.1", "1.1", "nan"}},
@@ -373,9 +373,13 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
              {{"--solver", "lpv", "--sh-order", "2"}, "--sh-order 2"},
              {{"--vpls", "64", "--directions", "96"},
               "--vpls is an option of gather, not of sn (--directions)"},
-             {{"--bytes", "100"}, "--bytes 100: the least that a volume takes here is"},
+             {{"--bytes", "100"},
+              "--bytes 100: in bytes, of which a volume takes 1188 here at least; give more, such "
+              "as 8M"},
              {{"--quality", "fast", "--error", "4%"}, "exclude"}})
         refused(bake + words, text);
+    refused(bake + std::vector<std::string>{"--time-budget", "1d"},
+            "'1d' is no time above 0, such as 500ms, 2s, 1.5min or 1h");
     refused({"info"}, "info: file is missing: lpvbake info file");
     refused({"info", "room.gltf", "--white", "-1"}, "--white: '-1' is not a number from");
     refused({"diff", "a.vdb"}, "diff: B is missing: lpvbake diff A B");
@@ -844,6 +848,7 @@ TEST_F(Cli, DryRunTellsTheGridAndWritesNothing) {
     ASSERT_EQ(result.status, 0) << result.err;
     const json document = json::parse(result.out);
     EXPECT_EQ(document["grid"]["dims"], json({20, 20, 20}));
+    EXPECT_GT(document["choice"]["error"].get<double>(), 0.995);
     EXPECT_EQ(document["triangles"], 10);
     EXPECT_EQ(document["rsm"]["maps"], 6);
     EXPECT_EQ(document["outputs"][0]["path"], "a.vdb");
@@ -854,6 +859,9 @@ TEST_F(Cli, DryRunTellsTheGridAndWritesNothing) {
     std::erase(after, "stderr");
     EXPECT_EQ(after, before);
     EXPECT_NE(run({"bake", "room.gltf", "--dry-run"}).out.find("cells"), std::string::npos);
+    const std::string lpv = run({"bake", "room.gltf", "--solver", "lpv", "--dry-run"}).out;
+    EXPECT_NE(lpv.find(" % error"), std::string::npos) << lpv;
+    EXPECT_EQ(lpv.find("e+0"), std::string::npos) << lpv; // 100 %
     EXPECT_EQ(run({"bake", "room.gltf", "-o", "none/a.vdb", "--dry-run"}).status, 2);
 }
 

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include <cmath>
+#include <fstream>
 #include <map>
 #include <numbers>
 #include <set>
@@ -48,6 +49,28 @@ TEST_F(Convert, ThereAndBackIsTheSame) {
         EXPECT_EQ(sidecar["layout"]["columns"], 3);
         EXPECT_EQ(sidecar["layout"]["rows"], 2);
     }
+}
+
+TEST_F(Convert, ReplacesAllOfAnotherVolume) {
+    write("a.vdb", random_volume({5, 4, 6}, 2, true, 3));
+    write("first.vdb", random_volume({5, 4, 6}, 1, true, 3));
+    const auto exists = [&](const char* name) { return std::filesystem::exists(folder_ / name); };
+    std::ofstream(folder_ / "b_own.dds") << "of the user";
+    ASSERT_EQ(run("a.vdb b.dds --precision bc6h").status, 0);
+    ASSERT_EQ(run("a.vdb b_c.dds c.exr --precision half").status, 0);
+    ASSERT_TRUE(exists("b_base.dds") && exists("b_sh_l2_xy.dds") && exists("c_sh_l2_xy.exr"));
+    ASSERT_EQ(run("a.vdb b.dds --precision half").status, 0);
+    EXPECT_FALSE(exists("b_base.dds"));
+    EXPECT_TRUE(exists("b_sh_l2_xy.dds") && exists("b_own.dds") && exists("b_c_sh_l2_xy.dds"));
+    ASSERT_EQ(run("first.vdb c.exr").status, 0);
+    EXPECT_FALSE(exists("c_sh_l2_xy.exr"));
+    EXPECT_EQ(read_volume(folder_ / "c.exr").sh_order, 1);
+    // Not by the word of a sidecar that names others.
+    std::string text = slurp(folder_ / "c.json");
+    text.replace(text.find("c_sh_l0.exr"), 11, "b_c.dds.json");
+    std::ofstream(folder_ / "c.json") << text;
+    ASSERT_EQ(run("a.vdb c.exr").status, 0);
+    EXPECT_TRUE(exists("b_c.dds.json"));
 }
 
 TEST_F(Convert, EveryConventionAndAxesComeBackFromEveryFile) {
@@ -328,6 +351,12 @@ TEST_F(Convert, WrongCommandsAreRefused) {
     expect_error("none.vdb b.vdb", cmd::ExitCode::file, "none.vdb");
     expect_error("a.vdb b.vdb --axes maya", cmd::ExitCode::usage, "--axes");
     expect_error("a.vdb", cmd::ExitCode::usage, "output");
+    expect_error("a.vdb u.ktx2 --precision bc6h --packing band", cmd::ExitCode::usage,
+                 "u.ktx2: --precision bc6h is packed by block alone, not by band");
+    expect_error("a.vdb u.ktx2 --precision unorm8 --packing channel", cmd::ExitCode::usage,
+                 "u.ktx2: --precision unorm8 is packed by ratio alone, not by channel");
+    expect_error("a.vdb u.ktx2 --precision half --packing block", cmd::ExitCode::usage,
+                 "u.ktx2: --packing block is for --precision bc6h alone");
 }
 
 TEST_F(Convert, BevyGetsAScene) {
@@ -375,7 +404,8 @@ TEST_F(Convert, GodotGetsProbes) {
         if (volume.validity[i] > 0) { // others are filled
             EXPECT_LT(glm::length(back.sh[0][i] - volume.sh[0][i]), 1e-3f);
         }
-    expect_error("a.vdb u.tres", cmd::ExitCode::unsupported, "write it for godot");
+    expect_error("a.vdb u.tres", cmd::ExitCode::unsupported,
+                 "holds light as Godot has it; add --target godot");
 }
 
 } // namespace

@@ -37,7 +37,10 @@ TEST(GlbCli, EveryCommandTakesItAsSceneAndAsVolume) {
     run("render lit.glb -o one.png --size 32x32 --samples 1");
     run("render $ROOM apart.vdb -o two.png --size 32x32 --samples 1");
     EXPECT_EQ(slurp(folder / "one.png"), slurp(folder / "two.png"));
-    run("verify lit.glb lit.glb --points 8");
+    EXPECT_EQ(nlohmann::json::parse(
+                  run("verify lit.glb --points 8 --format json"))["verified"]["surfaces"],
+              nlohmann::json::parse(
+                  run("verify lit.glb lit.glb --points 8 --format json"))["verified"]["surfaces"]);
     run("reference $ROOM -o truth.glb --rays 64" + small);
     EXPECT_EQ(nlohmann::json::parse(run("info truth.glb --format json"))["volume"]["sh_order"], 1);
     run("convert apart.vdb alone.glb");

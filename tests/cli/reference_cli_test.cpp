@@ -106,7 +106,7 @@ TEST_F(ReferenceCli, StopsAtTheTime) {
     const CliResult cut = run(common + "--time-budget 0.1ms --noise 0.01%");
     EXPECT_EQ(cut.status, 0);
     EXPECT_NE(cut.err.find("the noise is still"), std::string::npos) << cut.err;
-    for (const char* bad : {"0", "-1s", "x", "1h"})
+    for (const char* bad : {"0", "-1s", "x", "1d", "h"})
         expect_error(common + "--time-budget=" + bad, cmd::ExitCode::usage, "--time-budget");
 }
 

@@ -86,7 +86,7 @@ TEST_F(VerifyCli, RefusesWhatCannotBeMeasured) {
                                   const std::string& text) {
         expect_one_error(run(arguments), arguments, code, text);
     };
-    expect_error("v.vdb", cmd::ExitCode::usage, "scene is missing");
+    expect_error("v.vdb", cmd::ExitCode::usage, "no scene: lpvbake verify VOLUME SCENE");
     expect_error("none.vdb" + room_, cmd::ExitCode::file, "none.vdb: cannot be read");
     expect_error("v.vdb none.glb", cmd::ExitCode::file, "none.glb: ");
     expect_error("v.vdb" + room_ + " --sky 0:0:0,0 --no-emitters --no-scene-lights -q"

@@ -208,6 +208,15 @@ class Textures(unittest.TestCase):
                              ("swapped colours", lambda texels: texels[..., ::-1])):
             self.assertGreater(error(change), 0.1, what)
 
+    def test_oiiotool_knows_the_blocks_as_volumes(self):
+        for name, kind in (("base", "BC6HU"), ("sh_l0", "BC7")):
+            told = run("oiiotool", "--info", "-v", self.folder / f"bc6h_{name}.dds")
+            width, height, depth = self.facts["grid"]["dims"]
+            whole = [-(-side // 4) * 4 for side in (width, height)]
+            self.assertRegex(told, rf"{whole[0]} x +{whole[1]} x +{depth}, \d channel, volume")
+            self.assertIn(f'compression: "{kind}"', told)
+            self.assertIn('textureformat: "Volume Texture"', told)
+
     def test_broken_texels_are_seen(self):
         for extension, read in ((".ktx2", self.by_ktx_parse), (".dds", self.by_ogre)):
             texels, kind = read(self.folder / f"full_sh_l1_y{extension}")

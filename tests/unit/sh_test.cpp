@@ -219,4 +219,6 @@ TEST(Volume, TotalEnergyIntegratesLuminanceOverTheSphere) {
     const float c0 = float(std::sqrt(4 * pi));
     volume.sh = {{glm::vec3(10 * c0), glm::vec3(0), glm::vec3(0, 5 * c0, 0)}};
     EXPECT_NEAR(volume::total_energy(volume), 4 * pi * (10 + 5 * 0.7152), 1e-4);
+    volume.validity = {1, 1, 0}; // what stands inside geometry is no light
+    EXPECT_NEAR(volume::total_energy(volume), 4 * pi * 10, 1e-4);
 }
