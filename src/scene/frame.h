@@ -6,11 +6,18 @@
 
 namespace lpvbake::scene {
 
+/// A box around the grid in which the cells of another volume of the same bake lie, larger ones.
+struct CoarserBox {
+    glm::vec3 lo, hi; ///< frame units
+    float cell;       ///< units
+};
+
 /// p_frame = (p_world - origin) / unit, evaluated in double. The box [0, extent] is the grid.
 struct Frame {
     glm::dvec3 origin{0.0};
-    double unit = 1.0;      ///< metres a unit: the edge of a cell
-    glm::dvec3 extent{1.0}; ///< size of the grid in units (its dims)
+    double unit = 1.0;                    ///< metres a unit: the edge of a cell
+    glm::dvec3 extent{1.0};               ///< size of the grid in units (its dims)
+    std::vector<CoarserBox> coarser = {}; ///< where surfaces are lit for other cells, too
 
     glm::dvec3 from_world(glm::dvec3 p) const { return (p - origin) / unit; }
     glm::dvec3 to_world(glm::dvec3 p) const { return origin + p * unit; }

@@ -39,8 +39,8 @@ Place place_in(glm::vec3 point, int32_t size) {
 }
 
 /// The cube of a patch. One that is as small as its light fades fast has one no larger than itself.
-Place place_of(const Patch& patch, glm::vec3 extent) {
-    int32_t size = int32_t(std::log2(graded(1.0f, distance_to_box(patch.position, extent))));
+Place place_of(const Patch& patch, const Boxes& boxes) {
+    int32_t size = int32_t(std::log2(graded(1.0f, boxes.distance(patch.position))));
     if (patch.fading)
         size = std::min(size, int32_t(std::floor(std::log2(
                                   std::max({glm::length(patch.edge_u), glm::length(patch.edge_v),
@@ -152,13 +152,13 @@ std::vector<std::vector<uint32_t>> part(const std::vector<Patch>& patches,
 } // namespace
 
 Elements group_sides(const std::vector<Patch>& patches, const visibility::Visibility& visibility,
-                     glm::vec3 extent) {
+                     const Boxes& boxes) {
     std::vector<Side> sides;
     for (size_t i = 0; i < patches.size(); ++i) {
         const Patch& patch = patches[i];
         if (patch.albedo == glm::vec3(0.0f))
             continue;
-        const Place place = place_of(patch, extent);
+        const Place place = place_of(patch, boxes);
         const bool hidden = !(patch.area > 0.0f);
         for (const unsigned side : {0u, 1u})
             if (side == 0 || patch.double_sided)

@@ -3,6 +3,7 @@
 // so that it costs what a grid can show and not what a mesh is made of.
 #pragma once
 
+#include "surface/cutting.h"
 #include "surface/patches.h"
 
 #include <span>
@@ -40,6 +41,6 @@ struct Elements {
 /// by less than about 40 degrees, that lie near one plane, and that a point above the first of them
 /// sees, so that no wall and no sheet parts them. The same for any number of threads.
 Elements group_sides(const std::vector<Patch>& patches, const visibility::Visibility& visibility,
-                     glm::vec3 extent);
+                     const Boxes& boxes);
 
 } // namespace lpvbake::surface

@@ -797,7 +797,7 @@ LightMapper::LightMapper(const Scene& scene, const LitSurfaces& surfaces, const 
 }
 
 float LightMapper::patch_edge(glm::vec3 point) const {
-    return graded(1.0f, distance_to_box(point, glm::vec3(frame.extent)));
+    return graded(1.0f, Boxes(frame).distance(point));
 }
 
 uint32_t LightMapper::side_at(const visibility::Hit& hit, glm::vec3 direction) const {

@@ -384,7 +384,7 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
                     const std::vector<glm::vec3>& emission, LitSurfaces& lit, Progress& progress) {
     const visibility::Visibility& visibility = *lit.visibility;
     const std::vector<Patch>& patches = lit.patches;
-    const Elements elements = group_sides(patches, visibility, glm::vec3(frame.extent));
+    const Elements elements = group_sides(patches, visibility, frame);
     const size_t count = elements.size();
     const int rays = std::clamp(int(settings.rays / std::max<size_t>(count, 1)), least_rays, 256);
     const DirectLight light{
@@ -733,6 +733,23 @@ uint32_t LitSurfaces::side(const visibility::Hit& hit, glm::vec3 direction) cons
 glm::vec3 LitSurfaces::leaving(const visibility::Hit& hit, glm::vec3 direction) const {
     const uint32_t seen = side(hit, direction);
     return seen == no_side ? glm::vec3(0.0f) : luminance[seen];
+}
+
+LitSurfaces in_frame(LitSurfaces lit, const scene::Frame& own, const scene::Frame& other,
+                     const visibility::Visibility& visibility) {
+    lit.visibility = &visibility;
+    if (own.unit == other.unit && own.origin == other.origin)
+        return lit;
+    const auto scale = float(own.unit / other.unit);
+    const glm::vec3 offset(other.from_world(own.origin));
+    tbb::parallel_for(size_t(0), lit.patches.size(), [&](size_t i) {
+        Patch& patch = lit.patches[i];
+        patch.position = scale * patch.position + offset;
+        patch.edge_u *= scale;
+        patch.edge_v *= scale;
+        patch.area *= scale * scale;
+    });
+    return lit;
 }
 
 } // namespace lpvbake::surface

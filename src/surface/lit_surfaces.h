@@ -60,6 +60,11 @@ struct LitSurfaces {
     void share();
 };
 
+/// The same surfaces and light in units of frame `other` instead of `own`; `visibility` is of that
+/// frame (Visibility::in_frame), and outlives the result.
+LitSurfaces in_frame(LitSurfaces lit, const scene::Frame& own, const scene::Frame& other,
+                     const visibility::Visibility& visibility);
+
 /// What a luminance has above a limit, both by the mean of the channels; of the same colour.
 inline glm::vec3 luminance_above(glm::vec3 luminance, float limit) {
     const float mean = (luminance.x + luminance.y + luminance.z) / 3.0f;

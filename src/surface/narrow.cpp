@@ -164,8 +164,7 @@ size_t cut_to_light(const LightMap& map, const LightMapper& mapper, LitSurfaces&
     std::vector<Placed> placed;
     for (uint32_t i = 0; i < map.sides.size(); ++i) {
         const uint32_t side = map.sides[i].side;
-        placed.push_back(
-            {together(lit.patches[side / 2], side, glm::vec3(mapper.frame.extent)), i});
+        placed.push_back({together(lit.patches[side / 2], side, mapper.frame), i});
     }
     tbb::parallel_sort(placed);
     const size_t before = lit.patches.size();

@@ -100,7 +100,7 @@ TrialPiece half(TrialPiece piece, int at, bool second) {
 /// Halves a triangle until all patches of a piece may be of one size, and takes each with how many
 /// these are.
 template <class Take>
-void for_each_even_piece(const TrialPiece& triangle, glm::vec3 extent, float max_edge,
+void for_each_even_piece(const TrialPiece& triangle, const Boxes& boxes, float max_edge,
                          const Take& take) {
     std::vector<TrialPiece> stack{triangle};
     while (!stack.empty()) {
@@ -108,17 +108,17 @@ void for_each_even_piece(const TrialPiece& triangle, glm::vec3 extent, float max
         stack.pop_back();
         const Corners& corners = piece.corners;
         const auto [at, length] = longest_edge(corners);
-        if (!(length > edge_limit(corners, extent, max_edge))) {
+        if (!(length > edge_limit(corners, boxes, max_edge))) {
             take(piece, 1.0);
             continue;
         }
         // All points of the piece lie between these distances.
         float farthest = 0.0f;
         for (const glm::vec3& corner : corners)
-            farthest = std::max(farthest, distance_to_box(corner, extent));
+            farthest = std::max(farthest, boxes.distance(corner));
         const glm::vec3 lo = glm::min(corners[0], glm::min(corners[1], corners[2]));
         const glm::vec3 hi = glm::max(corners[0], glm::max(corners[1], corners[2]));
-        const float nearest = glm::length(glm::max(glm::max(lo - extent, -hi), glm::vec3(0.0f)));
+        const float nearest = boxes.distance(lo, hi);
         const float shortest = graded(max_edge, nearest), longest = graded(max_edge, farthest);
         if (longest < 1.01f * shortest) {
             take(piece, count_halves(corners, double(0.5f * (shortest + longest))));
@@ -129,12 +129,12 @@ void for_each_even_piece(const TrialPiece& triangle, glm::vec3 extent, float max
     }
 }
 
-PatchCount count_triangle(const TrialPiece& triangle, glm::vec3 extent, float max_edge) {
+PatchCount count_triangle(const TrialPiece& triangle, const Boxes& boxes, float max_edge) {
     PatchCount count;
-    for_each_even_piece(triangle, extent, max_edge, [&](const TrialPiece& piece, double patches) {
+    for_each_even_piece(triangle, boxes, max_edge, [&](const TrialPiece& piece, double patches) {
         const auto& [a, b, c] = piece.corners;
         count.patches += patches;
-        const float away = distance_to_box((a + b + c) / 3.0f, extent);
+        const float away = boxes.distance((a + b + c) / 3.0f);
         const double area = 0.5 * double(glm::length(glm::cross(b - a, c - a)));
         if (away == 0.0f)
             count.inside += area;
@@ -151,7 +151,7 @@ double try_at(double place, TrialPiece piece, double patches, const scene::Frame
     double pieces = 1.0;
     for (;;) {
         const auto [at, length] = longest_edge(piece.corners);
-        if (!(length > edge_limit(piece.corners, glm::vec3(frame.extent), max_edge)))
+        if (!(length > edge_limit(piece.corners, frame, max_edge)))
             return double(trial.count(piece, frame, max_edge)) * pieces / patches;
         pieces *= 2.0;
         place *= 2.0;
@@ -179,7 +179,7 @@ double cut_further(const TriangleSample& sample, const std::vector<PatchCount>& 
             return;
         const double width = (begins[i + 1] - begins[i]) / counts[i].patches; // of a patch
         double begin = begins[i];
-        for_each_even_piece(whole(sample.triangles[i], frame), glm::vec3(frame.extent), max_edge,
+        for_each_even_piece(whole(sample.triangles[i], frame), frame, max_edge,
                             [&](const TrialPiece& piece, double inside) {
                                 const double end = begin + inside * width;
                                 for (; next < end; next += 1.0)
@@ -231,8 +231,7 @@ PatchCount count_patches(const TriangleSample& sample, const scene::Frame& frame
                          const CutTrial* trial) {
     std::vector<PatchCount> counts(sample.triangles.size());
     tbb::parallel_for(size_t(0), counts.size(), [&](size_t i) {
-        counts[i] =
-            count_triangle(whole(sample.triangles[i], frame), glm::vec3(frame.extent), max_edge);
+        counts[i] = count_triangle(whole(sample.triangles[i], frame), frame, max_edge);
     });
     PatchCount sum;
     for (size_t i = 0; i < counts.size(); ++i) {

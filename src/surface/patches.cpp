@@ -96,7 +96,7 @@ struct Walls {
     }
     /// To what lies close above a point of a surface, on this side of it.
     visibility::Ray ray_above(glm::vec3 point, glm::vec3 normal) const {
-        return ray(point + offset(point) * normal, cover_reach * normal);
+        return ray(point + offset(point) * normal, cover_reach / visibility.scale() * normal);
     }
     bool cover(glm::vec3 point, glm::vec3 normal) const {
         return visibility.transmittance(ray_above(point, normal)) < 0.5f;
@@ -133,7 +133,7 @@ public:
     using Node = PatchTree::Node;
     const Scene& scene;
     const Mesh& mesh;
-    const glm::vec3 extent;
+    const Boxes boxes;
     const float max_edge;
     const Walls* walls; ///< none: only what lies in the grid, and no tree
     const bool textured;
@@ -154,7 +154,7 @@ public:
         while (!stack.empty()) {
             const auto [piece, node] = stack.back();
             stack.pop_back();
-            if (!walls && outside(piece, extent))
+            if (!walls && outside(piece, boxes.extent))
                 continue;
             const auto [edge, length] = longest_edge(corners_of(piece));
             const auto [a, b, c] = turned(piece, edge);
@@ -215,7 +215,7 @@ private:
     }
 
     float limit(const Piece& piece) const {
-        return walls ? edge_limit(corners_of(piece), extent, max_edge) : max_edge;
+        return walls ? edge_limit(corners_of(piece), boxes, max_edge) : max_edge;
     }
 
     /// True if something stands on the piece between its centroid and its corners.
@@ -239,13 +239,20 @@ private:
         if (!walls)
             return {};
         Standing standing;
-        if (length > max_edge / 128.0f)
+        const float edge = edge_of_cells(piece);
+        if (length > edge / 128.0f)
             standing = lamps_above(piece);
-        if (!standing.crossed && length > max_edge / 16.0f && is_crossed(piece)) {
+        if (!standing.crossed && length > edge / 16.0f && is_crossed(piece)) {
             standing.crossed = true;
-            standing.least = std::min(standing.least, max_edge / 8.0f);
+            standing.least = std::min(standing.least, edge / 8.0f);
         }
         return standing;
+    }
+
+    /// Longest edge that a patch may have in the grid, or in the box that the piece lies in.
+    float edge_of_cells(const Piece& piece) const {
+        return max_edge
+               * boxes.cell_at((piece[0].position + piece[1].position + piece[2].position) / 3.0f);
     }
 
     /// Lamps close above a part of the piece, which would spread their light over all of it. It
@@ -283,8 +290,9 @@ private:
             }
         }
         if (gap < HUGE_VALF) {
+            const float edge = edge_of_cells(piece);
             standing.fading = true;
-            standing.least = std::clamp(gap, max_edge / 64.0f, max_edge / 8.0f);
+            standing.least = std::clamp(gap, edge / 64.0f, edge / 8.0f);
         }
         return standing;
     }
@@ -346,7 +354,7 @@ private:
         patch.position = (a + b + c) / 3.0f;
         if (!walls
             && (glm::any(glm::lessThan(patch.position, glm::vec3(0.0f)))
-                || glm::any(glm::greaterThan(patch.position, extent))))
+                || glm::any(glm::greaterThan(patch.position, boxes.extent))))
             return;
         patch.crossed = above.crossed;
         patch.fading = above.fading;
@@ -390,14 +398,14 @@ private:
 };
 
 /// Of an instance, before any of its triangles.
-Cutter blank_cutter(const Scene& scene, uint32_t index, glm::vec3 extent, float max_edge,
+Cutter blank_cutter(const Scene& scene, uint32_t index, const Boxes& boxes, float max_edge,
                     const Walls* walls, const scene::EmissionMaps* emission,
                     const std::vector<LampBox>& lamps, std::atomic<uint64_t>& made) {
     const Mesh& mesh = scene.meshes[size_t(scene.instances[index].mesh)];
     const Material& material = scene.materials[size_t(mesh.material)];
     Cutter blank{scene,
                  mesh,
-                 extent,
+                 boxes,
                  max_edge,
                  walls,
                  scene::is_partly_clear(material) || material.emission_texture >= 0
@@ -429,8 +437,7 @@ std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const scene
     const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
     const std::vector<glm::vec3> placed = scene::positions_in_frame(scene, instance, frame);
     const float side = scene::is_mirrored(instance) ? -1.0f : 1.0f;
-    const Cutter blank =
-        blank_cutter(scene, index, glm::vec3(frame.extent), max_edge, walls, emission, lamps, made);
+    const Cutter blank = blank_cutter(scene, index, frame, max_edge, walls, emission, lamps, made);
     std::vector<Cutter> runs((mesh.triangles.size() + run_length - 1) / run_length, blank);
     tbb::parallel_for(size_t(0), runs.size(), [&](size_t run) {
         Cutter& cutter = runs[run];
@@ -558,8 +565,8 @@ uint64_t CutTrial::count(const TrialPiece& piece, const scene::Frame& frame, flo
     const Walls walls{impl_->visibility, float(frame.unit / impl_->frame.unit),
                       glm::vec3(impl_->frame.from_world(frame.origin)), true};
     std::atomic<uint64_t> made = 0;
-    Cutter cutter = blank_cutter(scene, piece.instance, glm::vec3(frame.extent), max_edge, &walls,
-                                 &impl_->emission, impl_->lamps, made);
+    Cutter cutter = blank_cutter(scene, piece.instance, frame, max_edge, &walls, &impl_->emission,
+                                 impl_->lamps, made);
     const Corners& at = piece.corners;
     const float side = scene::is_mirrored(scene.instances[piece.instance]) ? -1.0f : 1.0f;
     const std::optional<glm::vec3> normal = normal_of(at[0], at[1], at[2]);

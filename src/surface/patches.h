@@ -112,7 +112,8 @@ private:
     std::unique_ptr<Impl> impl_;
 };
 
-/// Whether anything lies less than half a cell above a point of a surface, on this side of it.
+/// Whether anything lies less than half a cell (of those that surfaces were lit for) above a point
+/// of a surface, on this side of it.
 bool is_covered(const visibility::Visibility& visibility, glm::vec3 point, glm::vec3 normal);
 
 /// All surfaces, also those outside the grid.

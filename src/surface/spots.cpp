@@ -95,12 +95,12 @@ Found look_for(const Scene& scene, const std::vector<glm::vec3>& emission, const
 }
 
 /// Sides that lamps light, in order.
-std::vector<Placed> lit_sides(const LitSurfaces& lit, glm::vec3 extent) {
+std::vector<Placed> lit_sides(const LitSurfaces& lit, const Boxes& boxes) {
     std::vector<Placed> sides;
     for (uint32_t side = 0; side < lit.luminance.size(); ++side) {
         const Patch& patch = lit.patches[side / 2];
         if (patch.area > 0.0f && greatest(lit.luminance[side]) > 0.0f)
-            sides.push_back({together(patch, side, extent), side});
+            sides.push_back({together(patch, side, boxes), side});
     }
     tbb::parallel_sort(sides);
     return sides;
@@ -110,7 +110,7 @@ std::vector<Placed> lit_sides(const LitSurfaces& lit, glm::vec3 extent) {
 
 Spots::Spots(const Scene& scene, const scene::Frame& frame, const std::vector<glm::vec3>& emission,
              const LitSurfaces& lit) {
-    const std::vector<Placed> sides = lit_sides(lit, glm::vec3(frame.extent));
+    const std::vector<Placed> sides = lit_sides(lit, frame);
     const std::vector<Group> groups = groups_of(sides);
     std::vector<Found> found(groups.size());
     tbb::parallel_for(size_t(0), groups.size(),

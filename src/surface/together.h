@@ -13,8 +13,8 @@ namespace lpvbake::surface {
 /// The same for sides of patches (2 * patch + side) that face the same of six ways and whose
 /// centroids lie in one box, of eight edges of the patches there and one such edge deep; another
 /// number for others, but for some that are very far apart.
-inline uint64_t together(const Patch& patch, uint32_t side, glm::vec3 extent) {
-    const int level = int(std::log2(graded(1.0f, distance_to_box(patch.position, extent))));
+inline uint64_t together(const Patch& patch, uint32_t side, const Boxes& boxes) {
+    const int level = int(std::log2(graded(1.0f, boxes.distance(patch.position))));
     const glm::vec3 normal = normal_of(patch, side), along = glm::abs(normal);
     const int axis = along.x > along.y && along.x > along.z ? 0 : along.y > along.z ? 1 : 2;
     glm::dvec3 edges(std::ldexp(8.0, level));

@@ -41,6 +41,11 @@ struct CellHash {
 
 } // namespace
 
+/// Of cells on surfaces: what was found, so that it is found once.
+struct Visibility::Captures {
+    tbb::concurrent_unordered_map<glm::ivec3, Capture, CellHash> of_cells;
+};
+
 struct Visibility::Impl {
     const Scene& scene;
     std::vector<Origin> origins;
@@ -57,8 +62,6 @@ struct Visibility::Impl {
     RTCScene bvh = nullptr;
     const glm::vec3* positions = nullptr; ///< of the acceleration structure, which owns them
     const glm::uvec3* triangles = nullptr;
-    /// Of cells on surfaces: what was found, so that it is found once.
-    tbb::concurrent_unordered_map<glm::ivec3, Capture, CellHash> captures;
 
     explicit Impl(const Scene& s) : scene(s) {}
     ~Impl() {
@@ -392,8 +395,19 @@ RTCDevice new_device(Isa isa) {
 
 } // namespace
 
+Visibility::Visibility(std::shared_ptr<Impl> impl, float scale, glm::vec3 offset)
+    : impl_(std::move(impl)),
+      captures_(std::make_unique<Captures>()),
+      scale_(scale),
+      offset_(offset) {}
+
+Visibility Visibility::in_frame(const scene::Frame& own, const scene::Frame& other) const {
+    return {impl_, scale_ * float(other.unit / own.unit),
+            to_structure(glm::vec3(own.from_world(other.origin)))};
+}
+
 Visibility::Visibility(const Scene& scene, const scene::Frame& frame, Isa isa)
-    : impl_(std::make_unique<Impl>(scene)) {
+    : Visibility(std::make_shared<Impl>(scene), 1.0f, glm::vec3(0.0f)) {
     Impl& impl = *impl_;
     for (const Material& material : scene.materials) {
         impl.see_through.push_back(scene::is_see_through(scene, material));
@@ -556,6 +570,14 @@ struct NearestQuery {
 std::optional<glm::vec3> Visibility::nearest_point(glm::vec3 point, float radius,
                                                    std::span<const glm::vec3> planes,
                                                    float share) const {
+    point = to_structure(point);
+    radius *= scale_;
+    std::vector<glm::vec3> placed;
+    if (is_placed()) {
+        for (const glm::vec3 w : planes)
+            placed.push_back(scale_ * w);
+        planes = placed;
+    }
     NearestQuery nearest{*impl_, point, planes, share, radius * radius};
     RTCPointQuery query{point.x, point.y, point.z, 0.0f, radius * slack};
     RTCPointQueryContext context;
@@ -570,7 +592,7 @@ std::optional<glm::vec3> Visibility::nearest_point(glm::vec3 point, float radius
         return true;
     };
     rtcPointQuery(impl_->bvh, &query, &context, meet, &nearest);
-    return nearest.primitive == ~0u ? std::nullopt : std::optional(nearest.way);
+    return nearest.primitive == ~0u ? std::nullopt : std::optional(nearest.way / scale_);
 }
 
 void Visibility::surfaces_near(glm::vec3 point, float radius, std::vector<NearSurface>& out) const {
@@ -578,6 +600,8 @@ void Visibility::surfaces_near(glm::vec3 point, float radius, std::vector<NearSu
         NearestQuery looking;
         std::vector<std::pair<uint32_t, glm::vec3>> surfaces; // primitives, the ways there
     };
+    point = to_structure(point);
+    radius *= scale_;
     Found found{{*impl_, point, {}, 0.0f, radius * radius}, {}};
     RTCPointQuery query{point.x, point.y, point.z, 0.0f, radius * slack};
     RTCPointQueryContext context;
@@ -597,24 +621,28 @@ void Visibility::surfaces_near(glm::vec3 point, float radius, std::vector<NearSu
         const glm::uvec3 v = impl_->triangles[primitive];
         const glm::vec3 a = impl_->positions[v.x];
         out.push_back(
-            {way, glm::normalize(glm::cross(impl_->positions[v.y] - a, impl_->positions[v.z] - a)),
+            {way / scale_,
+             glm::normalize(glm::cross(impl_->positions[v.y] - a, impl_->positions[v.z] - a)),
              impl_->two_fronts[impl_->origins[primitive].instance] != 0});
     }
 }
 
 void Visibility::sheets_at(glm::vec3 point, glm::vec3 normal, float reach,
                            std::vector<Hit>& out) const {
-    find_sheets(*impl_, point, normal, reach, out);
+    find_sheets(*impl_, to_structure(point), normal, scale_ * reach, out);
+    for (Hit& hit : out)
+        hit.t /= scale_;
 }
 
 Capture Visibility::capture(glm::ivec3 cell) const {
     const glm::vec3 centre = glm::vec3(cell) + 0.5f;
     if (!nearest_point(centre, surface_margin, {}, 0.0f))
         return {centre};
-    const auto known = impl_->captures.find(cell);
-    if (known != impl_->captures.end())
+    auto& captures = captures_->of_cells;
+    const auto known = captures.find(cell);
+    if (known != captures.end())
         return known->second;
-    return impl_->captures.emplace(cell, capture_at(centre)).first->second;
+    return captures.emplace(cell, capture_at(centre)).first->second;
 }
 
 Capture Visibility::capture_at(glm::vec3 place) const {
@@ -627,22 +655,22 @@ Visibility::~Visibility() = default;
 Visibility::Visibility(Visibility&&) noexcept = default;
 
 glm::vec3 Visibility::lo() const {
-    return impl_->lo;
+    return (impl_->lo - offset_) / scale_;
 }
 glm::vec3 Visibility::hi() const {
-    return impl_->hi;
+    return (impl_->hi - offset_) / scale_;
 }
 
 Hit Visibility::closest(const Ray& ray) const {
-    return nearest(*impl_, ray, Seen::by_light);
+    return nearest(*impl_, to_structure(ray), Seen::by_light);
 }
 
 Hit Visibility::closest_front(const Ray& ray) const {
-    return nearest(*impl_, ray, Seen::by_eye);
+    return nearest(*impl_, to_structure(ray), Seen::by_eye);
 }
 
 void Visibility::crossings(const Ray& ray, std::vector<Crossing>& out) const {
-    trace_all(*impl_, ray, Seen::by_light, out);
+    trace_all(*impl_, to_structure(ray), Seen::by_light, out);
 }
 
 namespace {
@@ -659,9 +687,9 @@ Left left_of(const Visibility::Impl& impl, const Ray& ray, const Others& others)
 } // namespace
 
 float Visibility::transmittance(const Ray& ray) const {
-    return left_of<float>(*impl_, ray, [&](const Ray& of) {
+    return left_of<float>(*impl_, to_structure(ray), [&](const Ray& of) {
         thread_local std::vector<Crossing> met;
-        crossings(of, met);
+        trace_all(*impl_, of, Seen::by_light, met);
         float product = 1.0f;
         for (const Crossing& crossing : met)
             product *= crossing.transmittance;
@@ -670,12 +698,13 @@ float Visibility::transmittance(const Ray& ray) const {
 }
 
 glm::vec3 Visibility::filter(const Ray& ray) const {
-    return left_of<glm::vec3>(*impl_, ray, [&](const Ray& of) { return filter_of_others(of); });
+    return left_of<glm::vec3>(*impl_, to_structure(ray),
+                              [&](const Ray& of) { return filter_of_others(of); });
 }
 
 glm::vec3 Visibility::filter_of_others(const Ray& ray) const {
     thread_local std::vector<Crossing> met;
-    crossings(ray, met);
+    trace_all(*impl_, ray, Seen::by_light, met);
     glm::vec3 product(1.0f);
     for (const Crossing& crossing : met)
         product *= crossing.transmittance * crossing.tint;
@@ -683,9 +712,9 @@ glm::vec3 Visibility::filter_of_others(const Ray& ray) const {
 }
 
 glm::vec3 Visibility::tint(const Ray& ray, bool fronts) const {
-    return impl_->any_tinting
-               ? tint_before(*impl_, ray, ray.t_max, fronts ? Seen::by_eye : Seen::by_light)
-               : glm::vec3(1.0f);
+    return impl_->any_tinting ? tint_before(*impl_, to_structure(ray), ray.t_max,
+                                            fronts ? Seen::by_eye : Seen::by_light)
+                              : glm::vec3(1.0f);
 }
 
 std::string Visibility::tracer() const {
@@ -705,11 +734,22 @@ bool Visibility::is_tinted() const {
     return impl_->any_tinting;
 }
 
+std::span<const Ray> Visibility::to_structure(std::span<const Ray> rays,
+                                              std::span<Ray> placed) const {
+    if (!is_placed())
+        return rays;
+    for (size_t i = 0; i < rays.size(); ++i)
+        placed[i] = to_structure(rays[i]);
+    return placed.first(rays.size());
+}
+
 void Visibility::closest_of_eights(std::span<const Ray> rays, Bundle bundle,
                                    std::span<Hit> hits) const {
     Query query(*impl_, Wanted::nearest, bundle);
+    std::array<Ray, eight> own;
     for (size_t first = 0; first < rays.size(); first += eight) {
-        const std::span<const Ray> some = rays.subspan(first, std::min(eight, rays.size() - first));
+        const std::span<const Ray> some =
+            to_structure(rays.subspan(first, std::min(eight, rays.size() - first)), own);
         Packet packet(some);
         query.met_others = 0;
         rtcIntersect8(packet.valid, impl_->bvh, &query.context, &packet.r);
@@ -729,8 +769,10 @@ void Visibility::closest_of_eights(std::span<const Ray> rays, Bundle bundle,
 void Visibility::filter_of_eights(std::span<const Ray> rays, Bundle bundle,
                                   std::span<glm::vec3> result) const {
     Query query(*impl_, Wanted::any_opaque, bundle);
+    std::array<Ray, eight> own;
     for (size_t first = 0; first < rays.size(); first += eight) {
-        const std::span<const Ray> some = rays.subspan(first, std::min(eight, rays.size() - first));
+        const std::span<const Ray> some =
+            to_structure(rays.subspan(first, std::min(eight, rays.size() - first)), own);
         Packet packet(some);
         query.met_others = 0;
         rtcOccluded8(packet.valid, impl_->bvh, &query.context, &packet.r.ray);

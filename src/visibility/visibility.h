@@ -81,6 +81,12 @@ public:
     ~Visibility();
     Visibility(Visibility&&) noexcept;
 
+    /// The same surfaces, asked in units of frame `other` where this is asked in those of `own`.
+    /// Both have one structure.
+    Visibility in_frame(const scene::Frame& own, const scene::Frame& other) const;
+    /// Units of the frame that the structure was built in, in one of this one's.
+    float scale() const { return scale_; }
+
     /// Nearest surface; of those in one place a front before a back. A blended one counts with
     /// probability alpha, drawn from the ray and the surface, so that the same ray always gives the
     /// same answer.
@@ -142,10 +148,26 @@ public:
     struct Impl;
 
 private:
+    struct Captures;
     friend class PackedRays;
+    Visibility(std::shared_ptr<Impl> impl, float scale, glm::vec3 offset);
+    bool is_placed() const { return scale_ != 1.0f || offset_ != glm::vec3(0.0f); }
+    /// From this frame to that of the structure.
+    glm::vec3 to_structure(glm::vec3 point) const {
+        return is_placed() ? scale_ * point + offset_ : point;
+    }
+    Ray to_structure(const Ray& ray) const {
+        return is_placed()
+                   ? Ray{to_structure(ray.origin), scale_ * ray.direction, ray.t_min, ray.t_max}
+                   : ray;
+    }
+    std::span<const Ray> to_structure(std::span<const Ray> rays, std::span<Ray> placed) const;
     /// Where no surface on the segment is opaque.
     glm::vec3 filter_of_others(const Ray& ray) const;
-    std::unique_ptr<Impl> impl_;
+    std::shared_ptr<Impl> impl_;
+    std::unique_ptr<Captures> captures_;
+    float scale_ = 1.0f;
+    glm::vec3 offset_{0.0f};
 };
 
 /// Batches of rays laid out as Embree takes them, to measure what its traversal alone costs.

@@ -12,7 +12,7 @@ namespace lpvbake::solver::gather {
 namespace {
 
 constexpr uint32_t strata = 16;       ///< points of a cluster that places may test
-constexpr float smallest = 0.25f;     ///< clusters of this size are not opened
+constexpr float smallest = 0.25f;     ///< clusters of this share of a patch's size are not opened
 constexpr float near_triangle = 1.0f; ///< sizes of a triangle within which it is not a point
 constexpr float divided_weight = 8.0f;
 
@@ -247,6 +247,8 @@ void Zone::gather_sky(std::span<const uint64_t* const> sees, int order, Sources&
 void Zone::descend(uint32_t cluster, uint32_t mask, glm::vec3 channels, glm::vec3 centre,
                    glm::vec3 half, Sources& sources) const {
     const std::vector<Cluster>& nodes = world_.clusters.nodes;
+    // Surfaces may be lit more finely than this frame's cells need.
+    const float closed = smallest / world_.visibility.scale();
     uint32_t stack[512]; // deeper than a tree whose halves hold a sixteenth at least
     size_t depth = 0;
     stack[depth++] = cluster;
@@ -258,7 +260,7 @@ void Zone::descend(uint32_t cluster, uint32_t mask, glm::vec3 channels, glm::vec
         const glm::vec3 apart = glm::max(glm::abs(c.position - centre) - half, glm::vec3(0.0f));
         const float square = glm::dot(apart, apart);
         const float wanted = c.size * (c.count == 1 ? near_triangle : world_.kappa);
-        if (square >= wanted * wanted || c.size <= smallest) {
+        if (square >= wanted * wanted || c.size <= closed) {
             const float guard = 0.25f * c.size * c.size;
             sources.points.push_back(glm::vec4(c.position, mask));
             sources.points.push_back(glm::vec4(c.normal, guard));
