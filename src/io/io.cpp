@@ -5,6 +5,7 @@
 #include "io/glb.h"
 #include "io/ktx2.h"
 #include "io/layout.h"
+#include "io/levels.h"
 #include "io/nvdb.h"
 #include "io/tres.h"
 #include "io/vdb.h"
@@ -127,6 +128,11 @@ void scale_band_one(double factor, Volume& volume) {
 }
 
 Volume read_volume(const std::string& path, volume::GridKinds kinds, VolumeFormats formats) {
+    if (is_manifest(path))
+        throw Error(ErrorKind::unsupported,
+                    path
+                        + ": lists nested levels, where one volume is wanted; flatten them with "
+                          "lpvbake convert, or give the file of one");
     Volume volume = required(readable_format(path, formats), path, formats).read(path, kinds);
     if (const auto scale = volume.metadata.find("l1_scale"); scale != volume.metadata.end()) {
         const double factor = std::strtod(scale->second.c_str(), nullptr);

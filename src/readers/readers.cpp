@@ -213,8 +213,10 @@ glm::dvec3 evaluate(Evaluation evaluation, std::span<const glm::vec3> coefficien
     return result;
 }
 
-glm::dvec3 irradiance(const Reader& reader, const Volume& volume, glm::dvec3 point, glm::dvec3 n) {
-    const volume::CellWeights taps = taps_of(reader, volume, point, n);
+namespace {
+
+glm::dvec3 irradiance_of(const Reader& reader, const Volume& volume,
+                         const volume::CellWeights& taps, glm::dvec3 n) {
     const std::size_t count = std::size_t(volume::sh_count(order_of(reader, volume)));
     glm::dvec3 result(0.0);
     if (reader.evaluation == Evaluation::cube) {
@@ -233,6 +235,23 @@ glm::dvec3 irradiance(const Reader& reader, const Volume& volume, glm::dvec3 poi
         result = evaluate(reader.evaluation, mix(volume, taps, count), n);
     }
     return reader.clamped ? glm::max(result, 0.0) : result;
+}
+
+} // namespace
+
+glm::dvec3 irradiance(const Reader& reader, const Volume& volume, glm::dvec3 point, glm::dvec3 n) {
+    return irradiance_of(reader, volume, taps_of(reader, volume, point, n), n);
+}
+
+glm::dvec3 irradiance(const Reader& reader, const volume::Levels& levels, glm::dvec3 point,
+                      glm::dvec3 n) {
+    return volume::blend(levels, point, [&](std::size_t level) {
+        const Volume& volume = levels.volumes[level];
+        const volume::CellWeights taps = taps_of(reader, volume, point, n);
+        const bool found = std::ranges::count(taps.weight, 0.0) < std::ssize(taps.weight);
+        return volume::LevelReading<glm::dvec3>{irradiance_of(reader, volume, taps, n),
+                                                taps.clear && found};
+    });
 }
 
 } // namespace lpvbake::readers

@@ -2,6 +2,7 @@
 // makes of what it finds there.
 #pragma once
 
+#include "volume/levels.h"
 #include "volume/sampler.h"
 #include "volume/sh.h"
 
@@ -89,6 +90,10 @@ std::array<double, volume::sh_count(volume::sh_max_order)> transfer_of(const Rea
 /// Irradiance (lux, RGB) that the reader shows at a point (metres) of unit normal n. Sums over taps
 /// are rounded to single precision; lpvbake's row gives the bits of read_irradiance.
 glm::dvec3 irradiance(const Reader& reader, const Volume& volume, glm::dvec3 point, glm::dvec3 n);
+
+/// The same of nested levels, blended (volume/levels.h); of a volume that is alone the same bits.
+glm::dvec3 irradiance(const Reader& reader, const volume::Levels& levels, glm::dvec3 point,
+                      glm::dvec3 n);
 
 /// Irradiance from the coefficients (nits, RGB) of a lookup, for all evaluations but cube, which
 /// has no coefficients; not clamped.

@@ -97,14 +97,14 @@ void set_pixel(image::Pixels& picture, int column, int row, glm::dvec3 colour) {
 
 } // namespace
 
-Rendering render(const LitScene& lit, const Volume& volume, const raster::Raster& raster,
+Rendering render(const LitScene& lit, const volume::Levels& levels, const raster::Raster& raster,
                  const readers::Reader& reader, const ViewSettings& settings, Progress& progress) {
     const Scene& scene = lit.scene;
     const scene::Frame& frame = lit.frame;
     const visibility::Visibility& visibility = lit.visibility;
     const reference::Paths& paths = lit.paths;
     const Show show = settings.show;
-    if (show == Show::occlusion && volume.occlusion.empty())
+    if (show == Show::occlusion && levels.volumes.front().occlusion.empty())
         throw Error(ErrorKind::invalid, "the volume holds no occlusion to show; lpv bakes it");
     const glm::ivec2 size = settings.size;
     const scene::RsmView view = view_of(settings.camera, frame, size);
@@ -128,10 +128,11 @@ Rendering render(const LitScene& lit, const Volume& volume, const raster::Raster
         p.albedo = seen.albedo;
         const glm::dvec3 world = frame.to_world(p.point);
         if (show == Show::cells || show == Show::validity || show == Show::occlusion)
-            return colour_of_volume(show, volume, reader, world, p.smooth);
+            return colour_of_volume(show, levels.volumes[volume::level_at(levels, world)], reader,
+                                    world, p.smooth);
         const double depth = glm::dot(p.point - view.origin, view.axis);
         return tint_of(along, depth) * colour_of(show, p, paths, rays, [&] {
-                   return glm::max(readers::irradiance(reader, volume, world, p.smooth), 0.0);
+                   return glm::max(readers::irradiance(reader, levels, world, p.smooth), 0.0);
                });
     };
 

@@ -9,7 +9,7 @@
 
 namespace lpvbake::render {
 
-/// What all pictures of a scene refer to. `frame` is that of the volume's grid.
+/// What all pictures of a scene refer to. `frame` is that of the finest grid.
 struct LitScene {
     const Scene& scene;
     const scene::Frame& frame;
@@ -31,11 +31,12 @@ struct Rendering {
     double noise = 0;
 };
 
-/// Draws the scene on the device, sample by sample, and lights what is seen: punctual lights by
+/// Draws the scene on the device, sample by sample, and lights what is seen by nested levels, or by
+/// one volume: punctual lights by
 /// shadow rays, the field as `reader` shows it, and dark where that is negative. Backs of
 /// single-sided materials are not drawn. The same bits for any number of threads. Throws Error:
 /// invalid (Show::occlusion of a volume without); device, memory; and whatever `progress` throws.
-Rendering render(const LitScene& lit, const Volume& volume, const raster::Raster& raster,
+Rendering render(const LitScene& lit, const volume::Levels& levels, const raster::Raster& raster,
                  const readers::Reader& reader, const ViewSettings& settings, Progress& progress);
 
 /// The same picture by ViewSettings::samples paths a pixel, from the eye on: instead of the field

@@ -136,12 +136,16 @@ CellWeights weights_at(const Volume& volume, glm::dvec3 point, glm::dvec3 n, Rea
         if (near.weight[0] > 0)
             return near;
     }
+    const auto instead = [](CellWeights weights) {
+        weights.clear = false;
+        return weights;
+    };
     if (normalise(own.faced))
-        return own.faced;
+        return instead(own.faced);
     if (normalise(own.valid))
-        return own.valid;
-    return nearest(volume, at, own.low, std::numeric_limits<double>::infinity(),
-                   [](std::size_t, glm::dvec3) { return true; });
+        return instead(own.valid);
+    return instead(nearest(volume, at, own.low, std::numeric_limits<double>::infinity(),
+                           [](std::size_t, glm::dvec3) { return true; }));
 }
 
 } // namespace lpvbake::volume

@@ -12,6 +12,7 @@ namespace lpvbake::volume {
 struct CellWeights {
     std::array<std::size_t, 8> cell{};
     std::array<double, 8> weight{};
+    bool clear = true; ///< Reading::facing: they see the point, none stands for those that would
 };
 
 /// The weights at a point (metres) of a surface with unit normal n. Beyond the outermost centres

@@ -1,0 +1,155 @@
+#include "io/levels.h"
+
+#include "io/atomic_file.h"
+#include "io/described.h"
+#include "lpvbake/error.h"
+#include "quoted.h"
+
+#include <cmath>
+#include <filesystem>
+
+namespace lpvbake::io {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* end_of_name = ".levels.json";
+constexpr const char* format_name = "lpvbake levels";
+constexpr uint64_t most_bytes = 1 << 20;
+
+[[noreturn]] void reject(const std::string& path, const std::string& why) {
+    throw Error(ErrorKind::invalid, path + ": " + why);
+}
+
+Json array_of(glm::dvec3 v) {
+    return {v.x, v.y, v.z};
+}
+
+double number_in(const std::string& path, const Json& json, const char* name) {
+    const auto found = json.find(name);
+    if (found == json.end() || !found->is_number() || !std::isfinite(found->get<double>()))
+        reject(path, std::string("has no number \"") + name + "\"");
+    return found->get<double>();
+}
+
+Json parse(const std::string& path) {
+    const Json json = Json::parse(read_file(path, most_bytes), nullptr, false);
+    if (!json.is_object() || json.value("format", Json()) != format_name)
+        reject(path, "is no manifest of levels");
+    const auto levels = json.find("levels");
+    if (levels == json.end() || !levels->is_array() || levels->empty()
+        || levels->size() > volume::most_levels)
+        reject(path, "lists no levels, or more than " + std::to_string(volume::most_levels));
+    return json;
+}
+
+std::string file_in(const std::string& path, const Json& level) {
+    const Json file = level.is_object() ? level.value("file", Json()) : Json();
+    if (!file.is_string() || file.get<std::string>().empty()
+        || file.get<std::string>().find('/') != std::string::npos)
+        reject(path, "has a level without the name of a \"file\" beside it");
+    return file.get<std::string>();
+}
+
+/// What all levels of a bake have alike.
+void check_alike(const std::string& path, const std::string& file, const Volume& first,
+                 const Volume& other) {
+    const auto differ = [&](const std::string& what) {
+        reject(path, file + " is of another bake than the finest level: they differ in " + what
+                         + "; bake all levels together");
+    };
+    for (const char* fact : {"scene_hash", "settings"}) {
+        const auto a = first.metadata.find(fact), b = other.metadata.find(fact);
+        if ((a == first.metadata.end()) != (b == other.metadata.end())
+            || (a != first.metadata.end() && a->second != b->second))
+            differ(fact);
+    }
+    if (first.sh_order != other.sh_order)
+        differ("the order of the harmonics");
+}
+
+/// The samples of a level nest in those of the next.
+void check_nested(const std::string& path, const std::string& file, const Grid& fine,
+                  const Grid& coarse) {
+    const double ratio = coarse.cell / fine.cell;
+    bool nests = ratio > 1.5 && std::abs(ratio - std::round(ratio)) < 1e-6 * ratio;
+    for (int axis = 0; axis < 3; ++axis) {
+        const double first =
+            (fine.center(glm::ivec3(0)) - coarse.center(glm::ivec3(0)))[axis] / coarse.cell;
+        const double last = first + (fine.dims[axis] - 1) / ratio;
+        nests = nests && std::abs(first - std::round(first)) < 1e-4 && first > -1e-4
+                && last < coarse.dims[axis] - 1 + 1e-4;
+    }
+    if (!nests)
+        reject(path, file + " does not lie in the next level, sample on sample");
+}
+
+} // namespace
+
+std::string level_path(const std::string& path, std::size_t level) {
+    const fs::path whole(path);
+    return level == 0 ? path
+                      : (whole.parent_path()
+                         / (whole.stem().string() + "_level" + std::to_string(level)
+                            + whole.extension().string()))
+                            .string();
+}
+
+std::string manifest_path(const std::string& path) {
+    return fs::path(path).replace_extension().string() + end_of_name;
+}
+
+bool is_manifest(const std::string& path) {
+    return path.ends_with(end_of_name);
+}
+
+WriteReport::File write_manifest(const std::string& path, const std::vector<Grid>& grids,
+                                 volume::Axes axes, double blend) {
+    Json levels = Json::array();
+    for (std::size_t i = 0; i < grids.size(); ++i) {
+        const Grid grid = volume::turned_grid(grids[i], volume::from_gltf(axes));
+        const glm::dvec3 lo = grid.center(glm::ivec3(0)), hi = grid.center(grid.dims - 1);
+        levels.push_back({{"file", fs::path(level_path(path, i)).filename().string()},
+                          {"origin", array_of(grid.origin)},
+                          {"cell", grid.cell},
+                          {"dims", {grid.dims.x, grid.dims.y, grid.dims.z}},
+                          {"box", {lo.x, lo.y, lo.z, hi.x, hi.y, hi.z}}});
+    }
+    const Json manifest{{"format", format_name}, {"version", 1},
+                        {"levels", levels},      {"ratio", 2},
+                        {"blend", blend},        {"axes", volume::name_of(axes)}};
+    const std::string name = manifest_path(path);
+    AtomicFile file(name);
+    file.write(text_of(manifest));
+    const uint64_t bytes = file.seal();
+    file.publish();
+    return {name, bytes};
+}
+
+volume::VolumeSet read_levels(const std::string& path) {
+    const Json json = parse(path);
+    volume::VolumeSet set;
+    set.blend = number_in(path, json, "blend");
+    if (!(set.blend > 0))
+        reject(path, "has a \"blend\" that is not above 0");
+    std::vector<std::string> files;
+    for (const Json& level : json["levels"]) {
+        const std::string file = printable(file_in(path, level));
+        const Volume& read = set.levels.emplace_back(
+            lpvbake::read_volume((fs::path(path).parent_path() / file_in(path, level)).string()));
+        const double cell = number_in(path, level, "cell");
+        if (std::abs(cell - read.grid.cell) > 1e-6 * read.grid.cell)
+            reject(path, file
+                             + " has other cells than are listed: of another bake; bake all "
+                               "levels together");
+        if (set.levels.size() > 1) {
+            const Volume& finer = set.levels[set.levels.size() - 2];
+            check_alike(path, file, set.levels.front(), read);
+            check_nested(path, files.back(), finer.grid, read.grid);
+        }
+        files.push_back(file);
+    }
+    return set;
+}
+
+} // namespace lpvbake::io

@@ -1,0 +1,94 @@
+// Nested levels: volumes of one lit scene in boxes around each other, each of larger cells than the
+// one in it. They stand for each other, and are never summed.
+//
+// Samples nest (the centres of the cells): those of a level that lie in the box of a finer one are
+// samples of that too, and the box of the outermost samples of a level, its *hull*, ends on planes
+// of samples of the next.
+#pragma once
+
+#include "volume/sampler.h"
+
+#include <span>
+#include <vector>
+
+namespace lpvbake::volume {
+
+/// What a level is asked for by.
+struct LevelBox {
+    glm::dvec3 lo, hi; ///< metres; the hull holds it
+    double cell;       ///< metres
+};
+
+inline constexpr std::size_t most_levels = 8;
+
+/// The grids of levels, whose cells are powers of two of the smallest, finest first, whatever the
+/// order of `levels`. The outermost box keeps its middle, the others begin and end on samples of
+/// the next. Throws Error: argument (a box is inside out or not in that of the next, cells are
+/// alike or no power of two of each other, too many levels), and as fit_grid.
+std::vector<Grid> nest_grids(std::vector<LevelBox> levels);
+
+/// Boxes of `count` levels: `focus` of the smallest cells, then around its middle boxes of twice
+/// the size and cells each, and last the whole, from `lo` to `hi`, out of which none reaches.
+/// Throws Error (argument) where the focus lies outside.
+std::vector<LevelBox> levels_around(const LevelBox& focus, glm::dvec3 lo, glm::dvec3 hi,
+                                    std::size_t count);
+
+/// Volumes of levels.
+struct VolumeSet {
+    std::vector<Volume> levels; ///< finest first; at least one
+    /// Cells of the next level, inside of a hull, over which a level takes over from that.
+    double blend = 1;
+};
+
+/// The levels of a set, or a volume that is alone. Refers to them.
+struct Levels {
+    std::span<const Volume> volumes;
+    double blend = 1;
+
+    Levels(const Volume& alone) : volumes(&alone, 1) {}
+    Levels(const VolumeSet& set) : volumes(set.levels), blend(set.blend) {}
+};
+
+/// What a level weighs at a point (metres) against the coarser ones: 0 outside of its hull, rising
+/// to 1 (smoothstep) over `blend` cells of the next level. At faces that it has in common with the
+/// outermost level it stays what it is beside them. The outermost level's is 1.
+double share_of(const Levels& levels, std::size_t level, glm::dvec3 point);
+
+/// The finest level that has a share at the point.
+std::size_t level_at(const Levels& levels, glm::dvec3 point);
+
+/// What is read of a level.
+template <class Value>
+struct LevelReading {
+    Value value;
+    bool clear = true; ///< of cells that the point sees
+};
+
+/// The mean of what `read(level)`, a LevelReading, finds at a point, by the levels' shares of what
+/// finer ones leave. What is not clear does not count, unless nothing is; then the finest does.
+template <class Read>
+auto blend(const Levels& levels, glm::dvec3 point, const Read& read) {
+    const std::size_t finest = level_at(levels, point);
+    const auto first = read(finest);
+    auto sum = 0.0 * first.value;
+    double total = 0, left = 1;
+    for (std::size_t level = finest; level < levels.volumes.size() && left > 0; ++level) {
+        const double share = share_of(levels, level, point);
+        if (share == 0)
+            continue;
+        const auto own = level == finest ? first : read(level);
+        if (!own.clear)
+            continue;
+        sum += left * share * own.value;
+        total += left * share;
+        left *= 1 - share;
+    }
+    return total > 0 ? sum / total : first.value;
+}
+
+/// The set as one volume of cubic cells, with samples in the hull of the outermost level: light is
+/// that of the valid cells around whose walls the sample lies before, as blend() mixes levels;
+/// validity and walls are those of the nearest of them. Throws Error as fit_grid.
+Volume flatten(const Levels& levels, double cell);
+
+} // namespace lpvbake::volume
