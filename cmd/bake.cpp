@@ -7,6 +7,7 @@
 #include "bake/points.h"
 #include "bake/storage.h"
 #include "commands.h"
+#include "io/levels.h"
 #include "io/points.h"
 #include "lpvbake/error.h"
 #include "options/wording.h"
@@ -45,11 +46,27 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::optional<solver::Quality> quality;
     std::map<std::string, double> parameters; ///< of solvers
     FitOptions fit;
-    std::optional<uint64_t> verify; ///< points
-    std::optional<uint64_t> bytes;  ///< of each output
-    bool any_resolution = true;     ///< with `bytes`
-    std::string at;                 ///< file of points; empty: a grid is baked
+    std::optional<uint64_t> verify;      ///< points
+    std::optional<uint64_t> bytes;       ///< of each output
+    bool any_resolution = true;          ///< with `bytes`
+    std::string at;                      ///< file of points; empty: a grid is baked
+    std::vector<volume::LevelBox> level; ///< of nested ones each
+    std::size_t levels = 0;              ///< around `focus`; 0: none
+    std::optional<Bounds> focus;
+
+    bool nests() const { return !level.empty() || levels > 0; }
 };
+
+/// "X0,Y0,Z0,X1,Y1,Z1:CELL".
+volume::LevelBox parse_level(const std::string& text) {
+    const std::size_t colon = text.rfind(':');
+    const auto cell =
+        colon == std::string::npos ? std::nullopt : options::parse_number(text.substr(colon + 1));
+    if (!cell || !(*cell > 0))
+        options::refuse(text, "is not X0,Y0,Z0,X1,Y1,Z1:CELL, in metres");
+    const Bounds box = options::parse_bounds(text.substr(0, colon));
+    return {box.lo, box.hi, *cell};
+}
 
 // ---------------------------------------------------------------- options of solvers
 
@@ -110,6 +127,9 @@ std::vector<const solver::SolverKind*> solvers_of(const BakeOptions& o) {
     };
     if (!o.at.empty())
         keep("at", solvers_with([](const solver::SolverKind& kind) { return kind.at_places; }));
+    if (o.nests())
+        keep(o.levels > 0 ? "levels" : "level",
+             solvers_with([](const solver::SolverKind& kind) { return kind.in_levels; }));
     if (o.quality)
         keep("quality", solvers_with(has_presets));
     for (const auto& [name, value] : o.parameters)
@@ -186,6 +206,25 @@ void check_options(const BakeOptions& o) {
             throw Error(ErrorKind::argument, "--" + name + ": the " + solver.name + " solver takes "
                                                  + solver::values_of(*own));
     check_fit(o.outputs, o.fit, o.sh_order);
+    if (o.nests())
+        check_level_outputs(o.outputs.paths);
+    if (o.levels > 0 && o.grid.cell == 0)
+        throw Error(ErrorKind::argument, "--levels: how large the finest cells are is missing: add "
+                                         "--cell-size H");
+}
+
+/// What nested grids are asked for by; nothing where there is but one.
+std::vector<volume::LevelBox> levels_of(const BakeOptions& o, const Scene& scene) {
+    if (o.levels == 0)
+        return o.level;
+    const std::optional<Bounds> given = o.box_in(scene);
+    const Bounds box = given.value_or(bounds_of(scene));
+    volume::GridSettings settings = o.grid_settings();
+    settings.cell *= std::exp2(double(o.levels - 1));
+    // Samples on the faces of a box that is given, and around the scene as one grid has them.
+    const double out = (settings.margin - (given ? 0.0 : 0.5)) * settings.cell;
+    return volume::levels_around({o.focus->lo, o.focus->hi, o.grid.cell}, box.lo - out,
+                                 box.hi + out, o.levels);
 }
 
 /// All but what choose_settings chooses; refers to the reader.
@@ -251,6 +290,9 @@ report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
                           {"choice", chosen}};
     if (choice.plan.settings.points > 0)
         document["points"] = choice.plan.settings.points;
+    if (o.nests())
+        for (const Grid& each : bake::grids_in(choice.plan))
+            document["levels"].push_back(report::grid_json(each));
     if (storage)
         document["storage"] = {{"sh_order", storage->order},
                                {"resolution", storage->resolution},
@@ -261,12 +303,39 @@ report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
     return document;
 }
 
+void print_level(std::size_t level, const Grid& grid) {
+    const glm::dvec3 lo = grid.center(glm::ivec3(0)), hi = grid.center(grid.dims - 1);
+    std::printf(
+        "level %zu       %d x %d x %d samples every %.4g m from (%.5g, %.5g, %.5g) to (%.5g, "
+        "%.5g, %.5g), %zu in all\n",
+        level, grid.dims.x, grid.dims.y, grid.dims.z, grid.cell, lo.x, lo.y, lo.z, hi.x, hi.y, hi.z,
+        grid.size());
+}
+
+/// How large the numbers of each level are in a file, where that is known.
+void print_bytes(const BakeOptions& o, const bake::BakePlan& plan) {
+    const std::vector<Grid> grids = bake::grids_in(plan);
+    for (const std::string& path : o.outputs.paths)
+        for (std::size_t level = 0; level < grids.size() && grids.size() > 1; ++level) {
+            try {
+                const uint64_t bytes = io::stored_bytes(o.outputs.storage(), path,
+                                                        bake::grids_of(plan), grids[level].dims);
+                std::printf("bytes         %s of numbers in %s\n", bytes_text(bytes).c_str(),
+                            io::level_path(path, level).c_str());
+            } catch (const Error&) { // of nodes of their own
+            }
+        }
+}
+
 void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice,
                 const std::optional<bake::Storage>& storage) {
     std::printf("device        %s\n", device.name.c_str());
     if (const uint64_t points = choice.plan.settings.points)
         std::printf("points        %llu, surfaces in patches of at most %.4g m\n",
                     (unsigned long long)points, choice.plan.grid.cell);
+    else if (const std::vector<Grid> grids = bake::grids_in(choice.plan); grids.size() > 1)
+        for (std::size_t i = 0; i < grids.size(); ++i)
+            print_level(i, grids[i]);
     else
         print_grid(choice.plan.grid);
     const std::string error =
@@ -291,9 +360,13 @@ std::vector<Written> planned_outputs(const BakeOptions& o, const bake::BakePlan&
             output.files.push_back({path, 0});
             continue;
         }
-        for (const std::string& file :
-             io::files_for(o.outputs.storage(), path, bake::grids_of(plan)))
-            output.files.push_back({file, 0});
+        const std::size_t levels = 1 + plan.coarser.size();
+        for (std::size_t level = 0; level < levels; ++level)
+            for (const std::string& file : io::files_for(
+                     o.outputs.storage(), io::level_path(path, level), bake::grids_of(plan)))
+                output.files.push_back({file, 0});
+        if (levels > 1)
+            output.files.push_back({io::manifest_path(path), 0});
     }
     return outputs;
 }
@@ -328,6 +401,7 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const bake:
     for (const solver::SkippedStage& skipped : plan.skipped)
         std::printf("skipped       %s: %s\n", skipped.name.c_str(),
                     options::in_options(skipped.why).c_str());
+    print_bytes(o, plan);
     for (const Written& output : planned_outputs(o, plan))
         for (const WriteReport::File& file : output.files)
             std::printf("writes        %s\n", file.path.c_str());
@@ -461,6 +535,34 @@ void run_at(const BakeOptions& o, const std::string& settings, const Scene& scen
     print_result(o, device.info(), choice, {}, baked.lit.light, {}, written, run);
 }
 
+/// Bakes nested levels, writes and tells of them.
+void run_levels(const BakeOptions& o, const std::string& settings, const Scene& scene,
+                const bake::Choice& choice, gpu::Device& device, Run& run) {
+    tell("choice: " + choice.text);
+    bake::BakedLevels baked = bake::bake_levels(scene, choice.plan, device, run.progress);
+    run.stages.insert(run.stages.end(), baked.stages.begin(), baked.stages.end());
+    run.warn(baked.warnings);
+    volume::VolumeSet set{std::move(baked.levels)};
+    Volume facts; // what is true of all
+    facts.metadata["choice"] = choice.text;
+    fill_metadata(o, scene, settings, facts);
+    for (Volume& level : set.levels) {
+        if (o.fit.dilate > 0) {
+            volume::dilate(level, o.fit.dilate);
+            level.metadata["dilate"] = std::to_string(o.fit.dilate);
+        }
+        level.metadata.insert(facts.metadata.begin(), facts.metadata.end());
+        add_light(scene, level);
+    }
+    run.begin_stage();
+    const std::vector<Written> written =
+        write_levels(o.outputs, o.outputs.paths, set, run.progress);
+    run.end_stage("write", counted(written.size(), "output"));
+    device.check_validation();
+    run.progress.end();
+    print_result(o, device.info(), choice, {}, set.levels.front(), {}, written, run);
+}
+
 /// Sets what of the options --bytes chooses.
 bake::Storage choose_storage(const Scene& scene, const bake::BakeSettings& base,
                              const bake::Wish& wish, BakeOptions& o) {
@@ -515,6 +617,7 @@ void run(BakeOptions o, const std::string& settings) {
     run.end_stage("open", "the device, opened while the scene was loaded");
 
     base.bounds = o.box_in(scene);
+    base.levels = levels_of(o, scene);
     std::optional<bake::Storage> storage;
     if (o.bytes) {
         storage = choose_storage(scene, base, wish, o);
@@ -539,6 +642,10 @@ void run(BakeOptions o, const std::string& settings) {
 
     if (!o.at.empty()) {
         run_at(o, settings, scene, std::move(points), choice, *device, run);
+        return;
+    }
+    if (o.nests()) {
+        run_levels(o, settings, scene, choice, *device, run);
         return;
     }
     Attempt made = bake_until(o, scene, facts, base, wish, std::move(choice), reader, *device, run);
@@ -601,6 +708,28 @@ void add_solver_options(options::Options& options, BakeOptions& o) {
     add_parameters(options, o);
 }
 
+void add_level_options(options::Options& options, BakeOptions& o) {
+    options
+        .values("--level", o.level, "X0,Y0,Z0,X1,Y1,Z1:CELL", parse_level,
+                "Box, metres, with cells of this size; repeated: nested levels of one scene, cells "
+                "powers of two of the finest, into a file each; see below")
+        .exclude({"resolution", "cell-size", "bounds", "margin", "levels", "focus", "at", "bytes",
+                  "verify", "rsm-samples", "rsm-size"})
+        .record(options::Recorded::if_changed);
+    options
+        .number("--levels", o.levels, 2, double(volume::most_levels),
+                "Nested levels around --focus: cells of --cell-size there, then twice as large in "
+                "boxes twice as large, the last over all of the scene or --bounds")
+        .exclude({"at", "bytes", "verify", "rsm-samples", "rsm-size"})
+        .need("focus")
+        .record(options::Recorded::if_changed);
+    options
+        .value("--focus", o.focus, "X0,Y0,Z0,X1,Y1,Z1", options::parse_bounds,
+               "Box of the finest of --levels, metres")
+        .need("levels")
+        .record(options::Recorded::if_changed);
+}
+
 options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<BakeOptions>();
     BakeOptions& o = *fields;
@@ -612,10 +741,13 @@ options::Action declare(options::Options& options) {
               "Bake the light at the points of a file (" + io::point_format_list()
                   + ") instead of a grid, into " + io::lit_point_format_list()
                   + "; --cell-size is how large patches of surfaces are at most then; see below")
-        .exclude({"resolution", "bounds", "margin", "rsm-samples", "rsm-size", "tolerance",
-                  "target", "precision", "sh-convention", "axes", "packing", "dering", "l1-scale",
-                  "exr-columns", "dilate", "fit", "evaluation", "verify", "bytes"})
+        .exclude({"resolution", "bounds",        "margin",   "level",     "levels",
+                  "focus",      "rsm-samples",   "rsm-size", "tolerance", "target",
+                  "precision",  "sh-convention", "axes",     "packing",   "dering",
+                  "l1-scale",   "exr-columns",   "dilate",   "fit",       "evaluation",
+                  "verify",     "bytes"})
         .keep_to_one_run();
+    add_level_options(options, o);
     add_light_options(options, o);
     add_solver_options(options, o);
     add_output_options(options, o.outputs);
@@ -657,6 +789,8 @@ options::Action declare(options::Options& options) {
     return [fields, &options] {
         fields->any_resolution =
             !options.find("resolution")->is_given() && !options.find("cell-size")->is_given();
+        // Whatever their order, the files are the same.
+        std::ranges::sort(options.find("level")->given);
         run(*fields, options.recorded());
     };
 }

@@ -2,6 +2,7 @@
 
 #include "bake/volume_fit.h"
 #include "commands.h"
+#include "io/levels.h"
 #include "lpvbake/error.h"
 #include "lpvbake/scene.h"
 #include "scene_options.h"
@@ -23,7 +24,8 @@ struct ConvertOptions {
     OutputOptions outputs;
     std::optional<int> sh_order; ///< none: the volume's
     FitOptions fit;
-    std::string scene; ///< whose surfaces it is fitted to; empty: its own walls
+    std::string scene;             ///< whose surfaces it is fitted to; empty: its own walls
+    std::optional<double> flatten; ///< metres
     Format format = Format::text;
 };
 
@@ -76,15 +78,37 @@ void fit(const ConvertOptions& o, const bake::SurfacePoints& to, TerminalProgres
                       + " shows nearer to what the volume holds: it is as with --fit none");
 }
 
-void run(const ConvertOptions& o) {
-    for (const std::string& path : o.outputs.paths)
-        if (!io::volume_format(path))
-            throw Error(ErrorKind::argument,
-                        path + ": unknown kind of volume file; use " + io::format_list());
-    check_files({o.scene}, {o.file}, o.outputs.paths);
-    check_fit(o.outputs, o.fit, o.sh_order.value_or(0));
-    Volume volume = read_volume(o.file);
-    TerminalProgress progress(ProgressStyle::none);
+/// Whether a volume of this name would take the place of the manifest, or of one of its files.
+bool is_level_of(const std::string& path, const std::string& manifest) {
+    namespace fs = std::filesystem;
+    const auto place = [](const fs::path& of) { return fs::weakly_canonical(fs::absolute(of)); };
+    const fs::path set = place(manifest);
+    std::string stem = set.filename().string();
+    stem.resize(stem.rfind(".levels.json"));
+    const fs::path first = set.parent_path() / (stem + fs::path(path).extension().string());
+    for (std::size_t level = 0; level < volume::most_levels; ++level)
+        if (place(path) == place(io::level_path(first.string(), level)))
+            return true;
+    return place(io::manifest_path(path)) == set;
+}
+
+/// One volume, or nested levels; flattened where that is asked for.
+volume::VolumeSet read_levels(const ConvertOptions& o) {
+    volume::VolumeSet set;
+    if (io::is_manifest(o.file))
+        set = io::read_levels(o.file);
+    else
+        set.levels.push_back(read_volume(o.file));
+    if (o.flatten) {
+        set.levels = {volume::flatten(set, *o.flatten)};
+        for (const char* fact : {"level", "level_set"})
+            set.levels.front().metadata.erase(fact);
+    }
+    return set;
+}
+
+/// Makes of a volume what is asked for.
+void change(const ConvertOptions& o, TerminalProgress& progress, Volume& volume) {
     const bool fitted = fits(o, volume);
     const bake::SurfacePoints to = fitted ? points_of(o, volume, progress) : bake::SurfacePoints{};
     if (o.sh_order || o.fit.evaluation != readers::Evaluation::linear)
@@ -95,32 +119,56 @@ void run(const ConvertOptions& o) {
     }
     if (fitted)
         fit(o, to, progress, volume);
+}
+
+void run(const ConvertOptions& o) {
+    for (const std::string& path : o.outputs.paths)
+        if (!io::volume_format(path))
+            throw Error(ErrorKind::argument,
+                        path + ": unknown kind of volume file; use " + io::format_list());
+    check_files({o.scene}, {o.file}, o.outputs.paths);
+    for (const std::string& path : o.outputs.paths)
+        if (io::is_manifest(o.file) && is_level_of(path, o.file))
+            throw Error(ErrorKind::argument, path + ": would replace the input " + o.file);
+    check_fit(o.outputs, o.fit, o.sh_order.value_or(0));
+    TerminalProgress progress(ProgressStyle::none);
+    volume::VolumeSet set = read_levels(o);
     const std::optional<PackedScene> packed =
         o.scene.empty() ? std::nullopt : packed_for(o.outputs.paths, o.scene, {});
+    for (Volume& volume : set.levels)
+        change(o, progress, volume);
     const std::vector<Written> written =
-        write_outputs(o.outputs, o.outputs.paths, volume, progress, packed);
+        write_levels(o.outputs, o.outputs.paths, set, progress, packed);
+    const Volume& finest = set.levels.front();
     if (o.format == Format::json) {
         report::Json document{{"command", "convert"},
                               {"file", o.file},
-                              {"grid", report::grid_json(volume.grid)},
-                              {"sh_order", volume.sh_order},
+                              {"grid", report::grid_json(finest.grid)},
+                              {"sh_order", finest.sh_order},
                               {"outputs", outputs_json(written)},
                               {"warnings", progress.warnings()}};
-        add_fit(volume, document);
+        add_fit(finest, document);
         print_json(document);
         return;
     }
-    print_grid(volume.grid);
+    for (const Volume& volume : set.levels)
+        print_grid(volume.grid);
     print_outputs(written);
 }
 
 options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<ConvertOptions>();
     ConvertOptions& o = *fields;
-    options.text("file", o.file, "IN", "Volume: " + io::format_list(" or ", true)).require();
+    options
+        .text("file", o.file, "IN",
+              "Volume: " + io::format_list(" or ", true) + ", the .levels.json of nested ones too")
+        .require();
     options.texts("output", o.outputs.paths, "OUT", "Volumes to write: " + io::format_list())
         .require();
     options.number("--sh-order", o.sh_order, 0, 4, "Highest band to keep; default: the volume's");
+    options.number("--flatten", o.flatten, 1e-9, 1e9,
+                   "Resample the nested levels of a .levels.json into one volume of cells of H "
+                   "metres, or a volume into other cells");
     options.number("--dilate", o.fit.dilate, 0, 1024,
                    "Rings of cells inside geometry to fill from those around them");
     options.choice(

@@ -4,10 +4,12 @@
 #include "commands.h"
 #include "io/chart.h"
 #include "io/io.h"
+#include "io/levels.h"
 #include "io/slice.h"
 #include "lpvbake/error.h"
 #include "report/difference.h"
 #include "scene_options.h"
+#include "text.h"
 #include "volume/light_content.h"
 #include "volume/sh.h"
 
@@ -163,31 +165,88 @@ void warn_of_light(const DiffOptions& o, const Volume& a, const Volume& b) {
         warn(of_a->second, of_b->second);
 }
 
-void run(const DiffOptions& o) {
-    check_options(o);
-    const Volume a = read_volume(o.a), b = read_volume(o.b);
+/// Throws Error (invalid) where there is nothing to compare.
+report::Difference compare(const DiffOptions& o, const Volume& a, const Volume& b) {
     const std::string both = o.a + " and " + o.b;
     if (const auto why = volume::lattice_difference(a.grid, b.grid))
         throw Error(ErrorKind::invalid,
                     both + " are not on one grid: " + *why
                         + "; bake both with the same --bounds, --resolution and --margin");
-    warn_of_light(o, a, b);
-    const report::Difference difference{
-        o.a,
-        o.b,
-        a,
-        b,
-        volume::compare(a, b, {{o.fail.limit, o.warn.limit}, o.worst}),
-        o.fail,
-        o.warn,
-        o.metadata,
-        report::metadata_difference(a, b)};
+    report::Difference difference{o.a,
+                                  o.b,
+                                  a,
+                                  b,
+                                  volume::compare(a, b, {{o.fail.limit, o.warn.limit}, o.worst}),
+                                  o.fail,
+                                  o.warn,
+                                  o.metadata,
+                                  report::metadata_difference(a, b)};
     const volume::Comparison& comparison = difference.comparison;
     if (comparison.samples == 0 && !comparison.identical)
         throw Error(ErrorKind::invalid,
                     both + " have no cell that is valid in both: there is nothing to compare");
+    return difference;
+}
+
+/// What is told when all is printed.
+void judge(const report::Difference& difference) {
+    const std::string &a = difference.path_a, &b = difference.path_b;
+    if (const auto failed = report::failure(difference))
+        throw Error(ErrorKind::difference, a + " differs from " + b + *failed);
+    if (const auto warned = report::warning(difference))
+        print_warning(a + ": differs from " + b + ": " + *warned);
+}
+
+/// Of nested levels each with its own.
+void run_levels(const DiffOptions& o) {
+    if (!io::is_manifest(o.a) || !io::is_manifest(o.b))
+        throw Error(ErrorKind::argument, o.a + " and " + o.b
+                                             + ": one is a set of levels, the other one volume; "
+                                               "first lpvbake convert --flatten it");
+    if (!o.outputs.empty())
+        throw Error(ErrorKind::argument,
+                    o.outputs.front() + ": no output is made of levels; give the files of one");
+    const volume::VolumeSet a = io::read_levels(o.a), b = io::read_levels(o.b);
+    if (a.levels.size() != b.levels.size())
+        throw Error(ErrorKind::invalid, format("%s has %zu levels, %s %zu", o.a.c_str(),
+                                               a.levels.size(), o.b.c_str(), b.levels.size()));
+    std::vector<report::Difference> differences;
+    for (std::size_t level = 0; level < a.levels.size(); ++level) {
+        DiffOptions own = o;
+        own.a += format(" level %zu", level);
+        own.b += format(" level %zu", level);
+        warn_of_light(own, a.levels[level], b.levels[level]);
+        differences.push_back(compare(own, a.levels[level], b.levels[level]));
+    }
+    if (o.format == Format::json) {
+        report::Json levels = report::Json::array();
+        for (const report::Difference& difference : differences) {
+            levels.push_back(report::difference_json(difference));
+            levels.back()["slice"] = nullptr;
+            levels.back()["outputs"] = report::Json::array();
+        }
+        print_json({{"command", "diff"}, {"a", o.a}, {"b", o.b}, {"levels", levels}});
+    } else {
+        for (const report::Difference& difference : differences)
+            print_text(report::difference_text(difference) + "result     "
+                       + report::verdict(difference) + "\n");
+    }
+    finish_stdout();
+    for (const report::Difference& difference : differences)
+        judge(difference);
+}
+
+void run(const DiffOptions& o) {
+    check_options(o);
+    if (io::is_manifest(o.a) || io::is_manifest(o.b)) {
+        run_levels(o);
+        return;
+    }
+    const Volume a = read_volume(o.a), b = read_volume(o.b);
+    const report::Difference difference = compare(o, a, b);
+    warn_of_light(o, a, b);
     double white = 0;
-    write_outputs(o, a, b, comparison, white);
+    write_outputs(o, a, b, difference.comparison, white);
     if (o.format == Format::json) {
         report::Json document = report::difference_json(difference);
         document["slice"] = nullptr;
@@ -205,10 +264,7 @@ void run(const DiffOptions& o) {
         std::printf("result     %s\n", report::verdict(difference).c_str());
     }
     finish_stdout();
-    if (const auto failed = report::failure(difference))
-        throw Error(ErrorKind::difference, o.a + " differs from " + o.b + *failed);
-    if (const auto warned = report::warning(difference))
-        print_warning(o.a + ": differs from " + o.b + ": " + *warned);
+    judge(difference);
 }
 
 /// The three options of a threshold, which excuse a difference of values once one is given.

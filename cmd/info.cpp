@@ -3,6 +3,7 @@
 #include "commands.h"
 #include "io/chart.h"
 #include "io/glb.h"
+#include "io/levels.h"
 #include "io/slice.h"
 #include "lpvbake/error.h"
 #include "options/wording.h"
@@ -60,7 +61,31 @@ struct Told {
     std::string text;
 };
 
+Told tell_of_levels(const InfoOptions& o) {
+    if (o.slice)
+        throw Error(ErrorKind::argument,
+                    "--slice: " + o.file + " is a set of levels; give the file of one");
+    const volume::VolumeSet set = io::read_levels(o.file);
+    Told told{{{"command", "info"},
+               {"file", o.file},
+               {"kind", "levels"},
+               {"blend", set.blend},
+               {"levels", report::Json::array()}},
+              "levels     " + o.file
+                  + format(", %zu, finest first, blended over %.3g cells of the next\n",
+                           set.levels.size(), set.blend)};
+    for (std::size_t level = 0; level < set.levels.size(); ++level) {
+        const std::string name = format("level %zu", level);
+        told.json["levels"].push_back(report::volume_json(name, set.levels[level]));
+        told.json["levels"].back()["slice"] = nullptr;
+        told.text += report::volume_text(name, set.levels[level]);
+    }
+    return told;
+}
+
 Told tell_of_volume(const InfoOptions& o) {
+    if (io::is_manifest(o.file))
+        return tell_of_levels(o);
     const Volume volume = read_volume(o.file);
     Told told{report::volume_json(o.file, volume), report::volume_text(o.file, volume)};
     told.json["slice"] = nullptr;

@@ -1,5 +1,6 @@
 #include "read_light.h"
 
+#include "io/levels.h"
 #include "io/target.h"
 #include "lpvbake/error.h"
 #include "lpvbake/file.h"
@@ -20,16 +21,31 @@ const std::string* fact_in(const Volume& volume, const char* name) {
     return fact == volume.metadata.end() ? nullptr : &fact->second;
 }
 
-} // namespace
-
-Volume read_light(const std::string& path) {
-    Volume volume = read_volume(path);
+/// The volume, unless it holds something else than light.
+Volume checked(const std::string& path, Volume volume) {
     const bool is_difference = fact_in(volume, "minuend") != nullptr;
     if (is_difference || fact_in(volume, "quantity"))
         throw Error(ErrorKind::invalid,
                     path + ": holds " + (is_difference ? "the difference of two volumes" : "errors")
                         + ", not light; give a volume of bake or reference");
     return volume;
+}
+
+} // namespace
+
+Volume read_light(const std::string& path) {
+    return checked(path, read_volume(path));
+}
+
+volume::VolumeSet read_levels(const std::string& path) {
+    volume::VolumeSet set;
+    if (io::is_manifest(path))
+        set = io::read_levels(path);
+    else
+        set.levels.push_back(read_volume(path));
+    for (Volume& level : set.levels)
+        level = checked(path, std::move(level));
+    return set;
 }
 
 bool holds(const Volume& volume, std::optional<volume::Reflections> volume::LightContent::*source) {
@@ -91,6 +107,18 @@ std::optional<Volume> filled_for(const readers::Reader& sampler, const Volume& v
         return {};
     std::optional<Volume> filled = volume;
     volume::dilate(*filled, target->dilate);
+    return filled;
+}
+
+std::optional<volume::VolumeSet> filled_for(const readers::Reader& sampler,
+                                            const volume::VolumeSet& levels) {
+    volume::VolumeSet filled{{}, levels.blend};
+    for (const Volume& level : levels.levels) {
+        std::optional<Volume> own = filled_for(sampler, level);
+        if (!own)
+            return {};
+        filled.levels.push_back(std::move(*own));
+    }
     return filled;
 }
 

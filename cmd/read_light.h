@@ -7,6 +7,7 @@
 #include "readers/readers.h"
 #include "reference/paths.h"
 #include "scene/scene.h"
+#include "volume/levels.h"
 #include "volume/light_content.h"
 
 #include <optional>
@@ -16,6 +17,8 @@ namespace lpvbake::cmd {
 
 /// Throws Error (invalid) for differences and errors, and as read_volume does.
 Volume read_light(const std::string& path);
+/// The same of nested levels (io/levels.h); of any other file a set of one.
+volume::VolumeSet read_levels(const std::string& path);
 
 /// Whether the volume holds light of a kind of source; where that is unknown it is taken to.
 bool holds(const Volume& volume, std::optional<volume::Reflections> volume::LightContent::*source);
@@ -36,5 +39,7 @@ readers::Reader sampler_for(const readers::Reader* asked, const Volume& volume);
 std::string sampler_name(const readers::Reader& sampler);
 /// The volume as the sampler's target writes it, where that fills cells; a fitted one is filled.
 std::optional<Volume> filled_for(const readers::Reader& sampler, const Volume& volume);
+std::optional<volume::VolumeSet> filled_for(const readers::Reader& sampler,
+                                            const volume::VolumeSet& levels);
 
 } // namespace lpvbake::cmd

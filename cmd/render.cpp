@@ -142,11 +142,12 @@ render::CameraChoice parse_camera(const std::string& text) {
 
 /// The camera, and the picture's size: of a camera that has an aspect, as high as usual.
 Camera choose_camera(const RenderOptions& o, const Scene& scene, const Grid& grid,
-                     const visibility::Visibility& visibility, glm::ivec2& size) {
+                     const visibility::Visibility& visibility, const scene::Frame& frame,
+                     glm::ivec2& size) {
     size = o.size.value_or(glm::ivec2(960, 540));
     const Bounds box{grid.origin, grid.origin + grid.cell * glm::dvec3(grid.dims)};
-    const Camera camera = render::choose_camera(
-        o.camera, scene, box, visibility, scene::frame_of(grid), double(size.x) / double(size.y));
+    const Camera camera = render::choose_camera(o.camera, scene, box, visibility, frame,
+                                                double(size.x) / double(size.y));
     if (!o.size && camera.aspect > 0)
         size.x =
             int(std::clamp(std::round(size.y * camera.aspect), 1.0, double(most_pixels_a_side)));
@@ -341,12 +342,13 @@ void run(const RenderOptions& o) {
     auto opening = std::async(in_background(), [&o] {
         return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
     });
-    const Volume volume = read_light(o.volume);
+    const volume::VolumeSet levels = read_levels(o.volume);
+    const Volume& volume = levels.levels.front();
     const readers::Reader sampler = sampler_for(o.sampler, volume);
     const Scene scene = run.load();
     if (scene::triangle_count(scene) == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to draw");
-    warn_of_mismatch(o, scene, volume, run.progress);
+    warn_of_mismatch(o, scene, levels.levels.back(), run.progress);
     const std::unique_ptr<gpu::Device> device = opening.get();
     run.end_stage("load");
 
@@ -357,7 +359,7 @@ void run(const RenderOptions& o) {
     rules.emitters = rules.emitters && !o.no_emitters;
     const reference::Paths paths(scene, visibility, frame, rules);
     render::ViewSettings view;
-    view.camera = choose_camera(o, scene, volume.grid, visibility, view.size);
+    view.camera = choose_camera(o, scene, levels.levels.back().grid, visibility, frame, view.size);
     view.samples = o.samples;
     view.show = o.show;
     RenderResult result{
@@ -366,9 +368,9 @@ void run(const RenderOptions& o) {
         const raster::Raster raster(*device, scene, frame);
         run.end_stage("prepare");
         const render::LitScene lit{scene, frame, visibility, paths};
-        const std::optional<Volume> filled = filled_for(sampler, volume);
+        const std::optional<volume::VolumeSet> filled = filled_for(sampler, levels);
         result.rendering =
-            render::render(lit, filled ? *filled : volume, raster, sampler, view, run.progress);
+            render::render(lit, filled ? *filled : levels, raster, sampler, view, run.progress);
         const image::Pixels& drawn = result.rendering.picture;
         run.end_stage("render");
         result.exposure = o.exposure ? *o.exposure : render::automatic_exposure(drawn, view.show);
@@ -403,7 +405,7 @@ options::Action declare(options::Options& options) {
     add_scene_option(options, o);
     options.text("volume", o.volume, "VOLUME",
                  "Volume of bake or reference, " + io::format_list()
-                     + "; default: that of the scene's .glb");
+                     + ", or the .levels.json of nested ones; default: that of the scene's .glb");
     options
         .texts("-o,--output", o.outputs, "FILE", "Picture to write, .png or .exr; may be repeated")
         .keep_to_one_run();

@@ -3,6 +3,7 @@
 #include "file_error.h"
 #include "io/atomic_file.h"
 #include "io/glb.h"
+#include "io/levels.h"
 #include "io/points.h"
 #include "lpvbake/error.h"
 #include "lpvbake/scene.h"
@@ -562,6 +563,52 @@ std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std
         for (const WriteReport::File& file : report.files)
             tell("wrote " + file.path);
         written.push_back({path, report.files, report.packing});
+    }
+    return written;
+}
+
+void check_level_outputs(const std::vector<std::string>& paths) {
+    for (const std::string& path : paths) {
+        if (io::volume_format(path) == &io::glb_format)
+            throw Error(ErrorKind::argument, path
+                                                 + ": a .glb has room for one light volume, not "
+                                                   "for levels; write another kind of file");
+        for (const std::string& other : paths)
+            if (&other != &path && is_same(io::manifest_path(other), io::manifest_path(path)))
+                throw Error(ErrorKind::argument,
+                            path + " and " + other + " would share the manifest "
+                                + io::manifest_path(path) + "; give them other names");
+    }
+}
+
+std::vector<Written> write_levels(const OutputOptions& o, const std::vector<std::string>& paths,
+                                  volume::VolumeSet& set, TerminalProgress& progress,
+                                  const std::optional<PackedScene>& scene) {
+    if (set.levels.size() == 1)
+        return write_outputs(o, paths, set.levels.front(), progress, scene);
+    check_level_outputs(paths);
+    std::vector<Written> written;
+    std::vector<Grid> grids;
+    for (const Volume& level : set.levels)
+        grids.push_back(level.grid);
+    for (const std::string& path : paths) {
+        Written& own = written.emplace_back(Written{path, {}});
+        const bool last = &path == &paths.back();
+        for (std::size_t i = 0; i < set.levels.size(); ++i) {
+            Volume& level = set.levels[i];
+            level.metadata["level"] = std::to_string(i);
+            level.metadata["level_set"] = fs::path(io::manifest_path(path)).filename().string();
+            std::optional<Volume> copy;
+            if (!last)
+                copy = level;
+            std::vector<Written> one =
+                write_outputs(o, {io::level_path(path, i)}, last ? level : *copy, progress);
+            std::ranges::move(one.front().files, std::back_inserter(own.files));
+            if (i == 0)
+                own.packing = one.front().packing;
+        }
+        own.files.push_back(io::write_manifest(path, grids, o.storage().encoding.axes, set.blend));
+        tell("wrote " + own.files.back().path);
     }
     return written;
 }

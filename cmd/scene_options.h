@@ -12,6 +12,7 @@
 #include "terminal.h"
 #include "visibility/isa.h"
 #include "volume/grid.h"
+#include "volume/levels.h"
 
 #include <memory>
 #include <optional>
@@ -182,6 +183,14 @@ std::optional<PackedScene> packed_for(const std::vector<std::string>& outputs,
 std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std::string>& paths,
                                    Volume& volume, TerminalProgress& progress,
                                    const std::optional<PackedScene>& scene = {});
+/// The same of levels, and their manifests; of one level it is write_outputs. Metadata `level` and
+/// `level_set` say which of which manifest a file is.
+std::vector<Written> write_levels(const OutputOptions& o, const std::vector<std::string>& paths,
+                                  volume::VolumeSet& set, TerminalProgress& progress,
+                                  const std::optional<PackedScene>& scene = {});
+/// Throws Error (argument) for outputs that have no form for levels, or whose files would be each
+/// other's.
+void check_level_outputs(const std::vector<std::string>& paths);
 
 /// Bounds the process's threads, from now on; 0: one a core. Before any thread starts that would
 /// read the environment.

@@ -1,8 +1,10 @@
 """A light volume as numpy arrays: where its cells are, and the irradiance that it gives a surface.
 
-load_vdb.py and load_exr.py make one of a file.
+load_vdb.py and load_exr.py make one of a file, and LightLevels of the manifest of nested ones.
 """
 
+import json
+import os
 import sys
 from dataclasses import dataclass
 
@@ -25,12 +27,17 @@ class LightVolume:
         """Metres to cells: cell (i, j, k) has its centre at (i, j, k)."""
         return (np.asarray(point, float) - self.origin) / self.cell - 0.5
 
+    def hull(self):
+        """The first and the last cell's centre."""
+        first = self.origin + 0.5 * self.cell
+        return first, first + self.cell * (np.array(self.validity.shape) - 1)
+
     def weights(self, point, normal):
         """The eight cells around a point (clamped to the lattice) and their weights: trilinear, of
         valid cells, times max(0, n.d)^2 for the direction d to the cell's centre from 0.1 cells
         below the point, so that cells behind the surface do not count, times 0 behind the cell's walls to 1 from 0.2 cells before
         them. Where no cell is left, without walls, then without the direction. (The library looks
-        at cells farther off, too.)"""
+        at cells farther off, too.) The last result is False where the walls or the direction hide all."""
         dims = np.array(self.validity.shape)
         at = self.to_lattice(point)
         clamped = np.clip(at, 0, dims - 1)
@@ -46,8 +53,8 @@ class LightVolume:
         clear = facing * np.prod(self.before_walls(cells, 0.2 * normal - way), axis=0)
         for weights in (clear, facing, valid):
             if weights.sum() > 0:
-                return cells, weights / weights.sum()
-        return cells, np.zeros(8)
+                return cells, weights / weights.sum(), weights is clear
+        return cells, np.zeros(8), False
 
     def before_walls(self, cells, x):
         """[wall, cell] of these cells, for a point that lies at x from their centres, in cells."""
@@ -57,13 +64,62 @@ class LightVolume:
         before = (square - np.sum(w * x, axis=2)) / (0.2 * np.sqrt(np.maximum(square, 1e-30)))
         return np.where(square > 0, np.clip(before, 0, 1), 1)
 
-    def irradiance(self, point, normal):
-        """Lux (RGB) on a surface with this normal; times albedo / pi it is luminance in nits."""
+    def read(self, point, normal):
+        """Irradiance, and whether it is of cells that the point sees."""
         normal = np.asarray(normal, float) / np.linalg.norm(normal)
-        cells, weights = self.weights(point, normal)
+        cells, weights, clear = self.weights(point, normal)
         x, y, z = cells.T
         coefficients = np.einsum("w,kwc->kc", weights, self.sh[:, x, y, z])
-        return np.maximum(0, cosine_basis(normal)[: len(self.sh)] @ coefficients)
+        return np.maximum(0, cosine_basis(normal)[: len(self.sh)] @ coefficients), clear
+
+    def irradiance(self, point, normal):
+        """Lux (RGB) on a surface with this normal; times albedo / pi it is luminance in nits."""
+        return self.read(point, normal)[0]
+
+
+@dataclass
+class LightLevels:
+    levels: list        # of LightVolume, finest first
+    blend: float = 1.0  # cells of the next level over which a level fades in
+
+    @staticmethod
+    def load(path, load):
+        """Of NAME.levels.json, each file of it by `load`."""
+        with open(path, encoding="utf-8") as file:
+            manifest = json.load(file)
+        folder = os.path.dirname(path)
+        return LightLevels([load(os.path.join(folder, level["file"])) for level in manifest["levels"]],
+                           manifest["blend"])
+
+    def share(self, level, point):
+        """What a level weighs against the coarser ones: 0 at the faces of its hull, but for those
+        that it has in common with the outermost level, to 1 `blend` cells of the next inside."""
+        if level + 1 == len(self.levels):
+            return 1.0
+        own = self.levels[level]
+        (lo, hi), (first, last) = own.hull(), self.levels[-1].hull()
+        slack = 1e-6 * own.cell
+        inside = min(np.min(np.where(lo > first + slack, point - lo, np.inf)),
+                     np.min(np.where(hi < last - slack, hi - point, np.inf)))
+        t = np.clip(inside / (self.blend * self.levels[level + 1].cell), 0, 1)
+        return t * t * (3 - 2 * t)
+
+    def irradiance(self, point, normal):
+        """Of the levels around a point, each by its share of what finer ones leave; one that sees
+        no cell there does not count, unless none does."""
+        total, left, fallback = 0.0, 1.0, None
+        light = np.zeros(3)
+        for level, volume in enumerate(self.levels):
+            share = self.share(level, np.asarray(point, float))
+            if share == 0 or left == 0:
+                continue
+            value, clear = volume.read(point, normal)
+            fallback = value if fallback is None else fallback
+            if clear:
+                light += left * share * value
+                total += left * share
+                left *= 1 - share
+        return light / total if total > 0 else fallback
 
 
 def cosine_basis(n):
@@ -93,16 +149,20 @@ def check_canonical(path, convention, axes, packing="band"):
 
 
 def main(load):
-    """The command line of the loaders: FILE X Y Z NX NY NZ."""
+    """The command line of the loaders: FILE X Y Z NX NY NZ; of levels the manifest."""
     if len(sys.argv) != 8:
         sys.exit(f"usage: {sys.argv[0]} FILE X Y Z NX NY NZ")
     try:
-        volume = load(sys.argv[1])
+        if sys.argv[1].endswith(".levels.json"):
+            light = LightLevels.load(sys.argv[1], load)
+        else:
+            light = load(sys.argv[1])
     except OSError as error:
         sys.exit(f"{sys.argv[1]}: cannot be read: {error}")
     numbers = [float(text) for text in sys.argv[2:]]
-    dims = " x ".join(str(n) for n in volume.validity.shape)
-    origin = " ".join(f"{x:g}" for x in volume.origin)
-    lux = " ".join(f"{x:.6g}" for x in volume.irradiance(numbers[:3], numbers[3:]))
-    print(f"grid        {dims} cells of {volume.cell:g} m from {origin}")
+    for volume in getattr(light, "levels", [light]):
+        dims = " x ".join(str(n) for n in volume.validity.shape)
+        origin = " ".join(f"{x:g}" for x in volume.origin)
+        print(f"grid        {dims} cells of {volume.cell:g} m from {origin}")
+    lux = " ".join(f"{x:.6g}" for x in light.irradiance(numbers[:3], numbers[3:]))
     print(f"irradiance  {lux} lux")

@@ -20,6 +20,8 @@ constexpr Wording table[] = {
     {"`error`", "--error"},
     {"`fit`", "--fit"},
     {"`isa`", "--isa"},
+    {"`focus`", "--focus"},
+    {"`level`", "--level"},
     {"`iterations`", "--iterations"},
     {"`max_albedo`", "--max-albedo"},
     {"`max_memory`", "--max-memory"},

@@ -21,15 +21,25 @@ std::string share_with_walls(const std::vector<std::vector<glm::vec3>>& walls) {
                   100.0 * (1.0 - double(without) / double(walls[0].size())));
 }
 
+/// A grid, and the lit scene in units of its cells.
+struct Level {
+    const Grid& grid;
+    const scene::Frame& frame;
+    const visibility::Visibility& visibility;
+    surface::LitSurfaces lit;
+};
+
 /// Where walls ask for more than the reader can be made to show, and by which grid it could.
-void warn_of_contested(const Contested& contested, const BakePlan& plan, solver::Stages& stages) {
+void warn_of_contested(const Contested& contested, const BakePlan& plan, const Grid& grid,
+                       solver::Stages& stages) {
     if (contested.share <= contested_most)
         return;
-    const glm::ivec3 dims = plan.grid.dims;
-    const double cells = std::max({dims.x, dims.y, dims.z}) * plan.grid.cell / contested.cell;
-    const std::string finer = plan.settings.grid.cell > 0
-                                  ? format("`cell_size` %.4g", contested.cell)
-                                  : format("`resolution` %.0f", std::ceil(cells));
+    const glm::ivec3 dims = grid.dims;
+    const double cells = std::max({dims.x, dims.y, dims.z}) * grid.cell / contested.cell;
+    const std::string finer =
+        !plan.coarser.empty()         ? format("a `level` of %.4g m cells", contested.cell)
+        : plan.settings.grid.cell > 0 ? format("`cell_size` %.4g", contested.cell)
+                                      : format("`resolution` %.0f", std::ceil(cells));
     const glm::dvec3 at = contested.worst;
     stages.warn(format("%s reads places that walls part from the same cells, and shows %s %% of "
                        "the light on surfaces wrong by it, most at %.4g,%.4g,%.4g; from %s on it "
@@ -39,19 +49,20 @@ void warn_of_contested(const Contested& contested, const BakePlan& plan, solver:
 }
 
 /// Where maps hold some of the light, surfaces are lit anew for all of it.
-void fit_volume(const Scene& scene, const BakePlan& plan, const visibility::Visibility& visibility,
-                surface::LitSurfaces lit, solver::Stages& stages, Volume& volume) {
+void fit_volume(const Scene& scene, const BakePlan& plan, Level& level, solver::Stages& stages,
+                Volume& volume) {
     const readers::Reader& reader = *plan.settings.fit;
     stages.begin("fit");
     if (!plan.lit || plan.maps.count > 0) {
         surface::LightingSettings lighting = lighting_of(plan);
         lighting.maps = false;
-        lit = surface::light_surfaces(scene, visibility, plan.frame, lighting, stages.progress());
+        level.lit = surface::light_surfaces(scene, level.visibility, level.frame, lighting,
+                                            stages.progress());
     }
     SurfaceFitSettings settings;
     settings.dering = plan.settings.dering;
-    const SurfaceFit fit = fit_to_surfaces(scene, lit, plan.frame, plan.emitters, reader, settings,
-                                           volume, stages.progress());
+    const SurfaceFit fit = fit_to_surfaces(scene, level.lit, level.frame, plan.emitters, reader,
+                                           settings, volume, stages.progress());
     if (fit.fit.points == 0) {
         stages.end("no light arrives on surfaces of the grid");
         stages.warn(format("no light arrives on surfaces of the grid: nothing is fitted to what %s "
@@ -65,48 +76,71 @@ void fit_volume(const Scene& scene, const BakePlan& plan, const visibility::Visi
                       two_digits(100 * fit.after.leak).c_str(), 100 * fit.before.relative,
                       fit.before.energy, two_digits(100 * fit.before.leak).c_str(),
                       counted(fit.fit.points, "point").c_str()));
-    warn_of_contested(fit.contested, plan, stages);
+    warn_of_contested(fit.contested, plan, level.grid, stages);
     if (!fit.fit.taken)
         stages.warn(format("no fit brings what %s shows on surfaces nearer to their light: the "
                            "volume is as with `fit` none",
                            reader.name));
 }
 
+Volume solve_level(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
+                   solver::Solver& solver, Level level, solver::Stages& stages) {
+    Volume volume;
+    volume.grid = level.grid;
+    solver.solve({scene, device, level.grid, level.frame, level.visibility,
+                  plan.lit ? &level.lit : nullptr, plan.maps},
+                 stages, volume);
+
+    stages.begin("walls");
+    volume.walls = visibility::find_walls(level.visibility, level.grid.dims, volume.validity,
+                                          most_walls, walls_reach);
+    stages.end(share_with_walls(volume.walls));
+
+    if (plan.settings.fit)
+        fit_volume(scene, plan, level, stages, volume);
+    describe_light(scene, plan, device, level.visibility, volume);
+    return volume;
+}
+
 } // namespace
 
-Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
-           Progress& progress) {
-    Baked baked;
+BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
+                        Progress& progress) {
+    BakedLevels baked;
     baked.warnings = plan.warnings;
-    Volume& volume = baked.volume;
-    volume.grid = plan.grid;
     solver::Stages stages(progress, baked.warnings, scene.path);
 
-    const solver::SolverKind& kind = plan.settings.solver.kind();
-    const std::unique_ptr<solver::Solver> solver =
-        kind.make(device, plan.grid, plan.settings.solver);
+    const std::vector<Grid> grids = grids_in(plan);
+    std::vector<std::unique_ptr<solver::Solver>> solvers;
+    for (const Grid& grid : grids)
+        solvers.push_back(plan.settings.solver.kind().make(device, grid, plan.settings.solver));
 
     const visibility::Visibility visibility = open_scene(scene, plan, stages);
     surface::LitSurfaces lit = light_scene(scene, plan, visibility, stages);
 
-    solver->solve(
-        {scene, device, plan.grid, plan.frame, visibility, plan.lit ? &lit : nullptr, plan.maps},
-        stages, volume);
-
-    if (volume::total_energy(volume) == 0.0)
+    for (std::size_t i = 0; i < grids.size(); ++i) {
+        if (grids.size() > 1)
+            stages.set_of(format("level %zu: ", i));
+        const scene::Frame frame = scene::frame_of(grids[i]);
+        const visibility::Visibility seen = visibility.in_frame(plan.frame, frame);
+        const bool last = i + 1 == grids.size();
+        surface::LitSurfaces own = last ? std::move(lit) : lit;
+        own = surface::in_frame(std::move(own), plan.frame, frame, seen);
+        baked.levels.push_back(solve_level(scene, plan, device, *solvers[i],
+                                           {grids[i], frame, seen, std::move(own)}, stages));
+        solvers[i].reset();
+    }
+    const auto is_dark = [](const Volume& volume) { return volume::total_energy(volume) == 0.0; };
+    if (std::ranges::all_of(baked.levels, is_dark))
         stages.warn(scene::why_dark(scene));
-
-    stages.begin("walls");
-    volume.walls = visibility::find_walls(visibility, plan.grid.dims, volume.validity, most_walls,
-                                          walls_reach);
-    stages.end(share_with_walls(volume.walls));
-
-    if (plan.settings.fit)
-        fit_volume(scene, plan, visibility, std::move(lit), stages, volume);
-
-    describe_light(scene, plan, device, visibility, volume);
     baked.stages = stages.reports();
     return baked;
+}
+
+Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
+           Progress& progress) {
+    BakedLevels baked = bake_levels(scene, plan, device, progress);
+    return {std::move(baked.levels.front()), std::move(baked.stages), std::move(baked.warnings)};
 }
 
 } // namespace lpvbake::bake

@@ -15,8 +15,19 @@
 
 namespace lpvbake::bake {
 
-/// Runs the plan, which must be one of this scene. Throws Error: memory, device, and whatever
-/// `progress` throws.
+struct BakedLevels {
+    std::vector<Volume> levels; ///< finest first
+    std::vector<StageReport> stages;
+    std::vector<std::string> warnings; ///< a line each
+};
+
+/// Runs the plan, which must be one of this scene: it is lit once, for the finest grid near that
+/// and ever less finely around it, then each grid is solved by itself. Throws as bake().
+BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
+                        Progress& progress);
+
+/// Runs a plan of one grid, which must be one of this scene. Throws Error: memory, device, and
+/// whatever `progress` throws.
 Baked bake(const Scene& scene, const BakePlan& plan, const gpu::Device& device, Progress& progress);
 
 } // namespace lpvbake::bake

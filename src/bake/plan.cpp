@@ -57,21 +57,57 @@ int largest_resolution(const Bounds& box, const BakeSettings& settings, uint64_t
     return fits;
 }
 
+Bounds box_of(const Grid& grid) {
+    return {grid.origin, grid.origin + grid.cell * glm::dvec3(grid.dims)};
+}
+
+void plan_levels(const std::vector<volume::LevelBox>& levels, BakePlan& plan) {
+    std::vector<Grid> grids = volume::nest_grids(levels);
+    plan.grid = grids.front();
+    plan.frame = scene::frame_of(plan.grid);
+    plan.coarser.assign(grids.begin() + 1, grids.end());
+    for (const Grid& grid : plan.coarser) {
+        const Bounds box = box_of(grid);
+        plan.frame.coarser.push_back({glm::vec3(plan.frame.from_world(box.lo)),
+                                      glm::vec3(plan.frame.from_world(box.hi)),
+                                      float(grid.cell / plan.grid.cell)});
+    }
+}
+
+/// Begins what is told of a stage of one of several levels.
+std::string of_level(std::size_t level, const BakePlan& plan) {
+    return plan.coarser.empty() ? "" : format("level %zu: ", level);
+}
+
 void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan) {
     const BakeSettings& settings = plan.settings;
     const solver::SolverSettings& solver = settings.solver;
     const auto& [lo, hi] = scene.bounds;
-    const Bounds box = settings.bounds.value_or(scene.bounds);
-    if (!settings.bounds && settings.points == 0)
+    if (!settings.levels.empty())
+        plan_levels(settings.levels, plan);
+    const Bounds box =
+        plan.coarser.empty() ? settings.bounds.value_or(scene.bounds) : box_of(plan.coarser.back());
+    if (!settings.bounds && settings.points == 0 && settings.levels.empty())
         warn_of_empty_bounds(scene, plan.warnings);
     if (glm::any(glm::greaterThan(box.lo, hi)) || glm::any(glm::lessThan(box.hi, lo)))
         plan.warnings.push_back(
             about(scene.path, format("`bounds` do not meet the scene's, %.6g,%.6g,%.6g to "
                                      "%.6g,%.6g,%.6g",
                                      lo.x, lo.y, lo.z, hi.x, hi.y, hi.z)));
-    plan.grid = volume::fit_grid(box.lo, box.hi, settings.grid);
-    plan.frame = scene::frame_of(plan.grid);
-    plan.device_bytes = solver.kind().device_bytes(plan.grid, solver);
+    if (settings.levels.empty()) {
+        plan.grid = volume::fit_grid(box.lo, box.hi, settings.grid);
+        plan.frame = scene::frame_of(plan.grid);
+    }
+    for (const Grid& grid : grids_in(plan)) {
+        plan.device_bytes = std::max(plan.device_bytes, solver.kind().device_bytes(grid, solver));
+        if (plan.device_bytes > device.memory && !settings.levels.empty())
+            throw Error(ErrorKind::memory,
+                        dims_text(grid.dims)
+                            + format(" needs %.1f GiB of %s's %.1f GiB; give that `level` larger "
+                                     "cells or a smaller box",
+                                     double(plan.device_bytes) / 0x1p30, device.name.c_str(),
+                                     double(device.memory) / 0x1p30));
+    }
     if (plan.device_bytes > device.memory)
         throw Error(ErrorKind::memory,
                     dims_text(plan.grid.dims)
@@ -158,19 +194,17 @@ void plan_maps(const SceneFacts& scene, int size, BakePlan& plan) {
 }
 
 /// Points of surfaces, rays from each, and the solution.
-void plan_fit(const surface::PatchCount& surfaces, BakePlan& plan) {
+void plan_fit(const surface::PatchCount& surfaces, const std::string& of, BakePlan& plan) {
     const readers::Reader* reader = plan.settings.fit;
-    if (!reader) {
-        skip(plan, "fit", "the field is wanted, not a program's picture of it");
+    if (!reader)
         return;
-    }
     const SurfaceFitSettings fit;
     const double points = std::min(fit.density * surfaces.inside, double(fit.most_points));
     plan.stages.push_back(
         {"fit",
          seconds::fit + seconds::fit_ray * points * rays_a_point(fit, points)
              + seconds::fit_point * points,
-         format("about %.2g points of surfaces, as %s reads them", points, reader->name)});
+         of + format("about %.2g points of surfaces, as %s reads them", points, reader->name)});
     plan.host_bytes += uint64_t(solver::models::bytes::fit_point * points);
 }
 
@@ -224,7 +258,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     const surface::PatchCount surfaces =
         surface::count_patches(scene.surfaces, plan.frame, 1.0f, scene.cuts.get());
     const double patches = surfaces.patches;
-    const double cells = double(plan.grid.size());
+    const std::vector<Grid> grids = grids_in(plan);
     plan_light(scene, plan);
     plan.stages.push_back({"visibility", seconds::visibility_triangle * double(plan.triangles),
                            counted(plan.triangles, "triangle")});
@@ -234,29 +268,49 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
         plan.stages.push_back(
             {"around", seconds::look_place * double(settings.points),
              format("%d rays from every point, to backs and to the sky", visibility::looks)});
-    const solver::Cost cost =
-        solver.kind().cost({plan.grid, patches, plan.lit, plan.maps, settings.points}, solver);
-    plan.stages.insert(plan.stages.end(), cost.stages.begin(), cost.stages.end());
-    plan.skipped.insert(plan.skipped.end(), cost.skipped.begin(), cost.skipped.end());
-    if (settings.points == 0) {
-        plan.stages.push_back({"walls", seconds::walls_cell * cells,
-                               "what stands between cells and the points around them"});
-        plan_fit(surfaces, plan);
+    uint64_t solver_bytes = 0, all_cells = 0;
+    for (std::size_t level = 0; level < grids.size(); ++level) {
+        const Grid& grid = grids[level];
+        solver::Cost cost =
+            solver.kind().cost({grid, patches, plan.lit, plan.maps, settings.points}, solver);
+        if (settings.points == 0)
+            cost.stages.push_back({"walls", seconds::walls_cell * double(grid.size()),
+                                   "what stands between cells and the points around them"});
+        for (StageReport& stage : cost.stages)
+            stage.detail = of_level(level, plan) + stage.detail;
+        plan.stages.insert(plan.stages.end(), cost.stages.begin(), cost.stages.end());
+        if (level == 0)
+            plan.skipped.insert(plan.skipped.end(), cost.skipped.begin(), cost.skipped.end());
+        if (settings.points == 0)
+            plan_fit(level == 0
+                         ? surfaces
+                         : surface::count_patches(scene.surfaces, scene::frame_of(grid), 1.0f),
+                     of_level(level, plan), plan);
+        solver_bytes = std::max(solver_bytes, cost.host_bytes);
+        all_cells += grid.size();
     }
+    if (!settings.fit && settings.points == 0)
+        skip(plan, "fit", "the field is wanted, not a program's picture of it");
     for (const StageReport& stage : plan.stages)
         plan.seconds += stage.seconds;
 
     // The volume itself takes 12 bytes a coefficient and a wall, and a copy while it is fitted, or
     // written more than once.
     plan.host_bytes += solver::models::bytes::triangle * plan.triangles
-                       + solver::models::bytes::fixed + cost.host_bytes;
+                       + solver::models::bytes::fixed + solver_bytes;
     plan.host_bytes += settings.points > 0
                            ? settings.points * volume::point_bytes(solver.order())
-                           : plan.grid.size()
+                           : all_cells
                                  * (solver::models::bytes::cell
                                     + 24 * uint64_t(volume::sh_count(solver.order()) + most_walls));
     check_host_memory(plan);
     return plan;
+}
+
+std::vector<Grid> grids_in(const BakePlan& plan) {
+    std::vector<Grid> grids{plan.grid};
+    grids.insert(grids.end(), plan.coarser.begin(), plan.coarser.end());
+    return grids;
 }
 
 Volume grids_of(const BakePlan& plan) {

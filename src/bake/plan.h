@@ -14,10 +14,11 @@ namespace lpvbake::bake {
 
 struct BakePlan {
     BakeSettings settings;
-    Grid grid;
-    scene::Frame frame;    ///< the grid's
-    bool emitters = false; ///< some surface emits, and is wanted to
-    bool lit = false;      ///< surfaces are lit as a whole, not by reflective shadow maps alone
+    Grid grid;                 ///< of nested ones the finest
+    std::vector<Grid> coarser; ///< the levels around it; mostly none
+    scene::Frame frame;        ///< the grid's, with the boxes of the levels around it
+    bool emitters = false;     ///< some surface emits, and is wanted to
+    bool lit = false;          ///< surfaces are lit as a whole, not by reflective shadow maps alone
     solver::ReflectiveMaps maps;
     uint64_t triangles = 0;
     uint64_t device_bytes = 0; ///< peak of the solver's device memory
@@ -32,6 +33,9 @@ struct BakePlan {
 /// set), invalid (no light), memory (names the largest resolution that fits).
 BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                    const gpu::DeviceInfo& device);
+
+/// The grid and those around it, finest first.
+std::vector<Grid> grids_in(const BakePlan& plan);
 
 /// A volume of one cell with the grids that the bake's will have.
 Volume grids_of(const BakePlan& plan);

@@ -5,6 +5,7 @@
 #include "scene/scene.h"
 #include "visibility/isa.h"
 #include "volume/grid.h"
+#include "volume/levels.h"
 
 #include <optional>
 
@@ -26,8 +27,11 @@ struct BakeSettings {
     solver::SolverSettings solver;
     volume::GridSettings grid;
     std::optional<Bounds> bounds; ///< what the grid is fitted to; none: the scene's bounds
-    bool emitters = true;         ///< emissive surfaces give light
-    std::optional<int> bounces;   ///< reflections at most; none: all
+    /// Nested grids instead (volume/levels.h), by a solver of lit surfaces and without its
+    /// reflective shadow maps; empty: one grid, by the two above.
+    std::vector<volume::LevelBox> levels;
+    bool emitters = true;       ///< emissive surfaces give light
+    std::optional<int> bounces; ///< reflections at most; none: all
     /// Whose picture of the surfaces the volume is fitted to (bake/surface_fit.h); null: nobody's,
     /// it is the field at the cells' centres.
     const readers::Reader* fit = nullptr;

@@ -146,6 +146,8 @@ struct SolverKind {
     /// Reflections unless they are said; none: all.
     std::optional<int> default_bounces;
     bool at_places = false; ///< it can solve given places, not only a grid
+    /// Its cells take light from lit surfaces alone, without maps, so that grids may be nested.
+    bool in_levels = false;
     std::span<const Parameter> parameters;
     /// From the fastest to the most accurate, at least one. One is Quality::balanced, or else the
     /// first stands for it.

@@ -8,9 +8,9 @@ void Stages::begin(const char* name, uint64_t steps) {
     progress_.begin(name, steps);
 }
 
-void Stages::end(std::string detail) {
+void Stages::end(const std::string& detail) {
     const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start_;
-    reports_.push_back({name_, seconds.count(), std::move(detail)});
+    reports_.push_back({name_, seconds.count(), of_ + detail});
 }
 
 } // namespace lpvbake::solver

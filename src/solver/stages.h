@@ -27,8 +27,10 @@ public:
           scene_(std::move(scene)) {}
     /// A stage begins that consists of `steps` steps (0: unknown); `name` is a literal.
     void begin(const char* name, uint64_t steps = 0);
+    /// Begins the details of the stages that follow, as "level 1: ".
+    void set_of(std::string of) { of_ = std::move(of); }
     /// It ends, with `detail` as StageReport has it.
-    void end(std::string detail);
+    void end(const std::string& detail);
     /// Of the scene, which it names.
     void warn(const std::string& text) { warnings_.push_back(about(scene_, text)); }
     /// Where the current stage tells how far it is.
@@ -38,7 +40,7 @@ public:
 private:
     Progress& progress_;
     std::vector<std::string>& warnings_;
-    std::string scene_;
+    std::string scene_, of_;
     std::vector<StageReport> reports_;
     const char* name_ = "";
     std::chrono::steady_clock::time_point start_;

@@ -22,7 +22,8 @@ LOADED = {path.stem: json.loads(path.read_text()) for path in SCHEMAS.glob("*.js
 SMALL = ["--threads", "1", "--resolution", "8"]
 # Members that are there after one option alone.
 OPTIONAL = [("bake", "fit"), ("convert", "fit"), ("bake", "verified"), ("bake", "points"),
-            ("bake_dry_run", "points"), ("bake", "storage"), ("bake_dry_run", "storage")]
+            ("bake_dry_run", "points"), ("bake", "storage"), ("bake_dry_run", "storage"),
+            ("bake", "levels"), ("bake_dry_run", "levels")]
 TARGETS = ["generic", "unity", "threejs", "vrc", "bevy"]  # each packing once
 
 
@@ -86,6 +87,15 @@ class Documents(unittest.TestCase):
         points = ["bake", "box.gltf", "--threads", "1", "--cell-size", "0.25", "--at", "points.json", "-o", "lit.json"]
         run("bake", *points)
         run("bake_dry_run", *points, "--dry-run")
+        levels = ["bake", "box.gltf", "--threads", "1", "--cell-size", "0.2", "--levels", "2", "--focus",
+                  "-0.4,0,-0.4,0.4,0.4,0.4", "-o", "set.vdb"]
+        run("bake", *levels)
+        run("bake_dry_run", *levels, "--dry-run")
+        run("info_levels", "info", "set.levels.json")
+        run("diff_levels", "diff", "set.levels.json", "set.levels.json")
+        run("convert", "convert", "set.levels.json", "flat.vdb", "--flatten", "0.2")
+        cls.documents.append(("levels", "set.levels.json",
+                              json.loads((cls.folder / "set.levels.json").read_text())))
         run("bake_dry_run", *bake, "-o", "none.vdb", "--dry-run")
         run("bake_dry_run", *bake, "-o", "none.vdb", "--dry-run", "--solver", "lpv")
         reference = ["reference", "box.gltf", *SMALL, "--rays", "16", "--noise", "1"]

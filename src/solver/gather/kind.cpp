@@ -161,6 +161,7 @@ constinit const SolverKind gather_kind{
     .orders = orders,
     .default_bounces = std::nullopt,
     .at_places = true,
+    .in_levels = true,
     .parameters = parameters,
     .ladder = ladder,
     .map_size = map_size,

@@ -1,0 +1,120 @@
+// `lpvbake bake --level` from outside, and what the commands make of the files.
+#include "cli/run.h"
+#include "io/levels.h"
+
+#include <nlohmann/json.hpp>
+
+#include <array>
+
+namespace lpvbake {
+namespace {
+
+using cmd::ExitCode;
+using nlohmann::json;
+
+const std::string fine = " --level -0.4,0,-0.4,0.4,0.4,0.4:0.1",
+                  around = " --level -1,0,-1,1,2,1:0.2";
+
+class LevelsCli : public ::testing::Test {
+protected:
+    CliResult run(const std::string& arguments) { return run_lpvbake(folder_, arguments); }
+    CliResult bake(const std::string& arguments) {
+        return run("bake \"$ROOM\" --quality fast --solver gather -q " + arguments);
+    }
+    bool exists(const std::string& name) const { return std::filesystem::exists(folder_ / name); }
+
+    TemporaryFolder folder_;
+};
+
+TEST_F(LevelsCli, ASetIsAFileALevelAndAManifestInAnyOrder) {
+    ASSERT_EQ(bake(fine + around + " -o a.vdb -o e.exr").status, 0);
+    ASSERT_EQ(bake(around + fine + " -o b.vdb").status, 0);
+    const json manifest = json::parse(slurp(folder_ / "a.levels.json"));
+    ASSERT_EQ(manifest["levels"].size(), 2u);
+    EXPECT_EQ(manifest["levels"][0]["file"], "a.vdb");
+    EXPECT_EQ(manifest["levels"][1]["file"], "a_level1.vdb");
+    EXPECT_EQ(manifest["levels"][1]["dims"], json({11, 11, 11}));
+    const std::vector<double> box = manifest["levels"][0]["box"];
+    for (std::size_t i = 0; i < 6; ++i)
+        EXPECT_NEAR(box[i], (std::array{-0.4, 0.0, -0.4, 0.4, 0.4, 0.4}[i]), 1e-9);
+    for (const char* level : {".vdb", "_level1.vdb"}) {
+        Volume a = read_volume(folder_ / std::string("a").append(level));
+        Volume b = read_volume(folder_ / std::string("b").append(level));
+        EXPECT_EQ(a.metadata["level_set"], "a.levels.json");
+        EXPECT_EQ(a.metadata["level"], level[0] == '.' ? "0" : "1");
+        a.metadata.erase("level_set");
+        b.metadata.erase("level_set");
+        expect_equal(a, b);
+    }
+    EXPECT_EQ(run("diff a.levels.json b.levels.json").status, 0);
+    EXPECT_EQ(run("diff e.levels.json a.levels.json").status, 0);
+    EXPECT_EQ(json::parse(run("info a.levels.json --format json").out)["levels"].size(), 2u);
+}
+
+TEST_F(LevelsCli, TheCommandsTakeTheManifest) {
+    ASSERT_EQ(bake(fine + around + " -o a.vdb").status, 0);
+    ASSERT_EQ(run("render \"$ROOM\" a.levels.json -o a.png --size 32x32 --samples 1 -q").status, 0);
+    ASSERT_EQ(run("convert a.levels.json b.ktx2").status, 0);
+    EXPECT_TRUE(exists("b_level1_sh_l0.ktx2"));
+    EXPECT_EQ(run("diff a.levels.json b.levels.json --fail 0.001%").status, 0);
+    ASSERT_EQ(run("convert a.levels.json flat.vdb --flatten 0.1").status, 0);
+    EXPECT_FALSE(exists("flat.levels.json"));
+    const Volume flat = read_volume(folder_ / "flat.vdb"), own = read_volume(folder_ / "a.vdb");
+    EXPECT_EQ(flat.grid.dims, glm::ivec3(21));
+    // In the middle of the fine box it is the fine level, cell by cell.
+    const glm::dvec3 at(0, 0.2, 0.2);
+    const auto l0 = [&](const Volume& volume) {
+        return volume.sh[0][volume.grid.index(glm::ivec3(volume.grid.to_grid(at)))].x;
+    };
+    EXPECT_NEAR(l0(flat), l0(own), 1e-5f * l0(own));
+    expect_one_error(run("diff flat.vdb a.levels.json"), "diff", ExitCode::usage, "--flatten");
+    expect_one_error(run("verify a.levels.json \"$ROOM\""), "verify", ExitCode::unsupported,
+                     "nested levels");
+    expect_one_error(run("convert a.levels.json a.vdb"), "convert", ExitCode::usage, "replace");
+}
+
+TEST_F(LevelsCli, WhatIsMissingOrForeignIsToldApart) {
+    ASSERT_EQ(bake(fine + around + " -o a.vdb").status, 0);
+    ASSERT_EQ(bake(fine + around + " --sky '#ffffff,10' -o b.vdb").status, 0);
+    std::filesystem::copy_file(folder_ / "b_level1.vdb", folder_ / "a_level1.vdb",
+                               std::filesystem::copy_options::overwrite_existing);
+    expect_one_error(run("info a.levels.json"), "info", ExitCode::invalid,
+                     "a_level1.vdb is of another bake");
+    std::filesystem::remove(folder_ / "a_level1.vdb");
+    expect_one_error(run("info a.levels.json"), "info", ExitCode::file, "a_level1.vdb");
+}
+
+TEST_F(LevelsCli, WhatCannotBeNestedIsRefusedBeforeAnyWork) {
+    const auto refused = [&](const std::string& arguments, const std::string& why) {
+        expect_one_error(run("bake \"$ROOM\" -o a.vdb " + arguments), arguments, ExitCode::usage,
+                         why);
+        EXPECT_EQ(folder_.count(), 2) << arguments; // stdout and stderr
+    };
+    refused(fine + " --level -1,0,-1,1,2,1:0.3", "use 0.2 or 0.4");
+    refused(fine + " --level 0,0,0,1,2,1:0.2", "levels are nested");
+    refused(" --level 1,0,0,-1,2,1:0.2", "x0 above x1");
+    refused(" --level 1,0,0,2,2,1", "is not X0,Y0,Z0,X1,Y1,Z1:CELL");
+    refused(" --level 0,0,0,1,1,1:0.00001 --level -1,0,-1,1,2,1:0.16384", "cannot be told apart");
+    refused(fine + around + " --solver lpv", "--level is an option of sn or gather");
+    refused(fine + around + " --resolution 32", "--resolution");
+    refused(fine + around + " --rsm-samples 4", "--rsm-samples");
+    refused(fine + around + " --verify", "--verify");
+    refused(fine + around + " -o a.exr", "share the manifest");
+    refused(" --levels 2 --focus 0,0,0,1,1,1", "--cell-size");
+    refused(" --levels 2 --cell-size 0.1", "--focus");
+    expect_one_error(run("bake \"$ROOM\" -o a.glb " + fine + around), "", ExitCode::usage, ".glb");
+}
+
+TEST_F(LevelsCli, ADryRunListsLevelsAroundAFocus) {
+    const CliResult result = run("bake \"$ROOM\" --cell-size 0.05 --levels 3 --focus "
+                                 "-0.2,0,-0.2,0.2,0.2,0.2 -o a.vdb --dry-run");
+    ASSERT_EQ(result.status, 0) << result.err;
+    for (const char* text : {"level 0       9 x 5 x 9 samples every 0.05 m", "level 1 ", "level 2 ",
+                             "every 0.2 m", "of numbers in a_level2.vdb",
+                             "writes        a_level1.vdb", "writes        a.levels.json"})
+        EXPECT_NE(result.out.find(text), std::string::npos) << text << '\n' << result.out;
+    EXPECT_FALSE(exists("a.vdb"));
+}
+
+} // namespace
+} // namespace lpvbake
