@@ -9,6 +9,7 @@ Usage: packages_test.py BUILD_FOLDER EXAMPLES
 Runs as root, and takes packages from Debian's mirror.
 """
 
+import json
 import os
 import pathlib
 import re
@@ -41,12 +42,18 @@ class Packages(unittest.TestCase):
         print(f"{cls.deb.name}: {cls.deb.stat().st_size / 2**20:.1f} MiB; "
               f"{cls.archive.name}: {cls.archive.stat().st_size / 2**20:.1f} MiB")
         # The driver is the one thing that an archive cannot bring.
-        cls.root = cls.folder / "root"
-        run("mmdebstrap", "--variant=minbase", "--include=mesa-vulkan-drivers", "bookworm", cls.root)
-        run("mount", "-t", "proc", "proc", cls.root / "proc")
-        cls.addClassCleanup(run, "umount", cls.root / "proc")
+        cls.root = cls.debian("root", "--include=mesa-vulkan-drivers")
         shutil.copy(EXAMPLES / "cornell_box.gltf", cls.root / "tmp")
-        shutil.copy("/etc/resolv.conf", cls.root / "etc")
+
+    @classmethod
+    def debian(cls, name, *packages):
+        """A bare Debian, with the processes that programs ask for."""
+        root = cls.folder / name
+        run("mmdebstrap", "--variant=minbase", *packages, "bookworm", root)
+        run("mount", "-t", "proc", "proc", root / "proc")
+        cls.addClassCleanup(run, "umount", root / "proc")
+        shutil.copy("/etc/resolv.conf", root / "etc")
+        return root
 
     def within(self, *command, user="nobody"):
         return run("chroot", "--userspec", user, self.root, *command,
@@ -84,6 +91,45 @@ class Packages(unittest.TestCase):
         for tool in TOOLS:
             with self.assertRaises(AssertionError, msg=tool):
                 self.within("which", tool)
+
+    def test_the_container_bakes_read_only_and_alone(self):
+        """Does what examples/Containerfile says, then what `podman run --read-only --network none -v OUT:/work`
+        does, but for a /tmp in memory: there is none."""
+        root, environment = self.debian("container"), {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin"}
+        text = (EXAMPLES / "Containerfile").read_text().replace("\\\n", " ")
+        said = {}
+        for line in text.splitlines():
+            word, _, rest = line.partition(" ")
+            if word == "COPY":
+                pattern, folder = rest.split()
+                self.assertTrue(self.deb.match(pattern))
+                shutil.copy(self.deb, root / folder.lstrip("/"))
+            elif word == "RUN":
+                run("chroot", root, "sh", "-c", rest, env=environment)
+            elif word and word != "#":
+                said[word] = rest
+        self.assertEqual(set(said), {"FROM", "USER", "WORKDIR", "ENTRYPOINT"})
+        self.assertEqual(said["FROM"], "debian:bookworm-slim")
+        (root / said["WORKDIR"].lstrip("/")).mkdir()
+        work = self.folder / "work"
+        work.mkdir()
+        os.chmod(work, 0o777)
+        shutil.copy(EXAMPLES / "cornell_box.gltf", work)
+        inside = """mount --rbind "$1" "$1" && mount -o remount,bind,ro "$1" && mount --bind "$2" "$1$4" || exit 99
+            at=$1 user=$3 to=$4; shift 4; exec chroot --userspec "$user" "$at" sh -c 'cd "$0" && exec "$@"' "$to" "$@" """
+
+        def container(*arguments):
+            return run("unshare", "--mount", "--net", "sh", "-c", inside, "sh", root, work, said["USER"], said["WORKDIR"],
+                       *json.loads(said["ENTRYPOINT"]), *arguments, env=environment)
+
+        bake = ["bake", "cornell_box.gltf", "--resolution", "16", "-o"]
+        self.assertIn("device        llvmpipe", container(*bake, "a.vdb"))
+        container("info", "a.vdb", "--slice", "y=8", "-o", "a.png")
+        self.assertEqual({file.name for file in work.iterdir()}, {"cornell_box.gltf", "a.vdb", "a.png"})
+        with self.assertRaisesRegex(AssertionError, "ended with 6(.|\n)*Read-only file system"):
+            container(*bake, "/tmp/a.vdb")
+        run(BUILD / "lpvbake", *bake, work / "b.vdb", cwd=EXAMPLES)
+        self.assertEqual((work / "a.vdb").read_bytes(), (work / "b.vdb").read_bytes())
 
     def test_help_for_man_and_shells_is_in_the_package(self):
         listed = run("dpkg-deb", "--contents", self.deb)
