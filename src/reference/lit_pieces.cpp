@@ -7,6 +7,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <iterator>
 #include <numeric>
@@ -19,8 +20,10 @@ constexpr uint32_t all_photons = 1 << 14;
 /// A piece with more is halved.
 constexpr std::size_t few_photons = 16;
 constexpr int most_halvings = 24;
-/// Of a photon.
-constexpr uint32_t most_hits = 4;
+/// Of a photon that is reflected.
+constexpr uint32_t most_hits = 16;
+/// Places where leaves may be parted, along each axis, and one more.
+constexpr int bins = 16;
 
 uint64_t key_of(uint32_t instance, uint32_t triangle) {
     return uint64_t(instance) << 32 | triangle;
@@ -82,13 +85,28 @@ double share_of(const Source& source, glm::dvec3 towards, double metres) {
     return share;
 }
 
+/// Around the middles of some leaves.
+struct Box {
+    double power = 0;
+    glm::dvec3 lo{HUGE_VAL}, hi{-HUGE_VAL};
+    void add(const Box& other) {
+        power += other.power;
+        lo = glm::min(lo, other.lo);
+        hi = glm::max(hi, other.hi);
+    }
+    double spread() const { return power > 0 ? power * glm::dot(hi - lo, hi - lo) : 0; }
+};
+
 } // namespace
 
 LitPieces::LitPieces(const Scene& scene, const visibility::Visibility& visibility,
-                     const scene::Frame& frame) {
+                     const scene::Frame& frame, Light of) {
+    const uint32_t hits = of == Light::all ? most_hits : 1;
     std::vector<Source> sources;
     double power = 0;
-    for (const Light& light : scene.lights) {
+    for (const lpvbake::Light& light : scene.lights) {
+        if (of == Light::spots && light.type == LightType::directional)
+            continue;
         sources.push_back(source_of(light, visibility, frame));
         power += sources.back().power;
     }
@@ -98,12 +116,12 @@ LitPieces::LitPieces(const Scene& scene, const visibility::Visibility& visibilit
         const double own_share = source.power / power;
         const double part = 0.5 / double(sources.size()) + 0.5 * own_share;
         const auto count = uint32_t(std::ceil(part * all_photons));
-        std::vector<Photon> own(count * most_hits, {visibility::no_hit, 0, {}, {}});
+        std::vector<Photon> own(count * hits, {visibility::no_hit, 0, {}, {}});
         tbb::parallel_for(0u, count, [&](uint32_t i) {
             PathSampler sampler(join_bits(0x6c6974, s), i);
             visibility::Ray ray = ray_of(source, sampler.pair());
             double left = own_share / count;
-            for (uint32_t h = 0; h < most_hits; ++h) {
+            for (uint32_t h = 0; h < hits; ++h) {
                 const visibility::Hit hit = visibility.closest(ray);
                 if (hit.instance == visibility::no_hit || hit.facing == visibility::Facing::back)
                     return;
@@ -117,8 +135,8 @@ LitPieces::LitPieces(const Scene& scene, const visibility::Visibility& visibilit
                     return;
                 const glm::vec3 n =
                     glm::dot(hit.normal, ray.direction) > 0 ? -hit.normal : hit.normal;
-                own[i * most_hits + h] = {hit.instance, hit.triangle, hit.barycentric,
-                                          float(left * reflected) * n};
+                own[i * hits + h] = {hit.instance, hit.triangle, hit.barycentric,
+                                     float(left * reflected) * n};
                 if (sampler.plain() >= reflected) // what goes on keeps its power
                     return;
                 const glm::dvec3 point =
@@ -203,18 +221,57 @@ void LitPieces::halve(std::span<Photon> all, uint32_t placed) {
     }
 }
 
+glm::dvec3 LitPieces::corner(const Leaf& leaf, std::size_t i) const {
+    const Placed& placed = placed_[leaf.placed];
+    return glm::dvec3(placed.a + leaf.corners[i].x * placed.ab + leaf.corners[i].y * placed.ac);
+}
+
+glm::dvec3 LitPieces::middle(uint32_t leaf) const {
+    const Leaf& own = leaves_[leaf];
+    return (corner(own, 0) + corner(own, 1) + corner(own, 2)) / 3.0;
+}
+
+std::size_t LitPieces::part(std::span<uint32_t> leaves, glm::dvec3 lo, glm::dvec3 hi) const {
+    const auto bin_of = [&](uint32_t leaf, int axis) {
+        const double along = (middle(leaf)[axis] - lo[axis]) / (hi[axis] - lo[axis]);
+        return std::clamp(int(bins * along), 0, bins - 1);
+    };
+    double least = HUGE_VAL;
+    int best_axis = 0, best_plane = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+        if (!(hi[axis] > lo[axis]))
+            continue;
+        std::array<Box, bins> boxes;
+        for (const uint32_t leaf : leaves)
+            boxes[std::size_t(bin_of(leaf, axis))].add(
+                {leaves_[leaf].power, middle(leaf), middle(leaf)});
+        std::array<double, bins> beyond{};
+        Box box;
+        for (std::size_t plane = bins - 1; plane > 0; --plane) {
+            box.add(boxes[plane]);
+            beyond[plane] = box.spread();
+        }
+        box = {};
+        for (std::size_t plane = 1; plane < bins; ++plane) {
+            box.add(boxes[plane - 1]);
+            if (box.spread() + beyond[plane] < least) {
+                least = box.spread() + beyond[plane];
+                best_axis = axis;
+                best_plane = int(plane);
+            }
+        }
+    }
+    const auto second = std::stable_partition(leaves.begin(), leaves.end(), [&](uint32_t leaf) {
+        return least < HUGE_VAL && bin_of(leaf, best_axis) < best_plane;
+    });
+    const auto first = std::size_t(second - leaves.begin());
+    return first == 0 || first == leaves.size() ? leaves.size() / 2 : first;
+}
+
 void LitPieces::grow(std::span<uint32_t> leaves, uint32_t parent) {
     const auto own = uint32_t(tree_.size());
     Branch branch;
     branch.parent = parent;
-    const auto corner = [&](const Leaf& leaf, std::size_t i) {
-        const Placed& placed = placed_[leaf.placed];
-        return glm::dvec3(placed.a + leaf.corners[i].x * placed.ab + leaf.corners[i].y * placed.ac);
-    };
-    const auto middle = [&](uint32_t leaf) {
-        return (corner(leaves_[leaf], 0) + corner(leaves_[leaf], 1) + corner(leaves_[leaf], 2))
-               / 3.0;
-    };
     glm::dvec3 lo(HUGE_VAL), hi(-HUGE_VAL);
     for (const uint32_t leaf : leaves) {
         branch.power += leaves_[leaf].power;
@@ -236,11 +293,7 @@ void LitPieces::grow(std::span<uint32_t> leaves, uint32_t parent) {
         return;
     }
     tree_.push_back(branch);
-    const glm::dvec3 size = hi - lo;
-    const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
-    const std::size_t half = leaves.size() / 2;
-    std::ranges::nth_element(leaves, leaves.begin() + std::ptrdiff_t(half), {},
-                             [&](uint32_t leaf) { return std::pair(middle(leaf)[axis], leaf); });
+    const std::size_t half = part(leaves, lo, hi);
     grow(leaves.first(half), own);
     tree_[own].second = uint32_t(tree_.size());
     grow(leaves.subspan(half), own);
@@ -251,9 +304,11 @@ double LitPieces::importance(const Branch& branch, glm::dvec3 origin) {
     const double square = glm::dot(way, way);
     if (square <= branch.around)
         return branch.power / branch.around;
-    // Of what turns one way the cosine, of what turns all ways a quarter.
-    return (0.25 * branch.even + std::max(0.0, glm::dot(branch.facing, way) / std::sqrt(square)))
-           / square;
+    // Of what turns one way the cosine, the largest from any place of it; of what turns all ways a
+    // quarter.
+    const double facing =
+        glm::dot(branch.facing, way) + glm::length(branch.facing) * std::sqrt(branch.around);
+    return (0.25 * branch.even + std::max(0.0, facing / std::sqrt(square))) / square;
 }
 
 double LitPieces::first_share(const Branch& branch, glm::dvec3 origin) const {

@@ -14,15 +14,18 @@ namespace lpvbake::reference {
 
 /// Chooses points on lit surfaces with a density that follows the light they send on, their
 /// distance and the side that they turn. Photons (2^14, half of them by the lights' number, half by
-/// their power) that are reflected up to three times tell where light is; triangles are halved
-/// until their pieces hold few. The pieces are the leaves of a binary tree, which is descended by
-/// what each of two halves may give (after Conty Estevez and Kulla 2018, "Importance Sampling of
-/// Many Lights with Adaptive Tree Splitting"). Where no photon fell the density is 0: not all rays
-/// may be aimed.
+/// their power) tell where light is; triangles are halved until their pieces hold few. The pieces
+/// are the leaves of a binary tree, which is descended by what each of two halves may give (after
+/// Conty Estevez and Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree
+/// Splitting"). Where no photon fell the density is 0: not all rays may be aimed.
 class LitPieces {
 public:
+    enum class Light {
+        all,  ///< of all lights, reflected up to fifteen times
+        spots ///< what point and spot lights, which may be as near as one likes, shine on
+    };
     LitPieces(const Scene& scene, const visibility::Visibility& visibility,
-              const scene::Frame& frame);
+              const scene::Frame& frame, Light light);
     bool empty() const { return tree_.empty(); }
 
     /// A point on a piece, as it is seen from `origin` (frame units).
@@ -67,6 +70,10 @@ private:
 
     void halve(std::span<Photon> photons, uint32_t placed);
     void grow(std::span<uint32_t> leaves, uint32_t parent);
+    glm::dvec3 corner(const Leaf& leaf, std::size_t i) const;
+    glm::dvec3 middle(uint32_t leaf) const;
+    /// Parts leaves in two, the bright from the far; returns how many come first.
+    std::size_t part(std::span<uint32_t> leaves, glm::dvec3 lo, glm::dvec3 hi) const;
     static double importance(const Branch& branch, glm::dvec3 origin);
     /// How likely the first of a branch's halves is chosen.
     double first_share(const Branch& branch, glm::dvec3 origin) const;

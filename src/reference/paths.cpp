@@ -37,8 +37,15 @@ Paths::Paths(const Scene& scene, const visibility::Visibility& visibility,
                             frame.from_world(light.position), light.direction, light.range,
                             std::cos(std::min(light.inner_cone, light.outer_cone)),
                             std::cos(light.outer_cone)});
+    const auto find = [&](std::optional<LitPieces>& pieces, LitPieces::Light light) {
+        pieces.emplace(scene, visibility, frame, light);
+        if (pieces->empty())
+            pieces.reset();
+    };
     if (goes_on(0) && !sources_.empty())
-        lit_.emplace(scene, visibility, frame);
+        find(lit_, LitPieces::Light::all);
+    if (goes_on(1) && lit_)
+        find(spots_, LitPieces::Light::spots);
 }
 
 glm::dvec3 Paths::illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays) const {
@@ -90,7 +97,7 @@ double Paths::Lobe::density(glm::dvec3 towards) const {
 }
 
 bool Paths::is_guided(int reflections) const {
-    return reflections == 0 && lit_ && !lit_->empty();
+    return reflections == 0 && lit_;
 }
 
 double Paths::density_of(const visibility::Hit& hit, glm::vec3 origin, glm::dvec3 towards,
@@ -147,6 +154,43 @@ Paths::Glimpse Paths::aim_at_sky(glm::vec3 origin, const Lobe& lobe, int reflect
     return seen;
 }
 
+Paths::Bounce Paths::bounce_of(const visibility::Hit& hit, glm::vec3 origin,
+                               glm::dvec3 towards) const {
+    const Mesh& mesh = scene_.meshes[size_t(scene_.instances[hit.instance].mesh)];
+    glm::dvec3 n{hit.normal};
+    if (glm::dot(n, towards) > 0.0)
+        n = -n;
+    return {off_surface(glm::dvec3(origin) + double(hit.t) * towards, n), n,
+            glm::dvec3(scene::sample_surface(scene_, mesh, hit.triangle, hit.barycentric).albedo)};
+}
+
+double Paths::share_of_path(const visibility::Hit& hit, glm::vec3 origin, glm::dvec3 towards,
+                            const Lobe& lobe) const {
+    const double own = lobe.density(towards);
+    return spots_ ? own / (own + spots_->density(hit, glm::dvec3(origin), towards)) : 1.0;
+}
+
+glm::dvec3 Paths::aim_at_spot(glm::vec3 origin, const Lobe& lobe, PathSampler& sampler,
+                              uint64_t& rays) const {
+    if (!spots_)
+        return glm::dvec3(0.0);
+    const Emitters::Target target = spots_->target(glm::dvec3(origin), sampler.pair());
+    const glm::dvec3 way = target.point - glm::dvec3(origin);
+    const double distance = glm::length(way);
+    const glm::dvec3 towards = way / distance;
+    if (!(distance > 0.0) || !(lobe.density(towards) > 0.0))
+        return glm::dvec3(0.0);
+    ++rays;
+    const float end = float(distance + ray_offset(target.point));
+    const visibility::Hit hit = visibility_.closest({origin, glm::vec3(towards), 0.0f, end});
+    if (!target.is_met(hit) || hit.facing == visibility::Facing::back)
+        return glm::dvec3(0.0);
+    const Bounce bounce = bounce_of(hit, origin, towards);
+    // Of the two ways to get here: the density of one cancels.
+    return share_of_path(hit, origin, towards, lobe) * glm::dvec3(hit.tint) * bounce.albedo
+           / glm::pi<double>() * illuminance(bounce.point, bounce.n, rays);
+}
+
 std::array<Paths::Glimpse, 3> Paths::arriving(glm::vec3 origin, PathSampler& sampler,
                                               uint64_t& rays) const {
     const Glimpse path = trace(origin, {}, sampler, rays);
@@ -168,6 +212,7 @@ Paths::Glimpse Paths::trace(glm::vec3 origin, Lobe lobe, PathSampler& sampler,
     Glimpse seen;
     glm::dvec3& sum = seen.luminance;
     glm::dvec3 throughput{1.0};
+    double chance = 1.0; // of it, what is due to how the rays were drawn
     for (int reflections = 0;; ++reflections) {
         const bool last = !goes_on(reflections);
         if (last && emitters_.empty() && !scene::has_sky(scene_))
@@ -196,6 +241,7 @@ Paths::Glimpse Paths::trace(glm::vec3 origin, Lobe lobe, PathSampler& sampler,
             break;
         const double density = density_of(hit, origin, towards, lobe, reflections);
         throughput *= glm::dvec3(hit.tint) * (own / density);
+        chance *= own / density;
         if (hit.instance == visibility::no_hit) {
             const double share =
                 sky_ ? density / (density + scene::sky_density(*sky_, glm::vec3(towards))) : 1.0;
@@ -209,25 +255,22 @@ Paths::Glimpse Paths::trace(glm::vec3 origin, Lobe lobe, PathSampler& sampler,
                    * (density / (density + emitters_.density(hit, towards)));
         if (last)
             break;
-        const Mesh& mesh = scene_.meshes[size_t(scene_.instances[hit.instance].mesh)];
-        throughput *=
-            glm::dvec3(scene::sample_surface(scene_, mesh, hit.triangle, hit.barycentric).albedo);
+        const double share = reflections > 0 ? share_of_path(hit, origin, towards, lobe) : 1.0;
+        const Bounce bounce = bounce_of(hit, origin, towards);
+        throughput *= bounce.albedo;
         if (throughput == glm::dvec3(0.0))
             break;
-
-        glm::dvec3 n{hit.normal};
-        if (glm::dot(n, towards) > 0.0)
-            n = -n;
-        glm::dvec3 point = glm::dvec3(origin) + double(hit.t) * towards;
-        point = off_surface(point, n);
-        origin = glm::vec3(point);
-        lobe = {n};
-        sum += throughput / glm::pi<double>() * illuminance(point, n, rays);
+        origin = glm::vec3(bounce.point);
+        lobe = {bounce.n};
+        sum += share * throughput / glm::pi<double>() * illuminance(bounce.point, bounce.n, rays);
+        if (goes_on(reflections + 1))
+            sum += throughput * aim_at_spot(origin, lobe, sampler, rays);
         sum += throughput * aim(origin, lobe, reflections + 1, sampler, rays).luminance;
         sum += throughput * aim_at_sky(origin, lobe, reflections + 1, sampler, rays).luminance;
 
-        if (!rules_.bounces && max_component(throughput) < rules_.faint) {
-            const double survival = max_component(throughput) / rules_.faint;
+        const double reflectance = max_component(throughput) / chance;
+        if (!rules_.bounces && reflectance < rules_.faint) {
+            const double survival = reflectance / rules_.faint;
             if (sampler.plain() >= survival)
                 break;
             throughput /= survival;

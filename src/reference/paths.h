@@ -14,8 +14,8 @@ namespace lpvbake::reference {
 struct PathRules {
     std::optional<int> bounces = 1; ///< reflections at most; none: all
     bool emitters = true;           ///< emissive surfaces give light
-    /// Below this throughput a path of unlimited reflections goes on by chance. Many short paths
-    /// say more of many places, few long ones of one.
+    /// Below this reflectance in all a path of unlimited reflections goes on by chance. Many short
+    /// paths say more of many places, few long ones of one.
     double faint = 0.1;
 
     bool operator==(const PathRules&) const = default;
@@ -43,8 +43,10 @@ public:
     /// the expectation of the sum of g.luminance f(g.direction). Surfaces reflect as Lambert. At
     /// each the punctual lights' illuminance is summed in full; emitters, and a sky with a map,
     /// count where a path meets them and, by a ray of their own, where it aims at one (multiple
-    /// importance sampling, balance heuristic: Veach and Guibas 1995). The first ray of a path goes
-    /// one time of two where photons of the punctual lights fell. Adds the rays it took to `rays`.
+    /// importance sampling, balance heuristic: Veach and Guibas 1995); so does what point and spot
+    /// lights shine on, from the second reflection on, since beside a lamp it is as bright as one
+    /// likes. The first ray of a path goes one time of two where photons of the punctual lights
+    /// fell. Adds the rays it took to `rays`.
     /// Throws Error (invalid) where a path does not end: a closed scene of albedo 1.
     std::array<Glimpse, 3> arriving(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const;
 
@@ -76,6 +78,12 @@ private:
         glm::dvec3 sample(glm::dvec2 sample) const;
         double density(glm::dvec3 towards) const; ///< 1 / sr
     };
+    /// A surface that a ray met, as it reflects.
+    struct Bounce {
+        glm::dvec3 point, n; ///< where rays from it start: see off_surface
+        glm::dvec3 albedo;
+    };
+    Bounce bounce_of(const visibility::Hit& hit, glm::vec3 origin, glm::dvec3 towards) const;
     /// arriving(), from a lobe, after so many reflections: by a path, and by aiming at an emitter
     /// and the sky. What arrives is weighted as if its direction were drawn from the lobe.
     Glimpse trace(glm::vec3 origin, Lobe lobe, PathSampler& sampler, uint64_t& rays) const;
@@ -83,6 +91,12 @@ private:
                 uint64_t& rays) const;
     Glimpse aim_at_sky(glm::vec3 origin, const Lobe& lobe, int reflections, PathSampler& sampler,
                        uint64_t& rays) const;
+    /// What arrives at a surface of what lamps shine on; and how much of that is left to a path
+    /// from the surface that meets it.
+    glm::dvec3 aim_at_spot(glm::vec3 origin, const Lobe& lobe, PathSampler& sampler,
+                           uint64_t& rays) const;
+    double share_of_path(const visibility::Hit& hit, glm::vec3 origin, glm::dvec3 towards,
+                         const Lobe& lobe) const;
     /// How likely a path goes in the direction in which `hit` was met.
     double density_of(const visibility::Hit& hit, glm::vec3 origin, glm::dvec3 towards,
                       const Lobe& lobe, int reflections) const;
@@ -99,8 +113,9 @@ private:
     double across_; ///< longer than the way from any surface out of the scene, frame units
     std::vector<PunctualLight> sources_;
     Emitters emitters_;
-    std::optional<LitPieces> lit_;
-    const SkyMap* sky_ = nullptr; ///< unless it is black
+    std::optional<LitPieces> lit_;   ///< the first ray goes there; unless it is empty
+    std::optional<LitPieces> spots_; ///< further rays do; unless it is empty
+    const SkyMap* sky_ = nullptr;    ///< unless it is black
 };
 
 } // namespace lpvbake::reference

@@ -305,6 +305,32 @@ TEST(Reference, WhatSmallLampsLightIsAimedAt) {
     EXPECT_LT(all * 4 * pi, 2 * spot);
 }
 
+/// A lamp of 1 mm above a plate, seen from below it: what the lamp shines on beside it, which no
+/// ray from the ceiling would find, comes from there.
+TEST(Reference, WhatIsBesideALampIsAimedAtFromSurfacesToo) {
+    Scene scene;
+    const int grey = scenes::add_material(scene, glm::vec3(0.8f), glm::vec3(0.0f));
+    scene.materials[size_t(grey)].double_sided = true;
+    scenes::add_quad(scene, grey, {-1, 0, -1}, {2, 0, 0}, {0, 0, 2});
+    scenes::add_quad(scene, grey, {-10, 4, -10}, {20, 0, 0}, {0, 0, 20});
+    scene.lights.push_back(scenes::point_light({0, 0.001, 0}, 10));
+    const reference::Reference r =
+        reference(scene, cube({2.5, -1, -0.5}, 1.0, 1), settings_of(2, 4096));
+    EXPECT_LT(r.noise, 0.03);
+    // The ceiling has the lamp's light, and that of the spot: a lamp of cosine of half the flux.
+    double sum = 0.0;
+    const double step = 0.02;
+    for (double x = -10 + step / 2; x < 10; x += step)
+        for (double z = -10 + step / 2; z < 10; z += step) {
+            const double square = x * x + 16 + z * z, cosine = 4 / std::sqrt(square);
+            const double illuminance = 10 * cosine / square * (1 + 2 * 0.8 * cosine);
+            const glm::dvec3 way(x - 3, 4.5, z);
+            const double far = glm::dot(way, way);
+            sum += 0.8 / pi * illuminance * (way.y / std::sqrt(far)) / far * step * step;
+        }
+    EXPECT_NEAR(double(r.volume.sh[0][0].x), y0 * sum, 0.02 * y0 * sum);
+}
+
 // ---------------------------------------------------------------- surfaces
 
 TEST(Reference, BlendedSurfacesReflectAndTransmitByTheirAlpha) {
