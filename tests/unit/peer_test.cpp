@@ -102,7 +102,7 @@ TEST(Peer, AgreesWithTheReference) {
         settings.sh_order = 4;
         settings.rays = 200;
         settings.irradiance = true;
-        const Estimate peer = over_seeds(24, [&](uint64_t seed) {
+        const Estimate peer = over_seeds(96, [&](uint64_t seed) {
             settings.seed = seed;
             return reference::trace_peer(scene, visibility, frame, points, settings);
         });
