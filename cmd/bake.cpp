@@ -207,7 +207,7 @@ void check_options(const BakeOptions& o) {
                                                  + solver::values_of(*own));
     check_fit(o.outputs, o.fit, o.sh_order);
     if (o.nests())
-        check_level_outputs(o.outputs.paths);
+        check_level_outputs(o.outputs.paths, inputs_of(o, o));
     if (o.levels > 0 && o.grid.cell == 0)
         throw Error(ErrorKind::argument, "--levels: how large the finest cells are is missing: add "
                                          "--cell-size H");

@@ -420,10 +420,17 @@ std::vector<std::string> inputs_of(const SceneOptions& scene, const RunOptions& 
 
 namespace {
 
+/// Absolute, without links unless one leads to no path, as /dev/stdin does of a pipe.
+fs::path place_of(const std::string& path) {
+    const fs::path whole = fs::absolute(path);
+    std::error_code failed;
+    fs::path place = fs::weakly_canonical(whole, failed);
+    return failed ? whole : place;
+}
+
 /// Whether the file is one of those that the volume of this name has.
 bool has_file(const std::string& volume, const std::string& file) {
-    const fs::path own = fs::weakly_canonical(fs::absolute(volume));
-    const fs::path other = fs::weakly_canonical(fs::absolute(file));
+    const fs::path own = place_of(volume), other = place_of(file);
     if (own == other)
         return true;
     const io::VolumeFormat* format = io::readable_format(volume);
@@ -439,7 +446,7 @@ bool has_file(const std::string& volume, const std::string& file) {
 }
 
 bool is_same(const std::string& a, const std::string& b) {
-    return fs::weakly_canonical(fs::absolute(a)) == fs::weakly_canonical(fs::absolute(b));
+    return place_of(a) == place_of(b);
 }
 
 } // namespace
@@ -567,17 +574,33 @@ std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std
     return written;
 }
 
-void check_level_outputs(const std::vector<std::string>& paths) {
+void check_level_outputs(const std::vector<std::string>& paths,
+                         const std::vector<std::string>& inputs) {
     for (const std::string& path : paths) {
         if (io::volume_format(path) == &io::glb_format)
             throw Error(ErrorKind::argument, path
                                                  + ": a .glb has room for one light volume, not "
                                                    "for levels; write another kind of file");
+        const auto writes = [&](const std::string& file) {
+            for (std::size_t level = 1; level < volume::most_levels; ++level)
+                if (has_file(io::level_path(path, level), file))
+                    return true;
+            return is_same(io::manifest_path(path), file);
+        };
+        for (const std::string& input : inputs)
+            if (!input.empty() && writes(input))
+                throw Error(ErrorKind::argument, path + ": would replace the input " + input);
         for (const std::string& other : paths)
             if (&other != &path && is_same(io::manifest_path(other), io::manifest_path(path)))
                 throw Error(ErrorKind::argument,
                             path + " and " + other + " would share the manifest "
                                 + io::manifest_path(path) + "; give them other names");
+            else if (&other != &path
+                     && (writes(other) || writes(io::manifest_path(other))
+                         || has_file(path, io::manifest_path(other))))
+                throw Error(ErrorKind::argument,
+                            path + " and " + other
+                                + " would share files of levels; give them other names");
     }
 }
 
@@ -586,7 +609,7 @@ std::vector<Written> write_levels(const OutputOptions& o, const std::vector<std:
                                   const std::optional<PackedScene>& scene) {
     if (set.levels.size() == 1)
         return write_outputs(o, paths, set.levels.front(), progress, scene);
-    check_level_outputs(paths);
+    check_level_outputs(paths, {});
     std::vector<Written> written;
     std::vector<Grid> grids;
     for (const Volume& level : set.levels)

@@ -189,8 +189,9 @@ std::vector<Written> write_levels(const OutputOptions& o, const std::vector<std:
                                   volume::VolumeSet& set, TerminalProgress& progress,
                                   const std::optional<PackedScene>& scene = {});
 /// Throws Error (argument) for outputs that have no form for levels, or whose files would be each
-/// other's.
-void check_level_outputs(const std::vector<std::string>& paths);
+/// other's or an input.
+void check_level_outputs(const std::vector<std::string>& paths,
+                         const std::vector<std::string>& inputs);
 
 /// Bounds the process's threads, from now on; 0: one a core. Before any thread starts that would
 /// read the environment.

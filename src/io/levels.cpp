@@ -2,6 +2,7 @@
 
 #include "io/atomic_file.h"
 #include "io/described.h"
+#include "io/io.h"
 #include "lpvbake/error.h"
 #include "quoted.h"
 
@@ -15,6 +16,7 @@ namespace fs = std::filesystem;
 
 constexpr const char* end_of_name = ".levels.json";
 constexpr const char* format_name = "lpvbake levels";
+constexpr int version = 1;
 constexpr uint64_t most_bytes = 1 << 20;
 
 [[noreturn]] void reject(const std::string& path, const std::string& why) {
@@ -35,7 +37,10 @@ double number_in(const std::string& path, const Json& json, const char* name) {
 Json parse(const std::string& path) {
     const Json json = Json::parse(read_file(path, most_bytes), nullptr, false);
     if (!json.is_object() || json.value("format", Json()) != format_name)
-        reject(path, "is no manifest of levels");
+        reject(path, "is no manifest of levels, or damaged; bake the levels again");
+    if (json.value("version", Json()) != version)
+        reject(path, "has another \"version\" than " + std::to_string(version)
+                         + ", which is all that this lpvbake reads");
     const auto levels = json.find("levels");
     if (levels == json.end() || !levels->is_array() || levels->empty()
         || levels->size() > volume::most_levels)
@@ -48,7 +53,10 @@ std::string file_in(const std::string& path, const Json& level) {
     if (!file.is_string() || file.get<std::string>().empty()
         || file.get<std::string>().find('/') != std::string::npos)
         reject(path, "has a level without the name of a \"file\" beside it");
-    return file.get<std::string>();
+    const std::string name = file.get<std::string>();
+    if (is_manifest(name) || !readable_format(name))
+        reject(path, "has a level in " + printable(name) + ", which is no kind of volume file");
+    return name;
 }
 
 /// What all levels of a bake have alike.
@@ -115,9 +123,11 @@ WriteReport::File write_manifest(const std::string& path, const std::vector<Grid
                           {"dims", {grid.dims.x, grid.dims.y, grid.dims.z}},
                           {"box", {lo.x, lo.y, lo.z, hi.x, hi.y, hi.z}}});
     }
-    const Json manifest{{"format", format_name}, {"version", 1},
-                        {"levels", levels},      {"ratio", 2},
-                        {"blend", blend},        {"axes", volume::name_of(axes)}};
+    const Json manifest{{"format", format_name},
+                        {"version", version},
+                        {"levels", levels},
+                        {"blend", blend},
+                        {"axes", volume::name_of(axes)}};
     const std::string name = manifest_path(path);
     AtomicFile file(name);
     file.write(text_of(manifest));

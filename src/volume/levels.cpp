@@ -73,6 +73,11 @@ void check(const std::vector<LevelBox>& levels) {
                                       longest, longest / most_cells));
 }
 
+void check_cells(const LevelBox& level, glm::dvec3 dims) {
+    if (dims.x * dims.y * dims.z > std::numeric_limits<int32_t>::max())
+        reject(level, "has more than 2^31 - 1 cells; give it larger ones or a smaller box");
+}
+
 /// The grid of a box in the next coarser grid, from samples of that to samples of that.
 Grid grid_in(const Grid& coarse, const LevelBox& level, int ratio) {
     const glm::dvec3 first = coarse.center(glm::ivec3(0));
@@ -89,9 +94,7 @@ Grid grid_in(const Grid& coarse, const LevelBox& level, int ratio) {
         grid.dims[axis] = (to - from[axis]) * ratio + 1;
     }
     grid.origin = first + coarse.cell * glm::dvec3(from) - 0.5 * grid.cell;
-    const glm::dvec3 dims(grid.dims);
-    if (dims.x * dims.y * dims.z > std::numeric_limits<int32_t>::max())
-        reject(level, "has more than 2^31 - 1 cells; give it larger ones or a smaller box");
+    check_cells(level, glm::dvec3(grid.dims));
     return grid;
 }
 
@@ -105,6 +108,7 @@ std::vector<Grid> nest_grids(std::vector<LevelBox> levels) {
     for (LevelBox& level : levels)
         level.cell = least * power(level.cell);
     const auto& [lo, hi, cell] = levels.back();
+    check_cells(levels.back(), (hi - lo) / cell + 1.0);
     std::vector<Grid> grids{
         fit_grid(lo - 0.5 * cell, hi + 0.5 * cell, {.cell = levels.back().cell, .margin = 0})};
     for (int axis = 0; axis < 3; ++axis) // without rounding's traces where it begins as asked for
@@ -260,6 +264,12 @@ void carry_walls(const Volume& from, std::size_t cell, Volume& to, std::size_t o
 Volume flatten(const Levels& levels, double cell) {
     const Volume& outermost = levels.volumes.back();
     const Hull hull = hull_of(outermost.grid);
+    const glm::dvec3 dims = (hull.hi - hull.lo) / cell + 1.0;
+    if (dims.x * dims.y * dims.z > std::numeric_limits<int32_t>::max())
+        throw Error(ErrorKind::argument,
+                    format("`flatten` %.6g: %.0f x %.0f x %.0f cells are more than 2^31 - 1; use "
+                           "larger ones",
+                           cell, dims.x, dims.y, dims.z));
     Volume flat;
     flat.grid = fit_grid(hull.lo - 0.5 * cell, hull.hi + 0.5 * cell, {.cell = cell, .margin = 0});
     flat.sh_order = outermost.sh_order;

@@ -690,6 +690,11 @@ TEST_F(Cli, ScenesFromStandardInput) {
                                 + "' | '" LPVBAKE_BINARY "' bake - --dry-run > '"
                                 + (folder_ / "stdout").string() + "'";
     EXPECT_EQ(std::system(command.c_str()), 0);
+    const std::string config =
+        "echo 'resolution = 8' | '" LPVBAKE_BINARY "' bake '" + (folder_ / "room.gltf").string()
+        + "' --dry-run --config /dev/stdin > '" + (folder_ / "stdout").string() + "'";
+    EXPECT_EQ(std::system(config.c_str()), 0);
+    EXPECT_NE(slurp(folder_ / "stdout").find("8 x 8 x 8 cells"), std::string::npos);
 }
 
 TEST_F(Cli, VolumesWithoutLightSayWhy) {

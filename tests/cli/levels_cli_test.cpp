@@ -105,6 +105,32 @@ TEST_F(LevelsCli, WhatCannotBeNestedIsRefusedBeforeAnyWork) {
     expect_one_error(run("bake \"$ROOM\" -o a.glb " + fine + around), "", ExitCode::usage, ".glb");
 }
 
+TEST_F(LevelsCli, NoFileOfALevelTakesThePlaceOfAnother) {
+    const auto refused = [&](const std::string& arguments, const std::string& why) {
+        expect_one_error(bake(fine + around + arguments), arguments, ExitCode::usage, why);
+    };
+    const std::string lights =
+        R"({"lights": [{"type": "point", "intensity": 100, "position": [0, 1, 0]}]})";
+    for (const char* name : {"a.levels.json", "a_level1.json"}) {
+        spill(folder_ / name, lights);
+        refused(std::string(" -o a.exr --lights ") + name, "would replace the input");
+        EXPECT_EQ(slurp(folder_ / name), lights);
+    }
+    refused(" -o a.vdb -o a_level1.vdb", "share files of levels");
+    refused(" -o a_level1.vdb -o a.vdb", "share files of levels");
+    refused(" -o a.levels.exr -o a.vdb", "share files of levels");
+    EXPECT_FALSE(exists("a.vdb"));
+    EXPECT_EQ(bake(fine + around + " -o a.nvdb -o a_b.nvdb").status, 0);
+}
+
+TEST_F(LevelsCli, MoreCellsThanCanBeCountedNameTheirOption) {
+    expect_one_error(bake(" --level -1,0,-1,1,2,1:0.001 -o a.vdb"), "", ExitCode::usage,
+                     "--level -1,0,-1,1,2,1:0.001 has more than 2^31 - 1 cells");
+    ASSERT_EQ(bake(fine + around + " -o a.nvdb").status, 0);
+    expect_one_error(run("convert a.levels.json b.vdb --flatten 1e-5"), "convert", ExitCode::usage,
+                     "--flatten 1e-05");
+}
+
 TEST_F(LevelsCli, ADryRunListsLevelsAroundAFocus) {
     const CliResult result = run("bake \"$ROOM\" --cell-size 0.05 --levels 3 --focus "
                                  "-0.2,0,-0.2,0.2,0.2,0.2 -o a.vdb --dry-run");

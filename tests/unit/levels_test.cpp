@@ -283,13 +283,22 @@ TEST(Levels, FilesThatDoNotBelongTogetherAreToldApart) {
     std::filesystem::remove(io::level_path(path, 2));
     const std::string missing = io::level_path(path, 2);
     EXPECT_EQ(error_of(missing, [&] { io::read_levels(manifest); }).kind, ErrorKind::file);
-    spill(manifest, "{\"format\": \"lpvbake levels\"}");
-    EXPECT_EQ(kind("lists no levels"), ErrorKind::invalid);
     spill(manifest, "{");
     EXPECT_EQ(kind("no manifest"), ErrorKind::invalid);
-    spill(manifest,
-          R"({"format": "lpvbake levels", "blend": 1, "levels": [{"file": "../a.vdb"}]})");
+    const auto lists = [&](const std::string& levels, int version = 1) {
+        spill(manifest, R"({"format": "lpvbake levels", "version": )" + std::to_string(version)
+                            + R"(, "blend": 1, "levels": [)" + levels + "]}");
+    };
+    lists("");
+    EXPECT_EQ(kind("lists no levels"), ErrorKind::invalid);
+    lists(R"({"file": "a.vdb", "cell": 1})", 2);
+    EXPECT_EQ(kind("another \"version\""), ErrorKind::invalid);
+    lists(R"({"file": "../a.vdb"})");
     EXPECT_EQ(kind("beside it"), ErrorKind::invalid);
+    for (const char* file : {"..", "-", "a.levels.json", "a.txt"}) {
+        lists(std::string(R"({"file": ")") + file + "\"}");
+        EXPECT_EQ(kind("no kind of volume file"), ErrorKind::invalid) << file;
+    }
 }
 
 } // namespace
