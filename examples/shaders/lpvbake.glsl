@@ -24,6 +24,12 @@
 //
 //     uniform vec4 lpv_low[4], lpv_high[4]; // as many as lpv_sh
 //
+// Of nested levels (`lpvbake bake --level`) a texture holds all, one after the other along z, the finest
+// first, and is as wide and as high as the largest; `low` and `high` are of one level after the other.
+// lpv_levels() blends them:
+//
+//     #define LPV_LEVELS 3
+//
 // Coefficients are canonical, as `lpvbake bake` writes them unless --sh-convention says otherwise,
 // in whatever --axes. A Lambert surface's luminance is albedo / pi times its irradiance.
 
@@ -55,6 +61,19 @@ struct LpvSh { vec3 c[9]; };
 #define LPV_TEXTURES 7
 #endif
 
+#ifdef LPV_LEVELS
+// The level that is read: its number, cells, and where its slices begin.
+int lpv_level = 0, lpv_slice = 0;
+ivec3 lpv_dims = ivec3(0);
+#define LPV_DIMS lpv_dims
+#define LPV_CELL(cell) ((cell) + ivec3(0, 0, lpv_slice))
+#define LPV_RANGE(i) lpv_level * LPV_TEXTURES + i
+#else
+#define LPV_DIMS textureSize(lpv_validity, 0)
+#define LPV_CELL(cell) cell
+#define LPV_RANGE(i) i
+#endif
+
 // Metres to cells: cell (i, j, k) has its centre at (i, j, k).
 vec3 lpv_to_lattice(LpvVolume volume, vec3 point) {
     return (point - volume.origin) / volume.cell - 0.5;
@@ -65,7 +84,7 @@ vec3 lpv_to_lattice(LpvVolume volume, vec3 point) {
 LpvSh lpv_unpack(vec4 t[LPV_TEXTURES], vec3 base) {
     LpvSh sh;
 #if defined(LPV_UNORM8) || defined(LPV_BC6H)
-#define LPV_STRETCH(i) t[i] = lpv_low[i] + (lpv_high[i] - lpv_low[i]) * t[i];
+#define LPV_STRETCH(i) t[i] = lpv_low[LPV_RANGE(i)] + (lpv_high[LPV_RANGE(i)] - lpv_low[LPV_RANGE(i)]) * t[i];
     LPV_EACH_TEXTURE(LPV_STRETCH)
 #endif
 #ifdef LPV_UNORM8
@@ -82,6 +101,7 @@ LpvSh lpv_unpack(vec4 t[LPV_TEXTURES], vec3 base) {
     return sh;
 }
 
+#ifndef LPV_LEVELS
 LpvSh lpv_filtered(vec3 uvw) {
     vec4 t[LPV_TEXTURES];
 #define LPV_SAMPLE(i) t[i] = textureLod(lpv_sh[i], uvw, 0.0);
@@ -92,13 +112,14 @@ LpvSh lpv_filtered(vec3 uvw) {
     return lpv_unpack(t, vec3(1.0));
 #endif
 }
+#endif
 
 LpvSh lpv_of_cell(ivec3 cell) {
     vec4 t[LPV_TEXTURES];
-#define LPV_FETCH(i) t[i] = texelFetch(lpv_sh[i], cell, 0);
+#define LPV_FETCH(i) t[i] = texelFetch(lpv_sh[i], LPV_CELL(cell), 0);
     LPV_EACH_TEXTURE(LPV_FETCH)
 #ifdef LPV_BC6H
-    return lpv_unpack(t, texelFetch(lpv_base, cell, 0).rgb);
+    return lpv_unpack(t, texelFetch(lpv_base, LPV_CELL(cell), 0).rgb);
 #else
     return lpv_unpack(t, vec3(1.0));
 #endif
@@ -106,14 +127,16 @@ LpvSh lpv_of_cell(ivec3 cell) {
 
 // ---- the field at a point (metres) ----
 
+#ifndef LPV_LEVELS
 // By the texture unit: light of cells inside and behind walls leaks in.
 LpvSh lpv_trilinear(LpvVolume volume, vec3 point) {
     // Textures of blocks have more texels than cells.
     return lpv_filtered((lpv_to_lattice(volume, point) + 0.5) / vec3(textureSize(lpv_sh[0], 0)));
 }
+#endif
 
 bool lpv_is_valid(ivec3 cell) {
-    return texelFetch(lpv_validity, cell, 0).r > 0.0;
+    return texelFetch(lpv_validity, LPV_CELL(cell), 0).r > 0.0;
 }
 
 // max(0, n.d)^2, d the direction to what lies `way` of the point, from 0.1 cells below it.
@@ -132,9 +155,9 @@ float lpv_before_wall(vec3 w, vec3 x) {
 
 float lpv_before_walls(ivec3 cell, vec3 x) {
 #ifdef LPV_WALLS
-    return lpv_before_wall(texelFetch(lpv_walls[0], cell, 0).xyz, x)
-           * lpv_before_wall(texelFetch(lpv_walls[1], cell, 0).xyz, x)
-           * lpv_before_wall(texelFetch(lpv_walls[2], cell, 0).xyz, x);
+    return lpv_before_wall(texelFetch(lpv_walls[0], LPV_CELL(cell), 0).xyz, x)
+           * lpv_before_wall(texelFetch(lpv_walls[1], LPV_CELL(cell), 0).xyz, x)
+           * lpv_before_wall(texelFetch(lpv_walls[2], LPV_CELL(cell), 0).xyz, x);
 #else
     return 1.0;
 #endif
@@ -143,7 +166,7 @@ float lpv_before_walls(ivec3 cell, vec3 x) {
 // The nearest valid cell of the 4 x 4 x 4 around; if `clear`, of those that the surface faces, less
 // than 2 cells away, with the point before their walls. False if there is none.
 bool lpv_nearest(vec3 at, vec3 n, ivec3 low, bool clear, out ivec3 cell) {
-    ivec3 last = textureSize(lpv_validity, 0) - 1;
+    ivec3 last = LPV_DIMS - 1;
     float least = clear ? 4.0 : 1e30;
     bool found = false;
     cell = low;
@@ -168,7 +191,7 @@ bool lpv_nearest(vec3 at, vec3 n, ivec3 low, bool clear, out ivec3 cell) {
 // Weights of the eight cells from `low` on around `place`, as a surface at `at` sees them: what the
 // walls let pass, as if there were none, and whatever the direction. Returns their sums.
 vec3 lpv_weights(vec3 place, vec3 at, vec3 n, out ivec3 low, out vec3 weights[8]) {
-    ivec3 dims = textureSize(lpv_validity, 0);
+    ivec3 dims = LPV_DIMS;
     vec3 clamped = clamp(place, vec3(0.0), vec3(dims - 1));
     low = min(ivec3(clamped), max(dims - 2, ivec3(0)));
     vec3 share = clamped - vec3(low);
@@ -189,8 +212,10 @@ vec3 lpv_weights(vec3 place, vec3 at, vec3 n, out ivec3 low, out vec3 weights[8]
 // direction to a cell's centre, so that cells behind the surface do not count, times what the
 // cells' walls let pass. Where none is left, or next to none, those around half a cell further;
 // else the nearest that these would leave; else without walls; else without the direction; else the
-// nearest valid cell; else dark.
-LpvSh lpv_facing(LpvVolume volume, vec3 point, vec3 n) {
+// nearest valid cell; else dark. `clear` is false where the walls or the direction had to be left
+// out.
+LpvSh lpv_facing(LpvVolume volume, vec3 point, vec3 n, out bool clear) {
+    clear = true;
     vec3 at = lpv_to_lattice(volume, point);
     ivec3 low, cell;
     vec3 weights[8];
@@ -214,9 +239,10 @@ LpvSh lpv_facing(LpvVolume volume, vec3 point, vec3 n) {
             return lpv_of_cell(cell);
 #endif
     }
+    clear = use.x > 0.0;
     if (use.x + use.y + use.z > 0.0) {
         for (int i = 0; i < 8; ++i) {
-            cell = min(low + ivec3(i & 1, (i >> 1) & 1, i >> 2), textureSize(lpv_validity, 0) - 1);
+            cell = min(low + ivec3(i & 1, (i >> 1) & 1, i >> 2), LPV_DIMS - 1);
             float weight = dot(use, weights[i]);
             LpvSh one = lpv_of_cell(cell);
             LPV_EACH(LPV_ADD)
@@ -226,6 +252,67 @@ LpvSh lpv_facing(LpvVolume volume, vec3 point, vec3 n) {
     }
     return sh;
 }
+
+LpvSh lpv_facing(LpvVolume volume, vec3 point, vec3 n) {
+    bool clear;
+    return lpv_facing(volume, point, n, clear);
+}
+
+#ifdef LPV_LEVELS
+// ---- nested levels ----
+
+// As the manifest, NAME.levels.json, has them.
+struct LpvLevel {
+    LpvVolume volume;
+    ivec3 dims;
+    int slice; // where it begins in the textures
+    vec3 lo, hi; // its box; of faces that it has in common with the last level's, far outside
+    float fade; // metres: the manifest's blend times the next level's cell; 0 of the last
+};
+
+// What a level weighs against the coarser ones.
+float lpv_share(LpvLevel level, vec3 point) {
+    if (level.fade <= 0.0)
+        return 1.0;
+    vec3 inside = min(point - level.lo, level.hi - point);
+    float t = clamp(min(inside.x, min(inside.y, inside.z)) / level.fade, 0.0, 1.0);
+    return t * t * (3.0 - 2.0 * t);
+}
+
+#define LPV_DIVIDE(k) sh.c[k] /= total;
+
+// lpv_facing of the levels around a point, each by its share of what finer ones leave. One that has
+// no cell that the surface sees does not count, unless none has; then the finest does.
+LpvSh lpv_levels(LpvLevel levels[LPV_LEVELS], vec3 point, vec3 n) {
+    LpvSh sh, first;
+    LPV_EACH(LPV_CLEAR)
+    first = sh;
+    bool found = false;
+    float total = 0.0, left = 1.0;
+    for (int i = 0; i < LPV_LEVELS; ++i) {
+        float weight = left * lpv_share(levels[i], point);
+        if (weight <= 0.0)
+            continue;
+        lpv_level = i;
+        lpv_slice = levels[i].slice;
+        lpv_dims = levels[i].dims;
+        bool clear;
+        LpvSh one = lpv_facing(levels[i].volume, point, n, clear);
+        if (!found)
+            first = one;
+        found = true;
+        if (clear) {
+            LPV_EACH(LPV_ADD)
+            total += weight;
+            left -= weight;
+        }
+    }
+    if (total <= 0.0)
+        return first;
+    LPV_EACH(LPV_DIVIDE)
+    return sh;
+}
+#endif
 
 // ---- irradiance (lux) on a plane of unit normal n ----
 

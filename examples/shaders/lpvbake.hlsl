@@ -25,6 +25,12 @@
 //
 //     float4 lpv_low[4], lpv_high[4]; // as many as lpv_sh
 //
+// Of nested levels (`lpvbake bake --level`) a texture holds all, one after the other along z, the finest
+// first, and is as wide and as high as the largest; `low` and `high` are of one level after the other.
+// lpv_levels() blends them:
+//
+//     #define LPV_LEVELS 3
+//
 // Coefficients are canonical, as `lpvbake bake` writes them unless --sh-convention says otherwise,
 // in whatever --axes. A Lambert surface's luminance is albedo / pi times its irradiance.
 
@@ -56,15 +62,30 @@ struct LpvSh { float3 c[9]; };
 #define LPV_TEXTURES 7
 #endif
 
+#ifdef LPV_LEVELS
+// The level that is read: its number, cells, and where its slices begin.
+static int lpv_level = 0, lpv_slice = 0;
+static int3 lpv_level_dims = int3(0, 0, 0);
+#define LPV_CELL(cell) ((cell) + int3(0, 0, lpv_slice))
+#define LPV_RANGE(i) lpv_level * LPV_TEXTURES + i
+#else
+#define LPV_CELL(cell) cell
+#define LPV_RANGE(i) i
+#endif
+
 // Metres to cells: cell (i, j, k) has its centre at (i, j, k).
 float3 lpv_to_lattice(LpvVolume volume, float3 position) {
     return (position - volume.origin) / volume.cell - 0.5;
 }
 
 int3 lpv_dims() {
+#ifdef LPV_LEVELS
+    return lpv_level_dims;
+#else
     uint3 dims;
     lpv_validity.GetDimensions(dims.x, dims.y, dims.z);
     return int3(dims);
+#endif
 }
 
 // ---- coefficients, of the texels of lpv_sh and lpv_base ----
@@ -72,7 +93,7 @@ int3 lpv_dims() {
 LpvSh lpv_unpack(float4 t[LPV_TEXTURES], float3 base) {
     LpvSh sh;
 #if defined(LPV_UNORM8) || defined(LPV_BC6H)
-#define LPV_STRETCH(i) t[i] = lpv_low[i] + (lpv_high[i] - lpv_low[i]) * t[i];
+#define LPV_STRETCH(i) t[i] = lpv_low[LPV_RANGE(i)] + (lpv_high[LPV_RANGE(i)] - lpv_low[LPV_RANGE(i)]) * t[i];
     LPV_EACH_TEXTURE(LPV_STRETCH)
 #endif
 #ifdef LPV_UNORM8
@@ -89,6 +110,7 @@ LpvSh lpv_unpack(float4 t[LPV_TEXTURES], float3 base) {
     return sh;
 }
 
+#ifndef LPV_LEVELS
 LpvSh lpv_filtered(float3 uvw) {
     float4 t[LPV_TEXTURES];
 #define LPV_SAMPLE(i) t[i] = lpv_sh[i].SampleLevel(lpv_sampler, uvw, 0.0);
@@ -99,13 +121,14 @@ LpvSh lpv_filtered(float3 uvw) {
     return lpv_unpack(t, float3(1.0, 1.0, 1.0));
 #endif
 }
+#endif
 
 LpvSh lpv_of_cell(int3 cell) {
     float4 t[LPV_TEXTURES];
-#define LPV_FETCH(i) t[i] = lpv_sh[i].Load(int4(cell, 0));
+#define LPV_FETCH(i) t[i] = lpv_sh[i].Load(int4(LPV_CELL(cell), 0));
     LPV_EACH_TEXTURE(LPV_FETCH)
 #ifdef LPV_BC6H
-    return lpv_unpack(t, lpv_base.Load(int4(cell, 0)).rgb);
+    return lpv_unpack(t, lpv_base.Load(int4(LPV_CELL(cell), 0)).rgb);
 #else
     return lpv_unpack(t, float3(1.0, 1.0, 1.0));
 #endif
@@ -113,15 +136,17 @@ LpvSh lpv_of_cell(int3 cell) {
 
 // ---- the field at a point (metres) ----
 
+#ifndef LPV_LEVELS
 // By the texture unit: light of cells inside and behind walls leaks in.
 LpvSh lpv_trilinear(LpvVolume volume, float3 position) {
     uint3 texels; // textures of blocks have more than cells
     lpv_sh[0].GetDimensions(texels.x, texels.y, texels.z);
     return lpv_filtered((lpv_to_lattice(volume, position) + 0.5) / float3(texels));
 }
+#endif
 
 bool lpv_is_valid(int3 cell) {
-    return lpv_validity.Load(int4(cell, 0)).r > 0.0;
+    return lpv_validity.Load(int4(LPV_CELL(cell), 0)).r > 0.0;
 }
 
 // max(0, n.d)^2, d the direction to what lies `way` of the point, from 0.1 cells below it.
@@ -140,9 +165,9 @@ float lpv_before_wall(float3 w, float3 x) {
 
 float lpv_before_walls(int3 cell, float3 x) {
 #ifdef LPV_WALLS
-    return lpv_before_wall(lpv_walls[0].Load(int4(cell, 0)).xyz, x)
-           * lpv_before_wall(lpv_walls[1].Load(int4(cell, 0)).xyz, x)
-           * lpv_before_wall(lpv_walls[2].Load(int4(cell, 0)).xyz, x);
+    return lpv_before_wall(lpv_walls[0].Load(int4(LPV_CELL(cell), 0)).xyz, x)
+           * lpv_before_wall(lpv_walls[1].Load(int4(LPV_CELL(cell), 0)).xyz, x)
+           * lpv_before_wall(lpv_walls[2].Load(int4(LPV_CELL(cell), 0)).xyz, x);
 #else
     return 1.0;
 #endif
@@ -197,8 +222,10 @@ float3 lpv_weights(float3 place, float3 at, float3 n, out int3 low, out float3 w
 // direction to a cell's centre, so that cells behind the surface do not count, times what the
 // cells' walls let pass. Where none is left, or next to none, those around half a cell further;
 // else the nearest that these would leave; else without walls; else without the direction; else the
-// nearest valid cell; else dark.
-LpvSh lpv_facing(LpvVolume volume, float3 position, float3 n) {
+// nearest valid cell; else dark. `clear` is false where the walls or the direction had to be left
+// out.
+LpvSh lpv_facing(LpvVolume volume, float3 position, float3 n, out bool clear) {
+    clear = true;
     float3 at = lpv_to_lattice(volume, position);
     int3 low, cell;
     float3 weights[8];
@@ -222,6 +249,7 @@ LpvSh lpv_facing(LpvVolume volume, float3 position, float3 n) {
             return lpv_of_cell(cell);
 #endif
     }
+    clear = use.x > 0.0;
     if (use.x + use.y + use.z > 0.0) {
         for (int i = 0; i < 8; ++i) {
             cell = min(low + int3(i & 1, (i >> 1) & 1, i >> 2), lpv_dims() - 1);
@@ -234,6 +262,67 @@ LpvSh lpv_facing(LpvVolume volume, float3 position, float3 n) {
     }
     return sh;
 }
+
+LpvSh lpv_facing(LpvVolume volume, float3 position, float3 n) {
+    bool clear;
+    return lpv_facing(volume, position, n, clear);
+}
+
+#ifdef LPV_LEVELS
+// ---- nested levels ----
+
+// As the manifest, NAME.levels.json, has them.
+struct LpvLevel {
+    LpvVolume volume;
+    int3 dims;
+    int slice; // where it begins in the textures
+    float3 lo, hi; // its box; of faces that it has in common with the last level's, far outside
+    float fade; // metres: the manifest's blend times the next level's cell; 0 of the last
+};
+
+// What a level weighs against the coarser ones.
+float lpv_share(LpvLevel level, float3 position) {
+    if (level.fade <= 0.0)
+        return 1.0;
+    float3 inside = min(position - level.lo, level.hi - position);
+    float t = clamp(min(inside.x, min(inside.y, inside.z)) / level.fade, 0.0, 1.0);
+    return t * t * (3.0 - 2.0 * t);
+}
+
+#define LPV_DIVIDE(k) sh.c[k] /= total;
+
+// lpv_facing of the levels around a point, each by its share of what finer ones leave. One that has
+// no cell that the surface sees does not count, unless none has; then the finest does.
+LpvSh lpv_levels(LpvLevel levels[LPV_LEVELS], float3 position, float3 n) {
+    LpvSh sh, first;
+    LPV_EACH(LPV_CLEAR)
+    first = sh;
+    bool found = false;
+    float total = 0.0, left = 1.0;
+    for (int i = 0; i < LPV_LEVELS; ++i) {
+        float weight = left * lpv_share(levels[i], position);
+        if (weight <= 0.0)
+            continue;
+        lpv_level = i;
+        lpv_slice = levels[i].slice;
+        lpv_level_dims = levels[i].dims;
+        bool clear;
+        LpvSh one = lpv_facing(levels[i].volume, position, n, clear);
+        if (!found)
+            first = one;
+        found = true;
+        if (clear) {
+            LPV_EACH(LPV_ADD)
+            total += weight;
+            left -= weight;
+        }
+    }
+    if (total <= 0.0)
+        return first;
+    LPV_EACH(LPV_DIVIDE)
+    return sh;
+}
+#endif
 
 // ---- irradiance (lux) on a plane of unit normal n ----
 

@@ -1,5 +1,7 @@
 // examples/shaders on the device, from 3D textures, against the sampler of src/volume.
 #include "device.h"
+#include "gpu/read_levels.comp.h"
+#include "gpu/read_levels.hlsl.h"
 #include "gpu/read_volume_bc6h_l1.comp.h"
 #include "gpu/read_volume_bc6h_l1.hlsl.h"
 #include "gpu/read_volume_bc6h_l2.comp.h"
@@ -18,6 +20,7 @@
 #include "readers/readers.h"
 #include "unit/volumes.h"
 #include "volume/convention.h"
+#include "volume/levels.h"
 #include "volume/sampler.h"
 #include "volume/sh.h"
 
@@ -151,6 +154,19 @@ protected:
                                         const std::vector<Surface>& surfaces,
                                         const std::vector<glm::vec4>& ranges = {{}},
                                         const Texture* base = nullptr) {
+        struct Push {
+            glm::vec3 origin;
+            float cell;
+            uint32_t count;
+        } const push{glm::vec3(grid.origin), float(grid.cell), uint32_t(surfaces.size())};
+        return run(shader, push, textures, surfaces, ranges, base);
+    }
+
+    template <class Push>
+    static std::vector<Irradiances>
+    run(const Shader& shader, const Push& push, const std::vector<Texture>& textures,
+        const std::vector<Surface>& surfaces, const std::vector<glm::vec4>& ranges,
+        const Texture* base = nullptr) {
         gpu::Device::Impl& d = device().impl();
         const auto coefficients = uint32_t(textures.size() - 4);
         const gpu::Buffer low_high = filled(ranges);
@@ -177,11 +193,6 @@ protected:
             vk::DescriptorSetLayoutBinding(6, vk::DescriptorType::eUniformBuffer, 1, stage),
             vk::DescriptorSetLayoutBinding(7, image, 1, stage)};
         const vk::raii::DescriptorSetLayout set_layout(d.handle, {{}, bindings});
-        struct Push {
-            glm::vec3 origin;
-            float cell;
-            uint32_t count;
-        } const push{glm::vec3(grid.origin), float(grid.cell), uint32_t(surfaces.size())};
         const vk::PushConstantRange pushed(stage, 0, sizeof push);
         const vk::raii::PipelineLayout layout(d.handle, {{}, *set_layout, pushed});
         const vk::raii::ShaderModule module(d.handle,
@@ -471,6 +482,115 @@ TEST_F(ShadersTest, UnitysShaderReadsTheTargetsTextures) {
         }
         EXPECT_GT(lit, int(surfaces.size()) / 3);
     }
+}
+
+// Levels of an affine field, and of random light and walls: what the library reads.
+TEST_F(ShadersTest, NestedLevelsAreReadAsTheLibraryReadsThem) {
+    struct Level { // as LpvLevel
+        glm::vec3 origin;
+        float cell;
+        glm::ivec3 dims;
+        int slice;
+        glm::vec3 lo;
+        float unused;
+        glm::vec3 hi;
+        float fade;
+    };
+    const std::vector<volume::LevelBox> boxes{{{0, 0, 1}, {1, 1, 2}, 0.25},
+                                              {{-1, 0, 0}, {3, 2, 3}, 0.5}};
+    std::mt19937 random(9);
+    std::uniform_real_distribution<float> share;
+    volume::VolumeSet affine, walled;
+    for (const Grid& grid : volume::nest_grids(boxes)) {
+        Volume level;
+        level.grid = grid;
+        level.sh_order = 1;
+        level.sh.resize(4);
+        for (std::size_t i = 0; i < grid.size(); ++i) {
+            const glm::vec3 p(grid.center(grid.cell_at(i)));
+            for (std::size_t k = 0; k < 4; ++k)
+                level.sh[k].push_back(glm::vec3(k == 0 ? 10.0f : 1.0f)
+                                      + glm::vec3(0.3f, 0.2f, 0.1f) * (p.x + 2.0f * p.y - p.z));
+        }
+        level.validity.assign(grid.size(), 1.0f);
+        level.walls.assign(3, std::vector<glm::vec3>(grid.size(), glm::vec3(0)));
+        affine.levels.push_back(level);
+        for (std::size_t i = 0; i < grid.size(); ++i) {
+            level.validity[i] = float(random() % 3 != 0);
+            level.sh[0][i] = glm::vec3(5.0f + share(random));
+            level.walls[0][i] = glm::vec3(share(random) - 0.5f, share(random), share(random));
+        }
+        walled.levels.push_back(level);
+    }
+    const Grid& outer = affine.levels[1].grid;
+    std::vector<Surface> surfaces = random_surfaces(outer, 4000, 11);
+    const std::vector<Surface> inner = random_surfaces(affine.levels[0].grid, 4000, 12);
+    surfaces.insert(surfaces.end(), inner.begin(), inner.end());
+    const auto level = [&](const Grid& grid, int slice, float fade) {
+        Level one{glm::vec3(grid.origin),
+                  float(grid.cell),
+                  grid.dims,
+                  slice,
+                  glm::vec3(grid.center({0, 0, 0})),
+                  0,
+                  glm::vec3(grid.center(grid.dims - 1)),
+                  fade};
+        one.lo.y = -1e30f; // the floor is that of both
+        return one;
+    };
+    const Grid& own = affine.levels[0].grid;
+    const std::array levels{level(own, 0, 0.5f), level(outer, own.dims.z, 0)};
+    // One after the other along z.
+    Grid both = outer;
+    both.dims = glm::max(own.dims, outer.dims);
+    both.dims.z = own.dims.z + outer.dims.z;
+    const auto stacked = [&](const volume::VolumeSet& set, const auto& value) {
+        return texture(both, [&](std::size_t i) {
+            glm::ivec3 cell = both.cell_at(i);
+            const bool fine = cell.z < own.dims.z;
+            cell.z -= fine ? 0 : own.dims.z;
+            const Volume& of = set.levels[fine ? 0 : 1];
+            return glm::all(glm::lessThan(cell, of.grid.dims)) ? value(of, of.grid.index(cell))
+                                                               : glm::vec4(1e9f);
+        });
+    };
+    const auto textures_of = [&](const volume::VolumeSet& set) {
+        std::vector<Texture> textures;
+        for (std::size_t k = 0; k < 4; ++k)
+            textures.push_back(stacked(set, [k](const Volume& of, std::size_t i) {
+                return glm::vec4(of.sh[k][i], 1.0f);
+            }));
+        textures.push_back(stacked(
+            set, [](const Volume& of, std::size_t i) { return glm::vec4(of.validity[i]); }));
+        for (std::size_t k = 0; k < 3; ++k)
+            textures.push_back(stacked(set, [k](const Volume& of, std::size_t i) {
+                return glm::vec4(of.walls[k][i], 0.0f);
+            }));
+        return textures;
+    };
+    const std::array shaders{
+        Shader{"GLSL of levels", 1, false, shaders::read_levels_comp},
+        Shader{"HLSL of levels", 1, true, shaders::read_levels_hlsl},
+    };
+    const readers::Reader& reader = *readers::reader_named("lpvbake");
+    for (const Shader& shader : shaders)
+        for (const volume::VolumeSet* set : {&affine, &walled}) {
+            SCOPED_TRACE(shader.name);
+            const std::vector<Irradiances> found =
+                run(shader, levels, textures_of(*set), surfaces, {{}});
+            int blended = 0, coarse = 0;
+            for (std::size_t i = 0; i < surfaces.size(); ++i) {
+                const glm::dvec3 p(surfaces[i].point), n(surfaces[i].normal);
+                const glm::dvec3 expected = readers::irradiance(reader, *set, p, n);
+                for (int axis = 0; axis < 3; ++axis)
+                    ASSERT_NEAR(expected[axis], found[i].l1[axis], 2e-3) << i;
+                const double of_fine = volume::share_of(*set, 0, p);
+                blended += of_fine > 0.01 && of_fine < 0.99;
+                coarse += of_fine == 0;
+            }
+            EXPECT_GT(blended, 1000);
+            EXPECT_GT(coarse, 1000);
+        }
 }
 
 // Light from everywhere, from one point, and between: mean and extremes in closed form.
