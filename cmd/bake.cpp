@@ -51,10 +51,10 @@ struct BakeOptions : SceneOptions, RunOptions {
     bool any_resolution = true;          ///< with `bytes`
     std::string at;                      ///< file of points; empty: a grid is baked
     std::vector<volume::LevelBox> level; ///< of nested ones each
-    std::size_t levels = 0;              ///< around `focus`; 0: none
+    std::optional<int> levels;           ///< around `focus`
     std::optional<Bounds> focus;
 
-    bool nests() const { return !level.empty() || levels > 0; }
+    bool nests() const { return !level.empty() || levels; }
 };
 
 /// "X0,Y0,Z0,X1,Y1,Z1:CELL".
@@ -128,7 +128,7 @@ std::vector<const solver::SolverKind*> solvers_of(const BakeOptions& o) {
     if (!o.at.empty())
         keep("at", solvers_with([](const solver::SolverKind& kind) { return kind.at_places; }));
     if (o.nests())
-        keep(o.levels > 0 ? "levels" : "level",
+        keep(o.levels ? "levels" : "level",
              solvers_with([](const solver::SolverKind& kind) { return kind.in_levels; }));
     if (o.quality)
         keep("quality", solvers_with(has_presets));
@@ -208,23 +208,23 @@ void check_options(const BakeOptions& o) {
     check_fit(o.outputs, o.fit, o.sh_order);
     if (o.nests())
         check_level_outputs(o.outputs.paths, inputs_of(o, o));
-    if (o.levels > 0 && o.grid.cell == 0)
+    if (o.levels && o.grid.cell == 0)
         throw Error(ErrorKind::argument, "--levels: how large the finest cells are is missing: add "
                                          "--cell-size H");
 }
 
 /// What nested grids are asked for by; nothing where there is but one.
 std::vector<volume::LevelBox> levels_of(const BakeOptions& o, const Scene& scene) {
-    if (o.levels == 0)
+    if (!o.levels)
         return o.level;
     const std::optional<Bounds> given = o.box_in(scene);
     const Bounds box = given.value_or(bounds_of(scene));
     volume::GridSettings settings = o.grid_settings();
-    settings.cell *= std::exp2(double(o.levels - 1));
+    settings.cell *= std::exp2(*o.levels - 1);
     // Samples on the faces of a box that is given, and around the scene as one grid has them.
     const double out = (settings.margin - (given ? 0.0 : 0.5)) * settings.cell;
     return volume::levels_around({o.focus->lo, o.focus->hi, o.grid.cell}, box.lo - out,
-                                 box.hi + out, o.levels);
+                                 box.hi + out, std::size_t(*o.levels));
 }
 
 /// All but what choose_settings chooses; refers to the reader.

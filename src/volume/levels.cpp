@@ -12,6 +12,8 @@
 #include <limits>
 #include <optional>
 
+#include <unistd.h>
+
 namespace lpvbake::volume {
 namespace {
 
@@ -270,6 +272,14 @@ Volume flatten(const Levels& levels, double cell) {
                     format("`flatten` %.6g: %.0f x %.0f x %.0f cells are more than 2^31 - 1; use "
                            "larger ones",
                            cell, dims.x, dims.y, dims.z));
+    const double bytes = dims.x * dims.y * dims.z
+                         * double(sizeof(glm::vec3) * (outermost.sh.size() + outermost.walls.size())
+                                  + sizeof(float));
+    if (const double has = double(sysconf(_SC_PHYS_PAGES)) * double(sysconf(_SC_PAGESIZE));
+        bytes > has)
+        throw Error(ErrorKind::memory, format("`flatten` %.6g: the cells take %.0f GiB, more than "
+                                              "the machine has, %.0f GiB; use larger ones",
+                                              cell, bytes / 0x1p30, has / 0x1p30));
     Volume flat;
     flat.grid = fit_grid(hull.lo - 0.5 * cell, hull.hi + 0.5 * cell, {.cell = cell, .margin = 0});
     flat.sh_order = outermost.sh_order;

@@ -88,7 +88,8 @@ auto blend(const Levels& levels, glm::dvec3 point, const Read& read) {
 
 /// The set as one volume of cubic cells, with samples in the hull of the outermost level: light is
 /// that of the valid cells around whose walls the sample lies before, as blend() mixes levels;
-/// validity and walls are those of the nearest of them. Throws Error as fit_grid.
+/// validity and walls are those of the nearest of them. Throws Error as fit_grid, and: argument
+/// (more than 2^31 - 1 cells), memory (more than the machine has).
 Volume flatten(const Levels& levels, double cell);
 
 } // namespace lpvbake::volume

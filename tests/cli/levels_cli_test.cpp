@@ -6,6 +6,8 @@
 
 #include <array>
 
+#include <unistd.h>
+
 namespace lpvbake {
 namespace {
 
@@ -129,6 +131,10 @@ TEST_F(LevelsCli, MoreCellsThanCanBeCountedNameTheirOption) {
     ASSERT_EQ(bake(fine + around + " -o a.nvdb").status, 0);
     expect_one_error(run("convert a.levels.json b.vdb --flatten 1e-5"), "convert", ExitCode::usage,
                      "--flatten 1e-05");
+    // 2^31 - 2^25 cells of 148 bytes.
+    if (double(sysconf(_SC_PHYS_PAGES)) * double(sysconf(_SC_PAGESIZE)) < 256 * 0x1p30)
+        expect_one_error(run("convert a.levels.json b.vdb --flatten 0.00156"), "convert",
+                         ExitCode::memory, "--flatten 0.00156: the cells take");
 }
 
 TEST_F(LevelsCli, ADryRunListsLevelsAroundAFocus) {

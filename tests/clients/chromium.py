@@ -119,8 +119,9 @@ class Chromium:
         arguments = ["--headless=new", "--no-sandbox", "--use-gl=angle",
                      "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
                      "--force-device-scale-factor=1", "--hide-scrollbars"]
+        # Milliseconds: a busy machine draws slowly.
         session = self.call("POST", "/session", {"capabilities": {"alwaysMatch": {
-            "goog:chromeOptions": {"args": arguments}}}})
+            "timeouts": {"script": 110000}, "goog:chromeOptions": {"args": arguments}}}})
         self.address += "/session/" + session["sessionId"]
 
     def call(self, method, path, body=None):
