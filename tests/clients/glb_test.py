@@ -56,7 +56,7 @@ class Glb(unittest.TestCase):
         cls.addClassCleanup(temporary.cleanup)
         cls.folder = pathlib.Path(temporary.name)
         cls.validator = npm.package(CACHE, *npm.GLTF_VALIDATOR)
-        cls.ktx_parse, cls.three = npm.package(CACHE, *npm.KTX_PARSE), npm.three(CACHE)
+        cls.ktx_parse, cls.three = npm.of_pages(CACHE, "ktx-parse"), npm.three(CACHE)
         run(sys.executable, EXAMPLES / "make_scenes.py", cls.folder / "scenes")
         cls.lit = {}
         for scene in (EXAMPLES / "cornell_box.gltf", *sorted((cls.folder / "scenes").glob("*.gltf"))):

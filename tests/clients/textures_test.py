@@ -74,7 +74,7 @@ class Textures(unittest.TestCase):
             pyopenvdb.read(str(cls.folder / "volume.vdb"), grid.name).copyToArray(values)
             values = values.reshape(*dims, 3 if is_colour else 1)
             cls.grids[grid.name] = np.moveaxis(values, (0, 1, 2), (2, 1, 0))
-        cls.parser = npm.package(CACHE, *npm.KTX_PARSE)
+        cls.parser = npm.of_pages(CACHE, "ktx-parse")
         cls.three = npm.three(CACHE)
 
     def parsed(self, file, raw):

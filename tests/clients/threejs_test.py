@@ -24,7 +24,6 @@ from chromium import Chromium, broken_atlases, picture, run, serve
 
 LPVBAKE, FLIP = sys.argv[1:3]
 EXAMPLES, CACHE = pathlib.Path(sys.argv[3]), pathlib.Path(sys.argv[4])
-CDN = "https://cdn.jsdelivr.net/npm/three@0.187.0/"
 CAMERA, EXPOSURE, SIZE = "0,1,4:0,1,0:35", "4", (640, 480)
 # Mean difference of what is shown, 0 to 1. The samplers differ (three.js reads half a cell before
 # the surface, `render` the cells that face it), and so do shadow maps and rays.
@@ -37,9 +36,7 @@ def serve_pages(folder):
     /plain.html, with a three.js at /plain/ that looks volumes up at the surface itself, as most
     engines do, not half a cell before it."""
     package = npm.three(CACHE)
-    page = (EXAMPLES / "threejs/index.html").read_text()
-    assert page.count(CDN) == 2
-    texts = {name + ".html": page.replace(CDN, f"./{at}/")
+    texts = {name + ".html": npm.offline.page("threejs", lambda *_, at=at: f"./{at}/")
              for name, at in (("index", "three"), ("plain", "plain"))}
     for source in (package / "build").glob("three.*.js"):
         text = source.read_text()

@@ -19,11 +19,11 @@ import numpy as np
 
 sys.dont_write_bytecode = True
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
-import npm
+sys.path.insert(0, str(pathlib.Path(sys.argv[2]) / "web"))
+import offline
 from chromium import Chromium, broken_atlases, picture, run, serve
 
 LPVBAKE, EXAMPLES, CACHE = sys.argv[1], pathlib.Path(sys.argv[2]), pathlib.Path(sys.argv[3])
-PACKAGES = (npm.KTX_PARSE, npm.ZSTDDEC, npm.BABYLON, npm.BABYLON_LOADERS, npm.PLAYCANVAS)
 CAMERA, EXPOSURE, SIZE = "0,1,4:0,1,0:35", "4", (500, 320)  # Chromium's least width
 # Mean difference of what is shown, 0 to 1; shadow maps and rays differ, and edges.
 TOLERANCE = 0.005
@@ -31,16 +31,16 @@ TOLERANCE = 0.005
 
 def serve_pages(folder):
     """Serves a folder, below it the pages, and the packages that they ask a CDN for, of that version."""
-    known = {f"{name}@{version}": npm.package(CACHE, name, version, digest)
-             for name, version, digest in PACKAGES}
-    pages = {}
+    pages, known = {}, {}
+
+    def place(name, version):
+        known[f"{name}-{version}"] = offline.package(CACHE, name, version, offline.PACKAGES[name, version])
+        return f"../{name}-{version}/"
+
     for name in ("babylon", "playcanvas"):
-        page = (EXAMPLES / name / "index.html").read_text()
-        asked = set(re.findall(r"https://cdn\.jsdelivr\.net/npm/([^/]+)/", page))
-        assert asked and asked <= set(known), f"{name} asks for {asked}, npm.py has {set(known)}"
-        pages[f"{name}/index.html"] = page.replace("https://cdn.jsdelivr.net/npm/", "../")
-        engine = "babylonjs@" if name == "babylon" else "playcanvas@"
-        pages[f"{name}/without.html"] = pages[f"{name}/index.html"].replace(f"../{engine}", "../none@")
+        pages[f"{name}/index.html"] = offline.page(name, place)
+        engine = "babylonjs-" if name == "babylon" else "playcanvas-"
+        pages[f"{name}/without.html"] = re.sub(rf"\.\./{engine}[0-9]", "../none", pages[f"{name}/index.html"])
     return serve({"": folder, "web": EXAMPLES / "web", **known}, pages)
 
 
@@ -88,6 +88,22 @@ def setUpModule():
     unittest.addModuleCleanup(close)
     chromium = Chromium(SIZE)
     unittest.addModuleCleanup(chromium.close)
+
+
+class Offline(unittest.TestCase):
+    def test_pages_take_nothing_from_elsewhere(self):
+        folder = volumes.folder / "offline"
+        folder.mkdir()
+        (folder / "packages").symlink_to(CACHE.resolve())
+        run(sys.executable, EXAMPLES / "web/offline.py", folder)
+        for file in ("scene.gltf", "volume_atlas.ktx2"):
+            (folder / file).write_bytes((volumes.folder / file).read_bytes())
+        of_folder, close = serve({"": folder}, {})
+        self.addCleanup(close)
+        for name in offline.PAGES:
+            self.assertNotIn("https://", re.sub("<!--.*?-->", "", (folder / name / "index.html").read_text(), flags=re.S))
+            self.assertEqual(chromium.open(f"{of_folder}/{name}/index.html?scene=../scene.gltf&"
+                                           "volume=../volume_atlas.ktx2&panel=0"), ["ready", ""])
 
 
 class Page:
