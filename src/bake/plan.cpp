@@ -2,6 +2,7 @@
 
 #include "bake/surface_fit.h"
 #include "lpvbake/error.h"
+#include "machine_memory.h"
 #include "scene/light_view.h"
 #include "scene/lights.h"
 #include "solver/models.h"
@@ -13,8 +14,6 @@
 
 #include <algorithm>
 #include <cmath>
-
-#include <unistd.h>
 
 namespace lpvbake::bake {
 namespace {
@@ -209,7 +208,7 @@ void plan_fit(const surface::PatchCount& surfaces, const std::string& of, BakePl
 }
 
 void check_host_memory(const BakePlan& plan) {
-    const uint64_t memory = uint64_t(sysconf(_SC_PHYS_PAGES)) * uint64_t(sysconf(_SC_PAGESIZE));
+    const uint64_t memory = machine_memory();
     if (plan.host_bytes <= memory)
         return;
     if (plan.settings.points > 0)

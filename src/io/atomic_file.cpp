@@ -184,6 +184,10 @@ void remove_files(const std::vector<std::string>& names) {
         unlink(name.c_str());
 }
 
+void reject(const std::string& path, const std::string& why) {
+    throw Error(ErrorKind::invalid, path + ": " + why);
+}
+
 void refuse_pipes(const std::string& path, const std::string& name) {
     struct stat status {};
     if (stat(path.c_str(), &status) == 0 && !S_ISREG(status.st_mode) && !S_ISDIR(status.st_mode))

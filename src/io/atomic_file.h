@@ -59,6 +59,9 @@ void remove_files(const std::vector<std::string>& names);
 /// Throws Error (file), beginning with `name`, for pipes and devices: to open one may wait forever.
 void refuse_pipes(const std::string& path, const std::string& name);
 
+/// Throws Error (invalid), "PATH: WHY": what the file says is wrong.
+[[noreturn]] void reject(const std::string& path, const std::string& why);
+
 /// Why a file without its end is refused.
 inline constexpr const char* cut_off =
     "ends before what its header says: it is cut off or damaged; copy it again, or bake it again";

@@ -46,10 +46,6 @@ std::string encode(const TexelForm& form, glm::ivec3 dims, std::string_view texe
     return bytes.append(texels);
 }
 
-[[noreturn]] void reject(const std::string& path, const std::string& why) {
-    throw Error(ErrorKind::invalid, path + ": " + why);
-}
-
 /// The texels are what follows the head, and are as many as the form and dims say.
 TextureContent parse(std::string_view bytes, const std::string& path) {
     if (bytes.size() < 4 * head_words || number_at<uint32_t>(bytes, 0) != magic)

@@ -1,5 +1,6 @@
 #include "io/described.h"
 
+#include "io/atomic_file.h"
 #include "io/layout.h"
 #include "io/ratios.h"
 #include "io/texel.h"
@@ -17,10 +18,6 @@ namespace {
 
 constexpr int version = 1;
 constexpr int max_side = 16384; ///< of a flipbook, and more than any 3D texture has
-
-[[noreturn]] void reject(const std::string& path, const std::string& why) {
-    throw Error(ErrorKind::invalid, path + ": " + why);
-}
 
 /// A whole number within [lo, hi]. (nlohmann's own conversion from reals has no defined range.)
 int integer(const Json& json, int lo, int hi) {

@@ -33,10 +33,6 @@ size_t padded(size_t size, size_t to) {
     return (size + to - 1) / to * to;
 }
 
-[[noreturn]] void reject(const std::string& path, const std::string& why) {
-    throw Error(ErrorKind::invalid, path + ": " + why);
-}
-
 [[noreturn]] void refuse(const std::string& path, const std::string& why) {
     throw Error(ErrorKind::unsupported, path + ": " + why);
 }

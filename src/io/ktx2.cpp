@@ -127,10 +127,6 @@ std::string encode_ktx2(const TexelForm& form, glm::ivec3 dims, std::string_view
 
 namespace {
 
-[[noreturn]] void reject(const std::string& path, const std::string& why) {
-    throw Error(ErrorKind::invalid, path + ": " + why);
-}
-
 struct Ktx2 : TextureContent {
     bool is_compressed;
     std::string_view level; ///< of the bytes that were parsed

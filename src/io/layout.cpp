@@ -1,8 +1,7 @@
 #include "io/layout.h"
 
+#include "machine_memory.h"
 #include "volume/sh.h"
-
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -92,7 +91,7 @@ void check_dims(glm::ivec3 dims, int sh_order, volume::GridKinds kinds, const st
     if (dims.x < 1 || dims.y < 1 || dims.z < 1 || double(dims.x) * dims.y * dims.z > 2147483647.0)
         throw Error(ErrorKind::invalid, text("is not valid"));
     const double bytes = double(dims.x) * dims.y * dims.z * floats * 4;
-    if (bytes > double(sysconf(_SC_PHYS_PAGES)) * double(sysconf(_SC_PAGESIZE)))
+    if (bytes > double(machine_memory()))
         throw Error(ErrorKind::memory, text("does not fit this machine's memory"));
 }
 

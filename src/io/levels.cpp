@@ -19,10 +19,6 @@ constexpr const char* format_name = "lpvbake levels";
 constexpr int version = 1;
 constexpr uint64_t most_bytes = 1 << 20;
 
-[[noreturn]] void reject(const std::string& path, const std::string& why) {
-    throw Error(ErrorKind::invalid, path + ": " + why);
-}
-
 Json array_of(glm::dvec3 v) {
     return {v.x, v.y, v.z};
 }

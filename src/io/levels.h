@@ -6,8 +6,7 @@
 //      "levels": [{"file": of the level, beside the manifest; finest first,
 //                  "origin": [x, y, z], "cell": c, "dims": [x, y, z]: its lattice as stored,
 //                  "box": [x0, y0, z0, x1, y1, z1]: of its outermost samples}, ...],
-//      "ratio": 2: cells are powers of it times the finest, "blend": volume::VolumeSet::blend,
-//      "axes": of these numbers and of the files}
+//      "blend": volume::VolumeSet::blend, "axes": of these numbers and of the files}
 #pragma once
 
 #include "io/target.h"

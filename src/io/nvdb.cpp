@@ -99,10 +99,6 @@ std::string describe_grids(const Stored& stored, const std::vector<volume::Const
 
 // ---- reading ----
 
-[[noreturn]] void reject(const std::string& path, const std::string& why) {
-    throw Error(ErrorKind::invalid, path + ": " + why);
-}
-
 /// A file's one segment: where its grids are. Nothing of it is believed that the size of the file
 /// does not allow.
 class Segment {

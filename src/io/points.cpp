@@ -19,10 +19,6 @@
 namespace lpvbake::io {
 namespace {
 
-[[noreturn]] void reject(const std::string& path, const std::string& why) {
-    throw Error(ErrorKind::invalid, path + ": " + why);
-}
-
 std::string suffix_of(const std::string& path) {
     std::string suffix = std::filesystem::path(path).extension();
     std::ranges::transform(suffix, suffix.begin(),

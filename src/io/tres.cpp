@@ -22,10 +22,6 @@ constexpr uint64_t most_bytes = uint64_t(1) << 32;
 constexpr std::string_view description_key = "metadata/lpvbake = ";
 constexpr std::string_view light_key = "\"sh\": PackedColorArray(";
 
-[[noreturn]] void reject(const std::string& path, const std::string& why) {
-    throw Error(ErrorKind::invalid, path + ": " + why);
-}
-
 // ---- tetrahedra ----
 
 /// The orders of a point's coordinates in a brick, largest first: each is a tetrahedron (Kuhn's

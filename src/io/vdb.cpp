@@ -259,10 +259,6 @@ size_t grids_at_once(const Grid& lattice) {
 
 // ---- reading ----
 
-[[noreturn]] void reject(const std::string& path, const std::string& why) {
-    throw Error(ErrorKind::invalid, path + ": " + why);
-}
-
 /// OpenVDB's messages may span lines.
 std::string one_line(std::string text) {
     std::replace(text.begin(), text.end(), '\n', ' ');

@@ -110,30 +110,35 @@ double Paths::density_of(const visibility::Hit& hit, glm::vec3 origin, glm::dvec
                : 0.5 * (own + lit_->density(hit, glm::dvec3(origin), towards));
 }
 
+std::optional<Paths::Met> Paths::meet(const Emitters::Target& target, glm::vec3 origin,
+                                      const Lobe& lobe, uint64_t& rays) const {
+    const glm::dvec3 way = target.point - glm::dvec3(origin);
+    const double distance = glm::length(way);
+    if (!(distance > 0.0))
+        return std::nullopt;
+    const glm::dvec3 towards = way / distance;
+    if (!(lobe.density(towards) > 0.0))
+        return std::nullopt;
+    ++rays;
+    const float end = float(distance + ray_offset(target.point));
+    const visibility::Hit hit = visibility_.closest({origin, glm::vec3(towards), 0.0f, end});
+    // Of two triangles at one place only one is ever hit, and only it may count.
+    if (!target.is_met(hit) || hit.facing == visibility::Facing::back)
+        return std::nullopt;
+    return Met{towards, hit};
+}
+
 Paths::Glimpse Paths::aim(glm::vec3 origin, const Lobe& lobe, int reflections, PathSampler& sampler,
                           uint64_t& rays) const {
     if (emitters_.empty())
         return {};
-    const Emitters::Target target = emitters_.target(sampler.pair());
-    const glm::dvec3 way = target.point - glm::dvec3(origin);
-    const double distance = glm::length(way);
-    if (!(distance > 0.0))
+    const auto met = meet(emitters_.target(sampler.pair()), origin, lobe, rays);
+    if (!met)
         return {};
-    Glimpse seen;
-    seen.direction = way / distance;
-    const double own = lobe.density(seen.direction);
-    if (!(own > 0.0))
-        return {};
-    ++rays;
-    const float end = float(distance + ray_offset(target.point));
-    const visibility::Hit hit = visibility_.closest({origin, glm::vec3(seen.direction), 0.0f, end});
-    // Of two triangles at one place only one is ever hit, and only it may count.
-    if (!target.is_met(hit) || hit.facing == visibility::Facing::back)
-        return seen;
-    const double path = density_of(hit, origin, seen.direction, lobe, reflections);
-    seen.luminance = glm::dvec3(hit.tint) * emission(hit)
-                     * (own / (path + emitters_.density(hit, seen.direction)));
-    return seen;
+    const double path = density_of(met->hit, origin, met->towards, lobe, reflections);
+    return {met->towards, glm::dvec3(met->hit.tint) * emission(met->hit)
+                              * (lobe.density(met->towards)
+                                 / (path + emitters_.density(met->hit, met->towards)))};
 }
 
 Paths::Glimpse Paths::aim_at_sky(glm::vec3 origin, const Lobe& lobe, int reflections,
@@ -174,21 +179,13 @@ glm::dvec3 Paths::aim_at_spot(glm::vec3 origin, const Lobe& lobe, PathSampler& s
                               uint64_t& rays) const {
     if (!spots_)
         return glm::dvec3(0.0);
-    const Emitters::Target target = spots_->target(glm::dvec3(origin), sampler.pair());
-    const glm::dvec3 way = target.point - glm::dvec3(origin);
-    const double distance = glm::length(way);
-    const glm::dvec3 towards = way / distance;
-    if (!(distance > 0.0) || !(lobe.density(towards) > 0.0))
+    const auto met = meet(spots_->target(glm::dvec3(origin), sampler.pair()), origin, lobe, rays);
+    if (!met)
         return glm::dvec3(0.0);
-    ++rays;
-    const float end = float(distance + ray_offset(target.point));
-    const visibility::Hit hit = visibility_.closest({origin, glm::vec3(towards), 0.0f, end});
-    if (!target.is_met(hit) || hit.facing == visibility::Facing::back)
-        return glm::dvec3(0.0);
-    const Bounce bounce = bounce_of(hit, origin, towards);
+    const Bounce bounce = bounce_of(met->hit, origin, met->towards);
     // Of the two ways to get here: the density of one cancels.
-    return share_of_path(hit, origin, towards, lobe) * glm::dvec3(hit.tint) * bounce.albedo
-           / glm::pi<double>() * illuminance(bounce.point, bounce.n, rays);
+    return share_of_path(met->hit, origin, met->towards, lobe) * glm::dvec3(met->hit.tint)
+           * bounce.albedo / glm::pi<double>() * illuminance(bounce.point, bounce.n, rays);
 }
 
 std::array<Paths::Glimpse, 3> Paths::arriving(glm::vec3 origin, PathSampler& sampler,

@@ -78,6 +78,13 @@ private:
         glm::dvec3 sample(glm::dvec2 sample) const;
         double density(glm::dvec3 towards) const; ///< 1 / sr
     };
+    /// The front of a target, where nothing hides it and the lobe goes there.
+    struct Met {
+        glm::dvec3 towards; ///< unit direction
+        visibility::Hit hit;
+    };
+    std::optional<Met> meet(const Emitters::Target& target, glm::vec3 origin, const Lobe& lobe,
+                            uint64_t& rays) const;
     /// A surface that a ray met, as it reflects.
     struct Bounce {
         glm::dvec3 point, n; ///< where rays from it start: see off_surface

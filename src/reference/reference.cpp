@@ -1,6 +1,7 @@
 #include "reference/reference.h"
 
 #include "lpvbake/error.h"
+#include "machine_memory.h"
 #include "reference/sampling.h"
 #include "scene/lights.h"
 #include "text.h"
@@ -19,8 +20,6 @@
 #include <cmath>
 #include <cstdio>
 #include <numeric>
-
-#include <unistd.h>
 
 namespace lpvbake::reference {
 namespace {
@@ -133,7 +132,7 @@ void check_memory(const Grid& grid, const ReferenceSettings& settings) {
     const uint64_t points = settings.probes ? std::min<uint64_t>(settings.probes, cells) : cells;
     const double bytes = double(cells) * double(24 * coefficients + 24)
                          + double(points) * double(120 * coefficients + 40);
-    if (bytes > double(sysconf(_SC_PHYS_PAGES)) * double(sysconf(_SC_PAGESIZE)))
+    if (bytes > double(machine_memory()))
         throw Error(ErrorKind::memory,
                     "a reference on " + std::to_string(grid.dims.x) + " x "
                         + std::to_string(grid.dims.y) + " x " + std::to_string(grid.dims.z)

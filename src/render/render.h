@@ -31,11 +31,11 @@ struct Rendering {
     double noise = 0;
 };
 
-/// Draws the scene on the device, sample by sample, and lights what is seen by nested levels, or by
-/// one volume: punctual lights by
-/// shadow rays, the field as `reader` shows it, and dark where that is negative. Backs of
-/// single-sided materials are not drawn. The same bits for any number of threads. Throws Error:
-/// invalid (Show::occlusion of a volume without); device, memory; and whatever `progress` throws.
+/// Draws the scene on the device, sample by sample, and lights what is seen: punctual lights by
+/// shadow rays, the field of one volume or of nested levels as `reader` shows it, and dark where
+/// that is negative. Backs of single-sided materials are not drawn. The same bits for any number of
+/// threads. Throws Error: invalid (Show::occlusion of a volume without); device, memory; and
+/// whatever `progress` throws.
 Rendering render(const LitScene& lit, const volume::Levels& levels, const raster::Raster& raster,
                  const readers::Reader& reader, const ViewSettings& settings, Progress& progress);
 

@@ -1,6 +1,7 @@
 #include "volume/levels.h"
 
 #include "lpvbake/error.h"
+#include "machine_memory.h"
 #include "text.h"
 #include "volume/grid.h"
 #include "volume/sh.h"
@@ -11,8 +12,6 @@
 #include <cmath>
 #include <limits>
 #include <optional>
-
-#include <unistd.h>
 
 namespace lpvbake::volume {
 namespace {
@@ -275,8 +274,7 @@ Volume flatten(const Levels& levels, double cell) {
     const double bytes = dims.x * dims.y * dims.z
                          * double(sizeof(glm::vec3) * (outermost.sh.size() + outermost.walls.size())
                                   + sizeof(float));
-    if (const double has = double(sysconf(_SC_PHYS_PAGES)) * double(sysconf(_SC_PAGESIZE));
-        bytes > has)
+    if (const double has = double(machine_memory()); bytes > has)
         throw Error(ErrorKind::memory, format("`flatten` %.6g: the cells take %.0f GiB, more than "
                                               "the machine has, %.0f GiB; use larger ones",
                                               cell, bytes / 0x1p30, has / 0x1p30));
