@@ -10,6 +10,8 @@
 #include <OpenEXR/ImfIO.h>
 #include <OpenEXR/ImfOutputFile.h>
 #include <OpenEXR/ImfStringAttribute.h>
+#include <OpenEXR/ImfThreading.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <cstring>
@@ -54,6 +56,18 @@ struct Slice {
     size_t stride; ///< bytes
 };
 
+/// Threads that may compress: those of the caller's arena, where they are several. OpenEXR has one
+/// pool a process, which grows to as many and never shrinks: the caller may have made it for
+/// itself.
+int compressing_threads() {
+    const int threads = tbb::this_task_arena::max_concurrency();
+    if (threads < 2)
+        return 0;
+    if (Imf::globalThreadCount() < threads)
+        Imf::setGlobalThreadCount(threads);
+    return threads;
+}
+
 void encode(Imf::OStream& stream, int width, int height, Imf::PixelType type,
             const std::vector<Slice>& slices, const std::map<std::string, std::string>& attributes,
             const std::string& name) {
@@ -68,7 +82,7 @@ void encode(Imf::OStream& stream, int width, int height, Imf::PixelType type,
             buffer.insert(slice.name, Imf::Slice(type, const_cast<char*>(slice.first), slice.stride,
                                                  slice.stride * size_t(width)));
         }
-        Imf::OutputFile file(stream, header, 0);
+        Imf::OutputFile file(stream, header, compressing_threads());
         file.setFrameBuffer(buffer);
         file.writePixels(height);
     } catch (const std::exception& error) {

@@ -4,6 +4,7 @@
 #include "lpvbake/error.h"
 
 #include <gtest/gtest.h>
+#include <tbb/task_arena.h>
 
 #include <dlfcn.h>
 #include <link.h>
@@ -215,6 +216,20 @@ TEST(Image, RejectsBombsByTheirHeader) {
     rejection(make_png(0, 1, 8, 2, {}));
     rejection(make_png(3, 1, 8, 0, {1, 2, 3}), 2);
     EXPECT_EQ(decode(make_png(3, 1, 8, 0, {1, 2, 3}), 3).width, 3);
+}
+
+/// Blocks of sixteen lines are compressed side by side: the file has them in their order.
+TEST(Image, ExrIsTheSameForAnyNumberOfThreads) {
+    image::Pixels pixels{64, 200, 3, std::vector<float>(64 * 200 * 3)};
+    for (size_t i = 0; i < pixels.samples.size(); ++i)
+        pixels.samples[i] = std::sin(float(i * i % 9973));
+    const auto encoded = [&](int threads) {
+        tbb::task_arena arena(threads);
+        return arena.execute([&] { return image::encode_exr(pixels, false, {}, "x"); });
+    };
+    const auto bytes = encoded(1);
+    for (int threads : {2, 3, 7})
+        EXPECT_EQ(bytes, encoded(threads));
 }
 
 TEST(Image, ExrRoundTripsExactly) {
