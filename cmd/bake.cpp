@@ -128,8 +128,9 @@ std::vector<const solver::SolverKind*> solvers_of(const BakeOptions& o) {
     if (!o.at.empty())
         keep("at", solvers_with([](const solver::SolverKind& kind) { return kind.at_places; }));
     if (o.nests())
-        keep(o.levels ? "levels" : "level",
-             solvers_with([](const solver::SolverKind& kind) { return kind.in_levels; }));
+        keep(o.levels ? "levels" : "level", solvers_with([](const solver::SolverKind& kind) {
+                 return kind.nesting != solver::Nesting::none;
+             }));
     if (o.quality)
         keep("quality", solvers_with(has_presets));
     for (const auto& [name, value] : o.parameters)
@@ -714,13 +715,13 @@ void add_level_options(options::Options& options, BakeOptions& o) {
                 "Box, metres, with cells of this size; repeated: nested levels of one scene, cells "
                 "powers of two of the finest, into a file each; see below")
         .exclude({"resolution", "cell-size", "bounds", "margin", "levels", "focus", "at", "bytes",
-                  "verify", "rsm-samples", "rsm-size"})
+                  "verify", "rsm-samples"})
         .record(options::Recorded::if_changed);
     options
         .number("--levels", o.levels, 2, double(volume::most_levels),
                 "Nested levels around --focus: cells of --cell-size there, then twice as large in "
                 "boxes twice as large, the last over all of the scene or --bounds")
-        .exclude({"at", "bytes", "verify", "rsm-samples", "rsm-size"})
+        .exclude({"at", "bytes", "verify", "rsm-samples"})
         .need("focus")
         .record(options::Recorded::if_changed);
     options

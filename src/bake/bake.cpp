@@ -21,12 +21,22 @@ std::string share_with_walls(const std::vector<std::vector<glm::vec3>>& walls) {
                   100.0 * (1.0 - double(without) / double(walls[0].size())));
 }
 
-/// A grid, and the lit scene in units of its cells.
+/// A grid, and the scene in units of its cells.
 struct Level {
     const Grid& grid;
-    const scene::Frame& frame;
-    const visibility::Visibility& visibility;
+    scene::Frame frame;
+    visibility::Visibility visibility;
+};
+
+/// The surfaces as they are lit, in the frame of one level after the other.
+struct Surfaces {
     surface::LitSurfaces lit;
+    scene::Frame frame;
+
+    void move_to(const Level& level) {
+        lit = surface::in_frame(std::move(lit), frame, level.frame, level.visibility);
+        frame = level.frame;
+    }
 };
 
 /// Where walls ask for more than the reader can be made to show, and by which grid it could.
@@ -49,20 +59,25 @@ void warn_of_contested(const Contested& contested, const BakePlan& plan, const G
 }
 
 /// Where maps hold some of the light, surfaces are lit anew for all of it.
-void fit_volume(const Scene& scene, const BakePlan& plan, Level& level, solver::Stages& stages,
-                Volume& volume) {
+void fit_volume(const Scene& scene, const BakePlan& plan, const Level& level, Surfaces& surfaces,
+                solver::Stages& stages, Volume& volume) {
     const readers::Reader& reader = *plan.settings.fit;
     stages.begin("fit");
-    if (!plan.lit || plan.maps.count > 0) {
+    surface::LitSurfaces all;
+    const bool anew = !plan.lit || plan.maps.count > 0;
+    if (anew) {
         surface::LightingSettings lighting = lighting_of(plan);
         lighting.maps = false;
-        level.lit = surface::light_surfaces(scene, level.visibility, level.frame, lighting,
-                                            stages.progress());
+        all = surface::light_surfaces(scene, level.visibility, level.frame, lighting,
+                                      stages.progress());
+    } else {
+        surfaces.move_to(level);
     }
     SurfaceFitSettings settings;
     settings.dering = plan.settings.dering;
-    const SurfaceFit fit = fit_to_surfaces(scene, level.lit, level.frame, plan.emitters, reader,
-                                           settings, volume, stages.progress());
+    const SurfaceFit fit =
+        fit_to_surfaces(scene, anew ? all : surfaces.lit, level.frame, plan.emitters, reader,
+                        settings, volume, stages.progress());
     if (fit.fit.points == 0) {
         stages.end("no light arrives on surfaces of the grid");
         stages.warn(format("no light arrives on surfaces of the grid: nothing is fitted to what %s "
@@ -83,23 +98,17 @@ void fit_volume(const Scene& scene, const BakePlan& plan, Level& level, solver::
                            reader.name));
 }
 
-Volume solve_level(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
-                   solver::Solver& solver, Level level, solver::Stages& stages) {
-    Volume volume;
-    volume.grid = level.grid;
-    solver.solve({scene, device, level.grid, level.frame, level.visibility,
-                  plan.lit ? &level.lit : nullptr, plan.maps},
-                 stages, volume);
-
+/// What is told of a level that is solved.
+void finish_level(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
+                  const Level& level, Surfaces& surfaces, solver::Stages& stages, Volume& volume) {
     stages.begin("walls");
     volume.walls = visibility::find_walls(level.visibility, level.grid.dims, volume.validity,
                                           most_walls, walls_reach);
     stages.end(share_with_walls(volume.walls));
 
     if (plan.settings.fit)
-        fit_volume(scene, plan, level, stages, volume);
+        fit_volume(scene, plan, level, surfaces, stages, volume);
     describe_light(scene, plan, device, level.visibility, volume);
-    return volume;
 }
 
 } // namespace
@@ -110,25 +119,41 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
     baked.warnings = plan.warnings;
     solver::Stages stages(progress, baked.warnings, scene.path);
 
+    const solver::SolverKind& kind = plan.settings.solver.kind();
     const std::vector<Grid> grids = grids_in(plan);
     std::vector<std::unique_ptr<solver::Solver>> solvers;
     for (const Grid& grid : grids)
-        solvers.push_back(plan.settings.solver.kind().make(device, grid, plan.settings.solver));
+        solvers.push_back(kind.make(device, grid, plan.settings.solver));
 
     const visibility::Visibility visibility = open_scene(scene, plan, stages);
-    surface::LitSurfaces lit = light_scene(scene, plan, visibility, stages);
+    Surfaces surfaces{light_scene(scene, plan, visibility, stages), plan.frame};
+    const surface::LitSurfaces* lit = plan.lit ? &surfaces.lit : nullptr;
+    const solver::Inputs whole{scene,      device, grids.front(), plan.frame,
+                               visibility, lit,    plan.maps};
 
+    const bool coupled = kind.nesting == solver::Nesting::coupled && grids.size() > 1;
+    baked.levels.resize(grids.size());
     for (std::size_t i = 0; i < grids.size(); ++i) {
+        const std::size_t l = coupled ? grids.size() - 1 - i : i;
         if (grids.size() > 1)
-            stages.set_of(format("level %zu: ", i));
-        const scene::Frame frame = scene::frame_of(grids[i]);
-        const visibility::Visibility seen = visibility.in_frame(plan.frame, frame);
-        const bool last = i + 1 == grids.size();
-        surface::LitSurfaces own = last ? std::move(lit) : lit;
-        own = surface::in_frame(std::move(own), plan.frame, frame, seen);
-        baked.levels.push_back(solve_level(scene, plan, device, *solvers[i],
-                                           {grids[i], frame, seen, std::move(own)}, stages));
-        solvers[i].reset();
+            stages.set_of(format("level %zu: ", l));
+        const scene::Frame frame = scene::frame_of(grids[l]);
+        const Level level{grids[l], frame, visibility.in_frame(plan.frame, frame)};
+        if (!coupled)
+            surfaces.move_to(level);
+        Volume& volume = baked.levels[l];
+        volume.grid = level.grid;
+        solver::Inputs inputs{scene,       device,           level.grid,
+                              level.frame, level.visibility, coupled ? nullptr : lit,
+                              plan.maps};
+        if (coupled) {
+            inputs.finest = &whole;
+            inputs.around = std::span(solvers).subspan(l + 1);
+        }
+        solvers[l]->solve(inputs, stages, volume);
+        if (!coupled)
+            solvers[l].reset();
+        finish_level(scene, plan, device, level, surfaces, stages, volume);
     }
     const auto is_dark = [](const Volume& volume) { return volume::total_energy(volume) == 0.0; };
     if (std::ranges::all_of(baked.levels, is_dark))

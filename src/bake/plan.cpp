@@ -6,6 +6,7 @@
 #include "scene/light_view.h"
 #include "scene/lights.h"
 #include "solver/models.h"
+#include "solver/vpl/cascades.h"
 #include "text.h"
 #include "visibility/around.h"
 #include "volume/points.h"
@@ -181,9 +182,14 @@ void plan_maps(const SceneFacts& scene, int size, BakePlan& plan) {
     plan.maps.size = size;
     const glm::dvec3 lo = plan.frame.from_world(scene.bounds.lo);
     const glm::dvec3 hi = plan.frame.from_world(scene.bounds.hi);
+    double texels = 0;
     for (const Light& light : scene.lights)
-        plan.maps.count += int(scene::views_of(light, plan.frame, lo, hi).size());
-    const double texels = double(plan.maps.count) * size * size;
+        for (const scene::RsmView& view : scene::views_of(light, plan.frame, lo, hi)) {
+            ++plan.maps.count;
+            for (const solver::vpl::Cascade& cascade :
+                 solver::vpl::cascades_of(view, plan.frame, size))
+                texels += solver::vpl::texels_of(cascade);
+        }
     plan.stages.push_back(
         {"rsm",
          seconds::maps + seconds::maps_texel * texels
@@ -251,7 +257,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                         scene.path + ": the light \"" + light.name
                             + "\" is farther than 1e18 cells from the grid; make "
                               "it a directional one");
-    const int map_size = solver.kind().map_size(plan.grid, solver);
+    const int map_size = solver.kind().map_size(grids_in(plan).back(), solver);
     plan.lit = map_size == 0 || settings.bounces != 1 || plan.emitters || scene.sky;
 
     const surface::PatchCount surfaces =

@@ -6,7 +6,7 @@
 
 namespace lpvbake::scene {
 
-/// A box around the grid in which the cells of another volume of the same bake lie, larger ones.
+/// A level around the grid: another grid of the same bake, of larger cells.
 struct CoarserBox {
     glm::vec3 lo, hi; ///< frame units
     float cell;       ///< units
@@ -17,8 +17,13 @@ struct Frame {
     glm::dvec3 origin{0.0};
     double unit = 1.0;                    ///< metres a unit: the edge of a cell
     glm::dvec3 extent{1.0};               ///< size of the grid in units (its dims)
-    std::vector<CoarserBox> coarser = {}; ///< where surfaces are lit for other cells, too
+    std::vector<CoarserBox> coarser = {}; ///< levels around it, from finer to coarser; mostly none
 
+    /// The box of all levels, frame units.
+    glm::dvec3 lo() const {
+        return glm::dvec3(coarser.empty() ? glm::vec3(0.0f) : coarser.back().lo);
+    }
+    glm::dvec3 hi() const { return coarser.empty() ? extent : glm::dvec3(coarser.back().hi); }
     glm::dvec3 from_world(glm::dvec3 p) const { return (p - origin) / unit; }
     glm::dvec3 to_world(glm::dvec3 p) const { return origin + p * unit; }
 };

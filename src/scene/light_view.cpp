@@ -32,7 +32,7 @@ std::array<glm::dvec3, 2> across(glm::dvec3 axis) {
 
 std::vector<RsmView> parallel_view(const Light& light, const Frame& frame, glm::dvec3 lo,
                                    glm::dvec3 hi) {
-    const glm::dvec3 inner_lo = glm::max(lo, glm::dvec3(0)), inner_hi = glm::min(hi, frame.extent);
+    const glm::dvec3 inner_lo = glm::max(lo, frame.lo()), inner_hi = glm::min(hi, frame.hi());
     if (glm::any(glm::greaterThan(inner_lo, inner_hi)))
         return {};
     RsmView view;

@@ -29,7 +29,7 @@ struct RsmView {
 
 /// The maps of a light: one, or for a point light or a spot of more than 80 degrees the faces of a
 /// cube. None where it cannot light anything. [lo, hi] are the scene's bounds: a directional
-/// light's map covers their part inside the frame's box across, and all of them along the light.
+/// light's map covers their part inside the frame's levels across, and all of them along the light.
 std::vector<RsmView> views_of(const Light& light, const Frame& frame, glm::dvec3 lo, glm::dvec3 hi);
 
 /// Light of colour 1 that leaves through each texel of a map of size x size, lumen, before `range`:

@@ -41,6 +41,7 @@ class Visibility;
 namespace lpvbake::solver {
 
 struct SolverKind;
+class Solver;
 
 /// Reflective shadow maps that bring the first reflection of punctual lights.
 struct ReflectiveMaps {
@@ -59,6 +60,11 @@ struct Inputs {
     /// hold all light.
     const surface::LitSurfaces* lit;
     ReflectiveMaps maps;
+    /// Of nested grids of a kind with Nesting::coupled: the inputs of the finest, whose frame has
+    /// the levels around it, and the solvers of those around this one, the next first, which have
+    /// solved theirs. `lit` is in the finest's frame, and with its inputs alone.
+    const Inputs* finest = nullptr;
+    std::span<const std::unique_ptr<Solver>> around = {};
 };
 
 /// A solver, being compiled for a device, a grid and settings.
@@ -137,6 +143,13 @@ struct Cost {
     uint64_t host_bytes = 0; ///< beside surfaces and volume
 };
 
+/// How a kind solves nested grids.
+enum class Nesting {
+    none,        ///< it cannot
+    independent, ///< each by itself
+    coupled, ///< from the outermost in: finer ones take light from those around (Inputs::around)
+};
+
 /// A kind of solver: all that the rest of the program knows of it. Functions may not be null.
 struct SolverKind {
     const char* name; ///< unique
@@ -146,8 +159,7 @@ struct SolverKind {
     /// Reflections unless they are said; none: all.
     std::optional<int> default_bounces;
     bool at_places = false; ///< it can solve given places, not only a grid
-    /// Its cells take light from lit surfaces alone, without maps, so that grids may be nested.
-    bool in_levels = false;
+    Nesting nesting = Nesting::none;
     std::span<const Parameter> parameters;
     /// From the fastest to the most accurate, at least one. One is Quality::balanced, or else the
     /// first stands for it.

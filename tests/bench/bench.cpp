@@ -198,7 +198,8 @@ void rsm(benchmark::State& state, const Scene& scene) {
         vpls.clear();
         texels = 0.0;
         pass.render(setting.scene.lights.front(), size, [&](const solver::vpl::Rsm& map) {
-            clustering += seconds_of([&] { solver::vpl::cluster_vpls(map, 4, vpls); });
+            clustering +=
+                seconds_of([&] { solver::vpl::cluster_vpls(map, setting.frame, 4, vpls); });
             texels += double(map.power.size());
         });
     };

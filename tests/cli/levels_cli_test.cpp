@@ -75,6 +75,18 @@ TEST_F(LevelsCli, TheCommandsTakeTheManifest) {
     expect_one_error(run("convert a.levels.json a.vdb"), "convert", ExitCode::usage, "replace");
 }
 
+TEST_F(LevelsCli, ClassicPropagationHasCascades) {
+    const CliResult result = run("bake \"$ROOM\" --rsm-size 64 --bounces 2 -o a.vdb --fit "
+                                 "surfaces"
+                                 + fine + around);
+    ASSERT_EQ(result.status, 0) << result.err;
+    for (const char* text :
+         {"choice        lpv", "level 1: 6 maps of 64 x 64", "of them from levels around"})
+        EXPECT_NE(result.out.find(text), std::string::npos) << text << '\n' << result.out;
+    EXPECT_EQ(read_volume(folder_ / "a.vdb").metadata["solver"], "lpv");
+    EXPECT_EQ(run("info a.levels.json").status, 0);
+}
+
 TEST_F(LevelsCli, WhatIsMissingOrForeignIsToldApart) {
     ASSERT_EQ(bake(fine + around + " -o a.vdb").status, 0);
     ASSERT_EQ(bake(fine + around + " --sky '#ffffff,10' -o b.vdb").status, 0);
@@ -97,7 +109,6 @@ TEST_F(LevelsCli, WhatCannotBeNestedIsRefusedBeforeAnyWork) {
     refused(" --level 1,0,0,-1,2,1:0.2", "x0 above x1");
     refused(" --level 1,0,0,2,2,1", "is not X0,Y0,Z0,X1,Y1,Z1:CELL");
     refused(" --level 0,0,0,1,1,1:0.00001 --level -1,0,-1,1,2,1:0.16384", "cannot be told apart");
-    refused(fine + around + " --solver lpv", "--level is an option of sn or gather");
     refused(fine + around + " --resolution 32", "--resolution");
     refused(fine + around + " --rsm-samples 4", "--rsm-samples");
     refused(fine + around + " --verify", "--verify");

@@ -132,6 +132,64 @@ TEST_F(RsmTest, TilesMakeUpTheWholeMap) {
     expect_relative(seen.power, glm::dvec3(2 * pi), 1e-6);
 }
 
+/// The same cells around levels of finer ones in the middle, ten across each.
+scene::Frame with_levels(const scene::Frame& all, int levels) {
+    if (levels == 1)
+        return all;
+    const double ratio = 1 << (levels - 1);
+    scene::Frame frame;
+    frame.unit = all.unit / ratio;
+    frame.extent = glm::dvec3(10);
+    const glm::dvec3 half = 0.5 * all.extent * ratio;
+    frame.origin = all.origin + frame.unit * (half - 5.0);
+    for (int level = 1; level < levels; ++level) {
+        const float cell = float(1 << level);
+        const bool last = level + 1 == levels;
+        const glm::vec3 around = last ? glm::vec3(half) : glm::vec3(5 * cell);
+        frame.coarser.push_back({5.0f - around, 5.0f + around, cell});
+    }
+    return frame;
+}
+
+TEST_F(RsmTest, CascadesReflectWhatOneMapDoes) {
+    const Scene closed = room(tinted), open = scenes::floor_quad(3, tinted);
+    struct Case {
+        const char* name;
+        const Scene& scene;
+        Light light;
+        double reflected;
+    };
+    const double ramp = // of a smooth cone, by the map that is tested elsewhere
+        power(closed, frame_around(closed, 0.2),
+              scenes::spot_light({0.3, -0.4, 1.1}, {-1, -1, -2}, 70, 0.3, 0.6), 1024)
+            .x;
+    const Case cases[] = {
+        {"sun", open, scenes::sun({0.0, -2.0, -1.0}, 1000), 1000 * 9 * 2 / std::sqrt(5.0) * 0.8},
+        {"lamp", closed, scenes::point_light({0.3, -0.4, 1.1}, 50), 4 * pi * 50 * 0.8},
+        {"lamp in the finest", closed, scenes::point_light({-0.8, -1.8, -1.3}, 50),
+         4 * pi * 50 * 0.8},
+        {"spot", closed, scenes::spot_light({0.3, -0.4, 1.1}, {-1, -1, -2}, 70, 0.3, 0.6), ramp}};
+    for (const Case& each : cases) {
+        const scene::Frame frame = frame_around(each.scene, 0.2);
+        std::size_t before = 0;
+        for (const int levels : {1, 2, 3, 4}) {
+            const scene::Frame nested = with_levels(frame, levels);
+            const Seen seen = render(each.scene, nested, each.light, 64);
+            EXPECT_NEAR(seen.power.x, each.reflected, 1e-4 * each.reflected)
+                << each.name << ", " << levels;
+            EXPECT_TRUE(levels == 1 || seen.texels > before) << each.name; // there are more of them
+            before = levels == 1 ? seen.texels : before;
+            std::vector<solver::vpl::Vpl> vpls;
+            for (const solver::vpl::Rsm& rsm : seen.tiles)
+                solver::vpl::cluster_vpls(rsm, nested, 4, vpls);
+            double clustered = 0;
+            for (const solver::vpl::Vpl& vpl : vpls)
+                clustered += double(vpl.power.x);
+            EXPECT_NEAR(clustered, each.reflected, 1e-4 * each.reflected) << each.name;
+        }
+    }
+}
+
 TEST_F(RsmTest, HardSpotPowerIsThatOfItsCone) {
     const Scene scene = room(grey);
     const scene::Frame frame = frame_around(scene, 0.15);

@@ -21,7 +21,7 @@ solver::vpl::Rsm map_of(int width, int height) {
 
 std::vector<solver::vpl::Vpl> clusters(const solver::vpl::Rsm& rsm, int kernel) {
     std::vector<solver::vpl::Vpl> vpls;
-    solver::vpl::cluster_vpls(rsm, kernel, vpls);
+    solver::vpl::cluster_vpls(rsm, {}, kernel, vpls);
     return vpls;
 }
 
@@ -146,7 +146,7 @@ TEST(Cluster, OutputIsAppendedAndAlikeToTheBit) {
     const solver::vpl::Rsm rsm = random_map(64, 64);
     const std::vector<solver::vpl::Vpl> once = clusters(rsm, 4);
     std::vector<solver::vpl::Vpl> both = clusters(rsm, 4);
-    solver::vpl::cluster_vpls(rsm, 4, both);
+    solver::vpl::cluster_vpls(rsm, {}, 4, both);
     ASSERT_EQ(both.size(), 2 * once.size());
     EXPECT_EQ(std::memcmp(both.data(), once.data(), once.size() * sizeof(solver::vpl::Vpl)), 0);
     EXPECT_EQ(std::memcmp(&both[once.size()], once.data(), once.size() * sizeof(solver::vpl::Vpl)),

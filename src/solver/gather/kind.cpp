@@ -161,7 +161,7 @@ constinit const SolverKind gather_kind{
     .orders = orders,
     .default_bounces = std::nullopt,
     .at_places = true,
-    .in_levels = true,
+    .nesting = Nesting::independent,
     .parameters = parameters,
     .ladder = ladder,
     .map_size = map_size,

@@ -11,7 +11,6 @@
 namespace lpvbake::solver::lpv {
 namespace {
 
-constexpr size_t nowhere = ~size_t(0);
 /// How far a ray starts before the surface it leaves, and how far a centre has to lie before it.
 constexpr float lift = 1e-3f;
 
@@ -56,7 +55,9 @@ bool stays(const vpl::Vpl& vpl, const Grid& grid) {
 
 Injection inject(std::span<const vpl::Vpl> vpls, const visibility::Visibility& visibility,
                  const Grid& grid) {
-    std::vector<size_t> cells(vpls.size());
+    Injection injection;
+    std::vector<size_t>& cells = injection.cells;
+    cells.resize(vpls.size());
     tbb::parallel_for(size_t(0), vpls.size(),
                       [&](size_t i) { cells[i] = front_cell(vpls[i], visibility, grid); });
 
@@ -65,7 +66,6 @@ Injection inject(std::span<const vpl::Vpl> vpls, const visibility::Visibility& v
     std::stable_sort(order.begin(), order.end(),
                      [&](size_t a, size_t b) { return cells[a] < cells[b]; });
 
-    Injection injection;
     injection.coefficients.assign(12 * grid.size(), 0.0f);
     // K(n), the clamped cosine in SH: sqrt(pi)/2 for the constant, sqrt(pi/3) for the linear band.
     const double k0 = std::sqrt(glm::pi<double>()) / 2.0;

@@ -17,7 +17,10 @@ struct Injection {
     double power = 0; ///< lm injected, the three channels together
     double lost = 0;  ///< lm that found no cell in front of its surface, inside the grid
     double shut = 0;  ///< lm of these that do not leave the grid: no centre sees their surface
+    std::vector<size_t> cells; ///< where each VPL is; nowhere: found none
 };
+
+inline constexpr size_t nowhere = ~size_t(0);
 
 /// Adds (Phi / pi) K(n) for each VPL to a cell on the front of its surface: the one nearest to
 /// p + n / 2 (grid units) whose centre is before the surface and seen from it, among the 27

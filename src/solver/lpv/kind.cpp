@@ -2,6 +2,7 @@
 
 #include "background.h"
 #include "scene/scene.h"
+#include "solver/lpv/inflow.h"
 #include "solver/lpv/lpv.h"
 #include "solver/models.h"
 #include "solver/occlusion.h"
@@ -12,8 +13,10 @@
 #include "text.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <future>
+#include <memory>
 
 namespace lpvbake::solver::lpv {
 namespace {
@@ -102,6 +105,12 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
     return cost;
 }
 
+/// All light that starts in a scene, in the frame of the finest grid.
+struct AllVpls {
+    scene::Frame frame;
+    std::vector<vpl::Vpl> vpls;
+};
+
 /// Virtual point lights into cells, and from cell to cell until little is left.
 class LpvSolver final : public Solver {
 public:
@@ -114,36 +123,163 @@ public:
           })) {}
 
     void solve(const Inputs& inputs, Stages& stages, Volume& volume) override {
-        const Grid& grid = inputs.grid;
         const Occlusion mode = settings_.occlusion;
-        std::vector<vpl::Vpl> vpls = find_vpls(inputs, stages);
+        all_ = inputs.around.empty() ? find_vpls(inputs.finest ? *inputs.finest : inputs, stages)
+                                     : as_lpv(inputs.around.front()).all_;
+        solved_.grid = inputs.grid;
+        solved_.occlusion = mode;
 
         GeometryVolume geometry;
         if (mode != Occlusion::none) {
             stages.begin("geometry");
             const std::vector<surface::Patch> patches =
                 surface::make_patches(inputs.scene, inputs.frame, 1.0f);
-            geometry = make_geometry_volume(patches, grid);
+            geometry = make_geometry_volume(patches, inputs.grid);
             stages.end(counted(patches.size(), "patch", "patches"));
         }
 
         stages.begin("links");
-        Links links = trace_links(inputs.visibility, grid);
-        std::vector<float> transmittance;
+        Links links = trace_links(inputs.visibility, inputs.grid);
         if (mode == Occlusion::face)
-            transmittance = std::move(links.open);
+            solved_.transmittance = std::move(links.open);
         else if (mode == Occlusion::sh)
-            transmittance = face_transmittance(geometry, grid);
+            solved_.transmittance = face_transmittance(geometry, inputs.grid);
         volume.validity = std::move(links.validity);
         stages.end(outside_geometry(volume.validity));
 
+        LpvField field = propagate(inject_all(inputs, stages, volume), stages);
+        to_luminance(field, volume);
+        if (mode != Occlusion::none)
+            volume.occlusion = at_cell_centers(geometry, inputs.grid);
+        volume.metadata["iterations"] = std::to_string(field.iterations);
+        volume.metadata["residual"] = format("%.6g", field.residual);
+        if (inputs.finest) // finer ones go by it
+            solved_.coefficients = std::move(field.coefficients);
+    }
+
+private:
+    static const LpvSolver& as_lpv(const std::unique_ptr<Solver>& solver) {
+        return static_cast<const LpvSolver&>(*solver);
+    }
+
+    /// All light as virtual point lights: that of the maps and of lit surfaces.
+    std::shared_ptr<const AllVpls> find_vpls(const Inputs& inputs, Stages& stages) const {
+        auto all = std::make_shared<AllVpls>();
+        all->frame = inputs.frame;
+        const auto [count, size] = inputs.maps;
+        if (count > 0) {
+            stages.begin("rsm", inputs.scene.lights.size());
+            all->vpls =
+                vpl::render_vpls(inputs.device, inputs.scene, inputs.frame, {size, rsm_kernel_},
+                                 stages.progress(), &inputs.visibility);
+            stages.end(format("%s of %d x %d, %s", counted(uint64_t(count), "map").c_str(), size,
+                              size, counted(all->vpls.size(), "VPL").c_str()));
+        }
+        if (inputs.lit)
+            vpl::emit_vpls(*inputs.lit, inputs.frame, all->vpls);
+        return all;
+    }
+
+    /// The nearest level around whose cells go on beyond a side; null: what lies there is outside
+    /// of them all.
+    const LpvSolver* beyond(int side, const Inputs& inputs) const {
+        const auto found = std::ranges::find_if(inputs.around, [&](const auto& solver) {
+            return as_lpv(solver).solved_.is_beyond(side, inputs.grid);
+        });
+        return found == inputs.around.end() ? nullptr : &as_lpv(*found);
+    }
+
+    /// The virtual point lights of this grid. Those that lie in it come first: `own` says which of
+    /// all they are.
+    std::vector<vpl::Vpl> find_own(const Inputs& inputs,
+                                   const std::array<const LpvSolver*, 6>& neighbours,
+                                   std::vector<std::size_t>& own) const {
+        vpl::Sides outer = 0;
+        for (int side = 0; side < 6; ++side)
+            outer |= neighbours[std::size_t(side)] ? 0u : 1u << side;
+        const bool is_same =
+            all_->frame.unit == inputs.frame.unit && all_->frame.origin == inputs.frame.origin;
+        std::vector<vpl::Vpl> vpls, outside, near;
+        for (std::size_t i = 0; i < all_->vpls.size(); ++i) {
+            vpl::Vpl vpl = all_->vpls[i];
+            if (!is_same)
+                vpl.position = glm::vec3(
+                    inputs.frame.from_world(all_->frame.to_world(glm::dvec3(vpl.position))));
+            if (vpl::is_inside(vpl.position, inputs.frame)) {
+                vpls.push_back(vpl);
+                own.push_back(i);
+                continue;
+            }
+            // The cells of a level around go on beyond the hull by half: light may start in them
+            // that comes over no link.
+            bool beside = false, starts_in = false;
+            for (int side = 0; side < 6; ++side) {
+                const int axis = side / 2;
+                if (side % 2 ? double(vpl.position[axis]) <= inputs.frame.extent[axis]
+                             : vpl.position[axis] >= 0.0f)
+                    continue;
+                const LpvSolver* neighbour = neighbours[std::size_t(side)];
+                beside |= !neighbour;
+                starts_in |= neighbour && neighbour->starts_on_hull(i, inputs.grid);
+            }
+            if (starts_in)
+                near.push_back(vpl);
+            else if (beside)
+                outside.push_back(vpl);
+        }
+        if (scene::has_sky(inputs.scene))
+            vpl::sky_vpls(inputs.scene.sky, inputs.visibility, inputs.frame, vpls, outer);
+        vpl::let_in(outside, inputs.visibility, inputs.frame, outer);
+        vpl::let_in(near, inputs.visibility, inputs.frame);
+        vpls.insert(vpls.end(), outside.begin(), outside.end());
+        vpls.insert(vpls.end(), near.begin(), near.end());
+        return vpls;
+    }
+
+    /// Whether one of all virtual point lights starts in a cell whose centre lies in the hull of a
+    /// finer grid.
+    bool starts_on_hull(std::size_t vpl, const Grid& fine) const {
+        if (starts_[vpl] == nowhere)
+            return false;
+        const glm::ivec3 cell = solved_.grid.cell_at(starts_[vpl]);
+        const glm::ivec3 first = solved_.cell_at(fine.center(glm::ivec3(0)));
+        const glm::ivec3 last = solved_.cell_at(fine.center(fine.dims - 1));
+        return glm::all(glm::greaterThanEqual(cell, first))
+               && glm::all(glm::lessThanEqual(cell, last));
+    }
+
+    Injection inject_all(const Inputs& inputs, Stages& stages, Volume& volume) {
         stages.begin("inject");
-        vpl::let_in(vpls, inputs.visibility, inputs.frame);
-        const Injection injection = inject(vpls, inputs.visibility, grid);
+        std::array<const LpvSolver*, 6> neighbours;
+        for (int side = 0; side < 6; ++side)
+            neighbours[std::size_t(side)] = beyond(side, inputs);
+        std::vector<std::size_t> own;
+        const std::vector<vpl::Vpl> vpls = find_own(inputs, neighbours, own);
+        Injection injection = inject(vpls, inputs.visibility, inputs.grid);
+        starts_.assign(all_->vpls.size(), nowhere);
+        for (std::size_t i = 0; i < own.size(); ++i)
+            starts_[own[i]] = injection.cells[i];
+
+        glm::dvec3 inflow(0.0);
+        for (int side = 0; side < 6; ++side)
+            if (const LpvSolver* neighbour = neighbours[std::size_t(side)]) {
+                const Inflow in =
+                    let_flow(neighbour->solved_, inputs.grid, side,
+                             settings_.occlusion == Occlusion::none ? nullptr : &inputs.visibility,
+                             injection);
+                inflow += in.power;
+                injection.shut += in.shut.x + in.shut.y + in.shut.z;
+            }
+        std::string text = format("%zu VPLs, %.6g lm", vpls.size(), injection.power);
+        if (!inputs.around.empty()) {
+            const double of_levels = inflow.x + inflow.y + inflow.z;
+            text += format(", %.6g lm of them from levels around", of_levels);
+            volume.metadata["inflow_lm"] = format("%.9g", of_levels);
+        }
+        volume.metadata["injected_lm"] = format("%.9g", injection.power);
         const double come = injection.power + injection.shut;
         const double shut = come > 0.0 ? 100.0 * injection.shut / come : 0.0;
-        stages.end(
-            format("%zu VPLs, %.6g lm, %.1f %% walled in", vpls.size(), injection.power, shut));
+        stages.end(text + format(", %.1f %% walled in", shut));
         if (injection.power == 0.0)
             stages.warn(inputs.scene.path + ": no light comes into the grid: the field is 0");
         else if (shut > 5.0)
@@ -151,10 +287,13 @@ public:
                                "other that no cell's centre lies there; a higher `resolution` or "
                                "another solver keeps it",
                                shut));
+        return injection;
+    }
 
+    LpvField propagate(const Injection& injection, Stages& stages) {
         stages.begin("propagate", 100);
-        const LpvField field =
-            program_.get().propagate(injection, transmittance, settings_, stages.progress());
+        LpvField field = program_.get().propagate(injection, solved_.transmittance, settings_,
+                                                  stages.progress());
         const std::string iterations = counted(uint64_t(field.iterations), "iteration");
         stages.end(
             format("%s, %.3g %% of the power left", iterations.c_str(), 100.0 * field.residual));
@@ -163,37 +302,16 @@ public:
                 format("propagation stopped after %s with %.3g %% of the power under way: the "
                        "field is too dark; raise `iterations`, or leave it out",
                        iterations.c_str(), 100.0 * field.residual));
-
-        to_luminance(field, volume);
-        if (mode != Occlusion::none)
-            volume.occlusion = at_cell_centers(geometry, grid);
-        volume.metadata["iterations"] = std::to_string(field.iterations);
-        volume.metadata["residual"] = format("%.6g", field.residual);
-        volume.metadata["injected_lm"] = format("%.9g", injection.power);
-    }
-
-private:
-    /// All light as virtual point lights: that of the maps, of lit surfaces and of the sky.
-    std::vector<vpl::Vpl> find_vpls(const Inputs& inputs, Stages& stages) const {
-        std::vector<vpl::Vpl> vpls;
-        const auto [count, size] = inputs.maps;
-        if (count > 0) {
-            stages.begin("rsm", inputs.scene.lights.size());
-            vpls = vpl::render_vpls(inputs.device, inputs.scene, inputs.frame, {size, rsm_kernel_},
-                                    stages.progress(), &inputs.visibility);
-            stages.end(format("%s of %d x %d, %s", counted(uint64_t(count), "map").c_str(), size,
-                              size, counted(vpls.size(), "VPL").c_str()));
-        }
-        if (inputs.lit)
-            vpl::emit_vpls(*inputs.lit, inputs.frame, vpls);
-        if (scene::has_sky(inputs.scene))
-            vpl::sky_vpls(inputs.scene.sky, inputs.visibility, inputs.frame, vpls);
-        return vpls;
+        return field;
     }
 
     LpvSettings settings_;
     int rsm_kernel_;
     std::future<LpvProgram> program_;
+    // What finer levels take from this one.
+    std::shared_ptr<const AllVpls> all_;
+    std::vector<std::size_t> starts_; ///< cells in which all start, as Injection::cells
+    SolvedLevel solved_;
 };
 
 } // namespace
@@ -203,6 +321,7 @@ constinit const SolverKind lpv_kind{
     .help = "classic propagation",
     .orders = orders,
     .default_bounces = 1,
+    .nesting = Nesting::coupled,
     .parameters = parameters,
     .ladder = ladder,
     .map_size = map_size,

@@ -39,20 +39,6 @@ gpu::Program compile(const gpu::Device& device, const PropagateTiling& tiling,
                         constants);
 }
 
-/// What a lobe is multiplied with so that the flux through its 30 faces is its power.
-double budget(const float* lobe) {
-    double leaving = 0.0;
-    for (const LpvFace& face : lpv_faces()) {
-        const glm::dvec3 w{face.toward};
-        const double intensity =
-            double(volume::sh_y0) * double(lobe[0])
-            + double(volume::sh_y1)
-                  * (w.y * double(lobe[1]) + w.z * double(lobe[2]) + w.x * double(lobe[3]));
-        leaving += std::max(0.0, intensity) * (face.normal == face.toward ? far_angle : side_angle);
-    }
-    return leaving > 0.0 ? std::sqrt(4.0 * glm::pi<double>()) * double(lobe[0]) / leaving : 0.0;
-}
-
 /// Copies cell values (`planes` groups of `width` floats a cell) into a buffer of the kernel's
 /// layout, a layer at a time.
 template <class Value>
@@ -74,6 +60,22 @@ void upload_cells(const gpu::Device& device, const Grid& grid, const gpu::Buffer
 }
 
 } // namespace
+
+double flux_through(const LpvFace& face, const float* lobe) {
+    const glm::dvec3 w{face.toward};
+    const double intensity =
+        double(volume::sh_y0) * double(lobe[0])
+        + double(volume::sh_y1)
+              * (w.y * double(lobe[1]) + w.z * double(lobe[2]) + w.x * double(lobe[3]));
+    return std::max(0.0, intensity) * (face.normal == face.toward ? far_angle : side_angle);
+}
+
+double budget(const float* lobe) {
+    double leaving = 0.0;
+    for (const LpvFace& face : lpv_faces())
+        leaving += flux_through(face, lobe);
+    return leaving > 0.0 ? std::sqrt(4.0 * glm::pi<double>()) * double(lobe[0]) / leaving : 0.0;
+}
 
 uint32_t planes_of(Occlusion occlusion) {
     return occlusion == Occlusion::none ? 0 : occlusion == Occlusion::face ? 3 : 30;

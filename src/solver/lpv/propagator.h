@@ -5,6 +5,7 @@
 #include "gpu/gpu.h"
 #include "solver/lpv/inject.h"
 #include "solver/lpv/propagate.h"
+#include "solver/occlusion.h"
 
 #include <span>
 #include <vector>
@@ -17,6 +18,12 @@ enum class Occlusion {
     sh,   ///< geometry volume in SH L1: soft, leaks a quarter through a full wall
     face, ///< scalar transmittance of the links between cells: no leaks
 };
+
+/// What a lobe (SH L1 of intensity, cd, in the order 1, y, z, x) sends through a face, lm.
+double flux_through(const LpvFace& face, const float* lobe);
+
+/// What a lobe is multiplied with so that the flux through its 30 faces is its power.
+double budget(const float* lobe);
 
 /// Floats of transmittance a cell.
 uint32_t planes_of(Occlusion occlusion);

@@ -94,7 +94,7 @@ constinit const SolverKind sn_kind{
     .help = "discrete ordinates",
     .orders = orders,
     .default_bounces = std::nullopt,
-    .in_levels = true,
+    .nesting = Nesting::independent,
     .parameters = parameters,
     .ladder = ladder,
     .map_size = [](const Grid&, const SolverSettings&) { return 0; },

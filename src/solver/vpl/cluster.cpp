@@ -18,18 +18,40 @@ float luminance(glm::vec3 rgb) {
 struct Candidate {
     std::size_t texel;
     float brightness;
-    glm::vec3 cell;
+};
+
+/// Which cell a texel lies in, of the finest level of a frame that holds another one.
+class Cells {
+public:
+    Cells(const scene::Frame& frame, glm::vec3 position) {
+        const glm::vec3 inside = glm::clamp(position, glm::vec3(0), glm::vec3(frame.extent));
+        if (frame.coarser.empty() || position == inside)
+            return;
+        for (const scene::CoarserBox& level : frame.coarser) {
+            lo_ = level.lo;
+            size_ = level.cell;
+            if (position == glm::clamp(position, level.lo, level.hi))
+                return;
+        }
+    }
+    glm::vec3 at(glm::vec3 position) const { return glm::floor((position - lo_) / size_); }
+
+private:
+    glm::vec3 lo_{0};
+    float size_ = 1;
 };
 
 /// Takes the brightest candidate and all that join it out of `left`; those that remain keep their
 /// order.
-Vpl take_cluster(const Rsm& rsm, std::vector<Candidate>& left) {
+Vpl take_cluster(const Rsm& rsm, const scene::Frame& frame, std::vector<Candidate>& left) {
     const Candidate seed = *std::ranges::max_element(left, {}, &Candidate::brightness);
+    const Cells cells(frame, rsm.position[seed.texel]);
+    const glm::vec3 own = cells.at(rsm.position[seed.texel]);
     std::vector<std::size_t> members;
     glm::dvec3 power(0), mean(0), normal(0);
     double weight = 0;
     std::erase_if(left, [&](const Candidate& candidate) {
-        const glm::vec3 apart = candidate.cell - seed.cell;
+        const glm::vec3 apart = cells.at(rsm.position[candidate.texel]) - own;
         if (candidate.texel != seed.texel
             && (glm::dot(apart, apart) >= 3
                 || glm::dot(rsm.normal[candidate.texel], rsm.normal[seed.texel]) < same_facing))
@@ -52,7 +74,7 @@ Vpl take_cluster(const Rsm& rsm, std::vector<Candidate>& left) {
 
 } // namespace
 
-void cluster_vpls(const Rsm& rsm, int kernel, std::vector<Vpl>& vpls) {
+void cluster_vpls(const Rsm& rsm, const scene::Frame& frame, int kernel, std::vector<Vpl>& vpls) {
     kernel = std::max(kernel, 1);
     const int block_rows = (rsm.height + kernel - 1) / kernel;
     std::vector<std::vector<Vpl>> found(block_rows);
@@ -67,10 +89,10 @@ void cluster_vpls(const Rsm& rsm, int kernel, std::vector<Vpl>& vpls) {
                     const std::size_t texel = std::size_t(y) * rsm.width + x;
                     const float brightness = luminance(rsm.power[texel]);
                     if (brightness > 0)
-                        block.push_back({texel, brightness, glm::floor(rsm.position[texel])});
+                        block.push_back({texel, brightness});
                 }
             while (!block.empty())
-                found[block_row].push_back(take_cluster(rsm, block));
+                found[block_row].push_back(take_cluster(rsm, frame, block));
         }
     });
     for (const std::vector<Vpl>& row : found)

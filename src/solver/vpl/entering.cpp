@@ -16,11 +16,6 @@ namespace {
 
 constexpr float slack = 1e-3f; ///< what lies so little outside the grid lies on its border
 
-bool is_inside(glm::vec3 point, glm::vec3 extent) {
-    return glm::all(glm::greaterThanEqual(point, glm::vec3(-slack)))
-           && glm::all(glm::lessThanEqual(point, extent + slack));
-}
-
 /// A ray that comes into the grid.
 struct Entry {
     size_t face; ///< of all outer faces
@@ -45,6 +40,7 @@ public:
     struct Crossing {
         size_t face;
         float distance;
+        size_t side;
     };
     /// Where a ray from outside comes in.
     std::optional<Crossing> crossed_by(glm::vec3 from, glm::vec3 direction) const {
@@ -73,7 +69,7 @@ public:
             return size_t(std::clamp(int(std::floor(at[k])), 0, dims_[k] - 1));
         };
         const size_t side = size_t(2 * axis + (direction[axis] < 0.0f ? 1 : 0));
-        return Crossing{first_[side] + cell(u) + cell(v) * size_t(dims_[u]), enters};
+        return Crossing{first_[side] + cell(u) + cell(v) * size_t(dims_[u]), enters, side};
     }
     glm::vec3 centre(size_t face) const {
         size_t side = first_.size() - 1;
@@ -94,9 +90,9 @@ private:
     size_t size_ = 0;
 };
 
-/// What of the light of one comes in.
+/// What of the light of one comes in by these sides.
 void send(const Vpl& vpl, uint32_t key, int rays, const visibility::Visibility& visibility,
-          const Faces& faces, std::vector<Entry>& entries) {
+          const Faces& faces, Sides sides, std::vector<Entry>& entries) {
     const uint32_t word = mix_word(key), more = mix_word(word ^ key);
     const float first = float(word >> 8) * 0x1p-24f;
     const float turn = float(more >> 8) * 0x1p-24f;
@@ -107,7 +103,7 @@ void send(const Vpl& vpl, uint32_t key, int rays, const visibility::Visibility& 
         const glm::vec2 place{(float(i) + first) / float(rays), angle - std::floor(angle)};
         const glm::vec3 direction = surface::sample_cosine(vpl.normal, place);
         const auto crossing = faces.crossed_by(from, direction);
-        if (!crossing)
+        if (!crossing || !(sides >> crossing->side & 1))
             continue;
         const glm::vec3 passed = visibility.filter({from, direction, 0.0f, crossing->distance});
         if (passed != glm::vec3(0.0f))
@@ -117,11 +113,15 @@ void send(const Vpl& vpl, uint32_t key, int rays, const visibility::Visibility& 
 
 } // namespace
 
+bool is_inside(glm::vec3 point, const scene::Frame& frame) {
+    return glm::all(glm::greaterThanEqual(point, glm::vec3(-slack)))
+           && glm::all(glm::lessThanEqual(point, glm::vec3(frame.extent) + slack));
+}
+
 void let_in(std::vector<Vpl>& vpls, const visibility::Visibility& visibility,
-            const scene::Frame& frame) {
-    const glm::vec3 extent(frame.extent);
+            const scene::Frame& frame, Sides sides) {
     const auto middle = std::stable_partition(
-        vpls.begin(), vpls.end(), [&](const Vpl& vpl) { return is_inside(vpl.position, extent); });
+        vpls.begin(), vpls.end(), [&](const Vpl& vpl) { return is_inside(vpl.position, frame); });
     const std::vector<Vpl> outside(middle, vpls.end());
     vpls.erase(middle, vpls.end());
     if (outside.empty())
@@ -138,7 +138,8 @@ void let_in(std::vector<Vpl>& vpls, const visibility::Visibility& visibility,
         const size_t count = std::min(block, outside.size() - first);
         tbb::parallel_for(size_t(0), count, [&](size_t i) {
             entries[i].clear();
-            send(outside[first + i], uint32_t(first + i), rays, visibility, faces, entries[i]);
+            send(outside[first + i], uint32_t(first + i), rays, visibility, faces, sides,
+                 entries[i]);
         });
         for (size_t i = 0; i < count; ++i)
             for (const Entry& entry : entries[i]) {

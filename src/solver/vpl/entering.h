@@ -9,9 +9,12 @@ namespace lpvbake::solver::vpl {
 
 /// Virtual point lights outside the grid become such on the outer faces of border cells: of the
 /// power that rays carry through each, whose mean direction is the normal. 2^18 rays, shared by all
-/// of them, but 1 to 8192 each. What goes past the grid or into a wall is gone. The same bits for
-/// any number of threads.
+/// of them, but 1 to 8192 each. What goes past the grid, into a wall or in by another of its sides
+/// is gone. The same bits for any number of threads.
 void let_in(std::vector<Vpl>& vpls, const visibility::Visibility& visibility,
-            const scene::Frame& frame);
+            const scene::Frame& frame, Sides sides = all_sides);
+
+/// Whether a point (frame units) lies in the grid, or on its border.
+bool is_inside(glm::vec3 point, const scene::Frame& frame);
 
 } // namespace lpvbake::solver::vpl

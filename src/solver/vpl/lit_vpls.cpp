@@ -6,6 +6,8 @@
 #include <glm/gtc/constants.hpp>
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
+
 namespace lpvbake::solver::vpl {
 namespace {
 
@@ -23,6 +25,14 @@ std::vector<glm::vec3> portal_directions() {
         before += count;
     }
     return directions;
+}
+
+/// More than a cell away from all levels.
+bool is_beside(glm::vec3 point, const scene::Frame& frame) {
+    return surface::distance_to_box(point, glm::vec3(frame.extent)) > 1.0f
+           && std::ranges::all_of(frame.coarser, [&](const scene::CoarserBox& level) {
+                  return glm::distance(point, glm::clamp(point, level.lo, level.hi)) > level.cell;
+              });
 }
 
 } // namespace
@@ -44,7 +54,7 @@ void emit_vpls(const surface::LitSurfaces& surfaces, const scene::Frame& frame,
                                               {1.0f / 3.0f, 1.0f / 3.0f}};
         const glm::vec3 power{0.25 * glm::pi<double>() * area * glm::dvec3(luminance)};
         const glm::vec3 normal = i % 2 ? -patch.normal : patch.normal;
-        if (surface::distance_to_box(patch.position, glm::vec3(frame.extent)) > 1.0f) {
+        if (is_beside(patch.position, frame)) {
             vpls.push_back({patch.position, normal, 4.0f * power});
             continue;
         }
@@ -54,11 +64,13 @@ void emit_vpls(const surface::LitSurfaces& surfaces, const scene::Frame& frame,
 }
 
 void sky_vpls(const Sky& sky, const visibility::Visibility& visibility, const scene::Frame& frame,
-              std::vector<Vpl>& vpls) {
+              std::vector<Vpl>& vpls, Sides sides) {
     static const std::vector<glm::vec3> directions = portal_directions();
     const glm::ivec3 dims(frame.extent);
     const double power = glm::pi<double>() * frame.unit * frame.unit;
     for (int side = 0; side < 6; ++side) {
+        if (!(sides >> side & 1))
+            continue;
         const int axis = side / 2, u = (axis + 1) % 3, v = (axis + 2) % 3;
         const float outward = side % 2 ? -1.0f : 1.0f;
         std::vector<Vpl> faces(size_t(dims[u]) * size_t(dims[v]));

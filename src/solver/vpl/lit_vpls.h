@@ -9,13 +9,13 @@
 namespace lpvbake::solver::vpl {
 
 /// Appends VPLs for each side of a patch that light leaves, of pi * L * A (lm): four that share it,
-/// one where the patch is more than a cell away from the grid.
+/// one where the patch is more than a cell away from the grid and all levels around it.
 void emit_vpls(const surface::LitSurfaces& surfaces, const scene::Frame& frame,
                std::vector<Vpl>& vpls);
 
-/// Appends the sky's light where it enters the grid: a VPL on each outer face of a border cell, as
-/// bright as the sky that cosine-distributed rays meet from there.
+/// Appends the sky's light where it enters the grid by these sides: a VPL on each outer face of a
+/// border cell, as bright as the sky that cosine-distributed rays meet from there.
 void sky_vpls(const Sky& sky, const visibility::Visibility& visibility, const scene::Frame& frame,
-              std::vector<Vpl>& vpls);
+              std::vector<Vpl>& vpls, Sides sides = all_sides);
 
 } // namespace lpvbake::solver::vpl

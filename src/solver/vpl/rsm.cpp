@@ -2,6 +2,7 @@
 
 #include "raster/raster.h"
 #include "scene/light_view.h"
+#include "solver/vpl/cascades.h"
 
 #include <tbb/parallel_for.h>
 
@@ -40,7 +41,7 @@ double depth_at(const scene::RsmView& view, glm::dvec2 at, const raster::RsmVert
 /// From reflectance and triangle to position, normal and power.
 void resolve(std::span<const raster::RasterTexel> texels, const raster::RsmGeometry& geometry,
              const scene::Frame& frame, const scene::RsmView& view, const Light& light,
-             const raster::Tile& tile, Rsm& rsm) {
+             const raster::Tile& tile, const Texels& cut, Rsm& rsm) {
     const glm::dvec3 color(light.color);
     const glm::ivec2 corner(tile.corner);
     const scene::TexelFlux texel_flux(light, frame, view, tile.size.x);
@@ -49,7 +50,7 @@ void resolve(std::span<const raster::RasterTexel> texels, const raster::RsmGeome
             const std::size_t i = std::size_t(row) * rsm.width + column;
             const raster::RasterTexel& texel = texels[i];
             rsm.position[i] = rsm.normal[i] = rsm.power[i] = glm::vec3(0);
-            if (texel.triangle == 0)
+            if (texel.triangle == 0 || cut.holds(corner + glm::ivec2(column, row)))
                 continue;
             const raster::RsmVertex* vertex = &geometry.vertices[3 * uint64_t(texel.triangle - 1)];
             const glm::dvec2 at = tile.at(column, row);
@@ -105,27 +106,39 @@ RsmPass::RsmPass(const gpu::Device& device, const Scene& scene, const scene::Fra
 RsmPass::~RsmPass() = default;
 
 void RsmPass::render(const Light& light, int size, const std::function<void(const Rsm&)>& consume) {
-    const auto& [frame, cull, raster, glass] = *impl_;
-    const raster::RsmGeometry& geometry = raster.geometry();
+    const scene::Frame& frame = impl_->frame;
+    const raster::RsmGeometry& geometry = impl_->raster.geometry();
     Rsm rsm;
-    for (const scene::RsmView& view : scene::views_of(light, frame, geometry.lo, geometry.hi))
-        for (int y = 0; y < size; y += raster::max_tile)
-            for (int x = 0; x < size; x += raster::max_tile) {
-                rsm.width = std::min(raster::max_tile, size - x);
-                rsm.height = std::min(raster::max_tile, size - y);
-                rsm.view = view;
-                const std::size_t texels = std::size_t(rsm.width) * rsm.height;
-                rsm.position.resize(texels);
-                rsm.normal.resize(texels);
-                rsm.power.resize(texels);
-                raster::Tile tile{glm::ivec2(size), {x, y}, {rsm.width, rsm.height}};
-                tile.seed =
-                    uint32_t(y / raster::max_tile) * 65536u + uint32_t(x / raster::max_tile);
-                resolve(raster.draw(view, tile, cull), geometry, frame, view, light, tile, rsm);
-                if (glass)
-                    colour(*glass, rsm);
-                consume(rsm);
-            }
+    const auto draw = [&](const scene::RsmView& view, const Cascade& cascade, glm::ivec2 corner,
+                          uint32_t seed) {
+        rsm.width = std::min(raster::max_tile, cascade.drawn.hi.x - corner.x);
+        rsm.height = std::min(raster::max_tile, cascade.drawn.hi.y - corner.y);
+        const glm::ivec2 extent(rsm.width, rsm.height);
+        if (cascade.cut.holds(corner) && cascade.cut.holds(corner + extent - 1))
+            return;
+        rsm.view = view;
+        const std::size_t texels = std::size_t(rsm.width) * rsm.height;
+        rsm.position.resize(texels);
+        rsm.normal.resize(texels);
+        rsm.power.resize(texels);
+        raster::Tile tile{glm::ivec2(cascade.size), corner, extent};
+        tile.seed = seed + uint32_t(corner.y / raster::max_tile) * 65536u
+                    + uint32_t(corner.x / raster::max_tile);
+        resolve(impl_->raster.draw(view, tile, impl_->cull), geometry, frame, view, light, tile,
+                cascade.cut, rsm);
+        if (impl_->glass)
+            colour(*impl_->glass, rsm);
+        consume(rsm);
+    };
+    for (const scene::RsmView& view : scene::views_of(light, frame, geometry.lo, geometry.hi)) {
+        uint32_t seed = 0; // of a cascade, which chance does not decide like those around it
+        for (const Cascade& cascade : cascades_of(view, frame, size)) {
+            for (int y = cascade.drawn.lo.y; y < cascade.drawn.hi.y; y += raster::max_tile)
+                for (int x = cascade.drawn.lo.x; x < cascade.drawn.hi.x; x += raster::max_tile)
+                    draw(view, cascade, {x, y}, seed);
+            seed += 1u << 28;
+        }
+    }
 }
 
 } // namespace lpvbake::solver::vpl

@@ -30,8 +30,12 @@ struct Vpl {
     glm::vec3 power;    ///< lm
 };
 
+/// Sides of a grid, a bit each: 2 axis, and the one after it for the side of larger coordinates.
+using Sides = unsigned;
+inline constexpr Sides all_sides = 63;
+
 struct RsmSettings {
-    int size = 256; ///< texels along each side of a map
+    int size = 256; ///< texels along each side of a map's coarsest cascade
     int kernel = 4; ///< texels along each side of a block that is clustered; 1: every texel a VPL
 };
 
@@ -45,9 +49,10 @@ public:
     RsmPass(const gpu::Device& device, const Scene& scene, const scene::Frame& frame,
             const visibility::Visibility* glass = nullptr);
     ~RsmPass();
-    /// Renders every map of a light (one, six for a point light or a wide spot) in tiles of at most
-    /// 1024 texels a side and hands each tile to `consume` in a fixed order. Positions and normals
-    /// are exact to single precision: a texel's ray meets its triangle's plane in double.
+    /// Renders every map of a light (one, six for a point light or a wide spot), in cascades where
+    /// the frame has levels (cascades.h), in tiles of at most 1024 texels a side and hands each
+    /// tile to `consume` in a fixed order. What a finer cascade shows has power 0. Positions and
+    /// normals are exact to single precision: a texel's ray meets its triangle's plane in double.
     void render(const Light& light, int size, const std::function<void(const Rsm&)>& consume);
 
 private:
@@ -55,11 +60,12 @@ private:
     std::unique_ptr<Impl> impl_;
 };
 
-/// Clusters blocks of kernel x kernel texels: texels less than sqrt(3) cells from the brightest
-/// whose normals are within 45 degrees of its own join it; what is left over forms clusters of its
-/// own. Power is summed, never averaged. The normal is the mean weighted by brightness, the
-/// position that of the texel nearest to such a mean, which lies on the surface. The scheme is that
-/// of the downsampling in Kaplanyan and Dachsbacher 2010, made to conserve power.
-void cluster_vpls(const Rsm& rsm, int kernel, std::vector<Vpl>& vpls);
+/// Clusters blocks of kernel x kernel texels: texels less than sqrt(3) cells from the brightest, of
+/// the frame's finest level that holds that, whose normals are within 45 degrees of its own join
+/// it; what is left over forms clusters of its own. Power is summed, never averaged. The normal is
+/// the mean weighted by brightness, the position that of the texel nearest to such a mean, which
+/// lies on the surface. The scheme is that of the downsampling in Kaplanyan and Dachsbacher 2010,
+/// made to conserve power.
+void cluster_vpls(const Rsm& rsm, const scene::Frame& frame, int kernel, std::vector<Vpl>& vpls);
 
 } // namespace lpvbake::solver::vpl

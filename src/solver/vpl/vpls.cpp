@@ -10,7 +10,7 @@ std::vector<Vpl> render_vpls(const gpu::Device& device, const Scene& scene,
     uint64_t done = 0;
     for (const Light& light : scene.lights) {
         pass.render(light, settings.size,
-                    [&](const Rsm& rsm) { cluster_vpls(rsm, settings.kernel, vpls); });
+                    [&](const Rsm& rsm) { cluster_vpls(rsm, frame, settings.kernel, vpls); });
         progress.advance(++done);
     }
     return vpls;
