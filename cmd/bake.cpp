@@ -328,6 +328,12 @@ void print_bytes(const BakeOptions& o, const bake::BakePlan& plan) {
         }
 }
 
+/// What a bake is expected to take, and of whom.
+std::string time_text(const bake::BakePlan& plan, const gpu::DeviceInfo& device) {
+    return two_digits(plan.seconds) + " s on " + counted(uint64_t(plan.threads), "CPU thread")
+           + (device.type == "cpu" ? "" : " and " + device.name);
+}
+
 void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice,
                 const std::optional<bake::Storage>& storage) {
     std::printf("device        %s\n", device.name.c_str());
@@ -343,8 +349,8 @@ void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice,
         choice.foretold() ? format("up to %s %% error%s", two_digits(100 * choice.error).c_str(),
                                    choice.pilot ? "" : " in a Cornell box")
                           : "an error that cannot be foretold";
-    std::printf("choice        %s: %s, about %s s on 2 CPU threads\n", choice.text.c_str(),
-                error.c_str(), two_digits(choice.plan.seconds).c_str());
+    std::printf("choice        %s: %s, about %s\n", choice.text.c_str(), error.c_str(),
+                time_text(choice.plan, device).c_str());
     if (storage)
         std::printf("storage       %s: %s of numbers, with the bake's and that of cells about %s "
                     "%% error in a Cornell box\n",
@@ -396,8 +402,8 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const bake:
     std::printf("scene         %s\n", counted(plan.triangles, "triangle").c_str());
     std::printf("memory        %s on the device, about %s beside it\n",
                 bytes_text(plan.device_bytes).c_str(), bytes_text(plan.host_bytes).c_str());
-    std::printf("time          about %s s on 2 CPU threads, without loading and writing\n",
-                two_digits(plan.seconds).c_str());
+    std::printf("time          about %s, without loading and writing\n",
+                time_text(plan, device).c_str());
     print_stages(plan.stages);
     for (const solver::SkippedStage& skipped : plan.skipped)
         std::printf("skipped       %s: %s\n", skipped.name.c_str(),

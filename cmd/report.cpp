@@ -2,6 +2,7 @@
 
 #include "report/report.h"
 
+#include "background.h"
 #include "bake/plan.h"
 #include "commands.h"
 #include "io/atomic_file.h"
@@ -15,8 +16,6 @@
 #include "scene_options.h"
 #include "suite.h"
 #include "text.h"
-
-#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <cstdio>
@@ -290,7 +289,7 @@ void run_rows(const ReportOptions& o, const options::Options& options,
     const auto begin = std::chrono::steady_clock::now();
     report::Report report;
     report.device = device.info().name;
-    report.threads = unsigned(tbb::this_task_arena::max_concurrency());
+    report.threads = unsigned(threads_at_work());
     report.settings = to_settings(o);
     if (o.format == Format::text) {
         double expected = 0;
@@ -339,7 +338,7 @@ void run_search(const ReportOptions& o, const options::Options& options,
                 const gpu::Device& device, TerminalProgress& progress) {
     const auto begin = std::chrono::steady_clock::now();
     const report::ReportSettings settings = to_settings(o);
-    const unsigned threads = unsigned(tbb::this_task_arena::max_concurrency());
+    const unsigned threads = unsigned(threads_at_work());
     report::Json document = o.dry_run ? plan_document()
                                       : report::Json{{"command", "report"},
                                                      {"version", LPVBAKE_VERSION},

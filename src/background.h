@@ -2,7 +2,9 @@
 #pragma once
 
 #include <tbb/global_control.h>
+#include <tbb/task_arena.h>
 
+#include <algorithm>
 #include <future>
 #include <stdexcept>
 #include <string_view>
@@ -17,6 +19,13 @@ inline std::launch in_background() {
     return global_control::active_value(global_control::max_allowed_parallelism) > 1
                ? std::launch::async | std::launch::deferred
                : std::launch::deferred;
+}
+
+/// Threads that share the caller's work: those of its arena, and no more than are allowed.
+inline int threads_at_work() {
+    using tbb::global_control;
+    const auto allowed = global_control::active_value(global_control::max_allowed_parallelism);
+    return std::min(tbb::this_task_arena::max_concurrency(), int(allowed));
 }
 
 /// True for what is thrown where no thread can be started: by the standard library, and by TBB.

@@ -4,6 +4,7 @@
 #include "mix_word.h"
 #include "solver/gather/gather.h"
 #include "solver/gather/kind.h"
+#include "solver/models.h"
 #include "surface/lit_surfaces.h"
 #include "visibility/around.h"
 #include "visibility/capture.h"
@@ -28,7 +29,9 @@ constexpr int edge = 8; ///< of a zone, cells: those that `gather` gives the sam
 constexpr std::size_t most_zones = 64;
 constexpr std::size_t most_open = 2048; ///< cells that are looked at by few clusters
 constexpr std::size_t most_cells = 256; ///< and by many
-constexpr double most_seconds = 30; ///< that it is expected to take; else the Cornell box has to do
+/// That it is expected to take of two threads, whatever there are: what is chosen goes by the
+/// pilot. Else the Cornell box has to do.
+constexpr double most_seconds = 30;
 constexpr uint32_t most_rounds = 16; ///< through all zones, a cell in each eighth of each
 
 /// The zones that are looked at, drawn by their number alone.
@@ -172,7 +175,7 @@ BakePlan plan_pilot(const SceneFacts& facts, const BakeSettings& settings,
 
 std::optional<solver::Pilot> run_pilot(const Scene& scene, const BakePlan& plan,
                                        const gpu::Device& device, Progress& progress) {
-    if (plan.seconds > most_seconds)
+    if (plan.seconds > most_seconds * solver::models::seconds::of_threads(plan.threads))
         return std::nullopt;
     const visibility::Visibility visibility(scene, plan.frame, plan.settings.isa);
     const surface::LitSurfaces lit =

@@ -1,5 +1,6 @@
 #include "bake/plan.h"
 
+#include "background.h"
 #include "bake/surface_fit.h"
 #include "lpvbake/error.h"
 #include "machine_memory.h"
@@ -276,8 +277,8 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     uint64_t solver_bytes = 0, all_cells = 0;
     for (std::size_t level = 0; level < grids.size(); ++level) {
         const Grid& grid = grids[level];
-        solver::Cost cost =
-            solver.kind().cost({grid, patches, plan.lit, plan.maps, settings.points}, solver);
+        solver::Cost cost = solver.kind().cost(
+            {grid, patches, plan.lit, plan.maps, settings.points, device.type != "cpu"}, solver);
         if (settings.points == 0)
             cost.stages.push_back({"walls", seconds::walls_cell * double(grid.size()),
                                    "what stands between cells and the points around them"});
@@ -296,8 +297,11 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     }
     if (!settings.fit && settings.points == 0)
         skip(plan, "fit", "the field is wanted, not a program's picture of it");
-    for (const StageReport& stage : plan.stages)
+    plan.threads = threads_at_work();
+    for (StageReport& stage : plan.stages) {
+        stage.seconds *= seconds::of_threads(plan.threads);
         plan.seconds += stage.seconds;
+    }
 
     // The volume itself takes 12 bytes a coefficient and a wall, and a copy while it is fitted, or
     // written more than once.

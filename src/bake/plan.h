@@ -23,7 +23,8 @@ struct BakePlan {
     uint64_t triangles = 0;
     uint64_t device_bytes = 0; ///< peak of the solver's device memory
     uint64_t host_bytes = 0;   ///< estimate
-    double seconds = 0;        ///< estimate, as on two threads of a CPU device; see solver/models.h
+    int threads = 0;           ///< those of the caller's arena
+    double seconds = 0; ///< estimate, on so many threads and such a device; see solver/models.h
     std::vector<StageReport> stages;           ///< what will run, and why (detail)
     std::vector<solver::SkippedStage> skipped; ///< what such a bake has no need of
     std::vector<std::string> warnings;

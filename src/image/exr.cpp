@@ -2,6 +2,7 @@
 // its ten libraries link in no time.
 #include "image/image.h"
 
+#include "background.h"
 #include "lpvbake/error.h"
 
 #include <OpenEXR/ImfChannelList.h>
@@ -11,7 +12,6 @@
 #include <OpenEXR/ImfOutputFile.h>
 #include <OpenEXR/ImfStringAttribute.h>
 #include <OpenEXR/ImfThreading.h>
-#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <cstring>
@@ -60,7 +60,7 @@ struct Slice {
 /// pool a process, which grows to as many and never shrinks: the caller may have made it for
 /// itself.
 int compressing_threads() {
-    const int threads = tbb::this_task_arena::max_concurrency();
+    const int threads = threads_at_work();
     if (threads < 2)
         return 0;
     if (Imf::globalThreadCount() < threads)

@@ -1,6 +1,7 @@
 // Everything that sees OpenVDB.
 #include "io/vdb.h"
 
+#include "background.h"
 #include "file_error.h"
 #include "io/atomic_file.h"
 #include "io/layout.h"
@@ -9,7 +10,6 @@
 
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_pipeline.h>
-#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -254,7 +254,7 @@ void insert_lattice(MetaMap& metadata, const Volume& volume, const volume::Encod
 size_t grids_at_once(const Grid& lattice) {
     constexpr uint64_t cell = sizeof(openvdb::Vec3s) + sizeof(openvdb::Vec3s); // tree and bytes
     const uint64_t fit = (uint64_t(2) << 30) / (cell * lattice.size() + 1);
-    return size_t(std::clamp<uint64_t>(fit, 1, uint64_t(tbb::this_task_arena::max_concurrency())));
+    return size_t(std::clamp<uint64_t>(fit, 1, uint64_t(threads_at_work())));
 }
 
 // ---- reading ----

@@ -57,7 +57,7 @@ struct BakeForecast {
     /// Relative error of irradiance at cells, at most in nine of ten scenes: by a look at this
     /// one's light where `error` is asked and a device given, else as in a Cornell box.
     double error = 0;
-    double seconds = 0;        ///< as on two threads of a CPU device
+    double seconds = 0;        ///< on the caller's threads and the device
     uint64_t device_bytes = 0; ///< peak of device memory
     uint64_t host_bytes = 0;   ///< estimate
     std::vector<std::string> warnings;

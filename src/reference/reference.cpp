@@ -1,5 +1,6 @@
 #include "reference/reference.h"
 
+#include "background.h"
 #include "lpvbake/error.h"
 #include "machine_memory.h"
 #include "reference/sampling.h"
@@ -13,7 +14,6 @@
 
 #include <glm/gtc/constants.hpp>
 #include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <chrono>
@@ -203,7 +203,7 @@ public:
 
     /// Adds `rays` rays from each point; returns the number of all that were traced for it.
     uint64_t add(uint64_t pass, uint64_t rays, ProbeSums& sums, Progress& progress) {
-        const uint64_t threads = uint64_t(tbb::this_task_arena::max_concurrency());
+        const uint64_t threads = uint64_t(threads_at_work());
         // So many points at a time as take about a tenth of a second: progress is told between.
         const size_t step = std::clamp<uint64_t>((threads << 16) / rays, 1, 256);
         uint64_t traced = 0;

@@ -1,10 +1,9 @@
 // The constants of what is expected of a bake: time, memory and error. All that is fitted to
 // measurements, and nothing else.
 //
-// Seconds are those of two threads of a CPU device (lavapipe), fitted to bakes of the Cornell box
-// and of two rooms with a door at 16, 32 and 64 cells, on 2026-11-22 (470b823; the sweep 237960f),
-// those of lighting and gather to 25 scenes of all kinds at 32, on 2026-11-29 (2b98a50).
-// A GPU is faster than that where the device has most of the work (propagate, sweep).
+// Seconds are those of two threads, fitted to bakes of the Cornell box and of two rooms with a door
+// at 16, 32 and 64 cells, on 2026-11-22 (470b823; the sweep 237960f), those of lighting and gather
+// to 25 scenes of all kinds at 32, on 2026-11-29 (2b98a50).
 // tests/bench/models.py prints how far each stage is from what is expected here.
 //
 // Errors are relative L1 of irradiance at cells, fitted to bakes of 24 scenes of all kinds beside
@@ -41,23 +40,39 @@ inline constexpr double fit_point = 1.5e-5; ///< all steps of its solution
 inline constexpr double geometry_patch = 5e-7;
 inline constexpr double links_cell = 15e-6; ///< as validity_cell
 inline constexpr double inject = 0.01;
-inline constexpr double inject_patch = 3e-6; ///< that is lit
+inline constexpr double inject_patch = 1.3e-5; ///< that is lit; of 2026-11-29 (d0ef345)
 inline constexpr double propagate = 0.02;
-inline constexpr double propagate_step = 2e-4;
-inline constexpr double propagate_cell = 7e-8; ///< in each step
-
-inline constexpr double sweep = 0.05;
-inline constexpr double sweep_cell = 7.5e-8; ///< along each direction; a tenth beside surfaces
 
 inline constexpr double gather = 0.05;
 inline constexpr double gather_patch = 3e-6;
-inline constexpr double gather_cell = 0.9e-5;  ///< that is solved
-inline constexpr double gather_cluster = 5e-8; ///< in each cell that is solved
 inline constexpr double gather_place = 1.5e-5; ///< that is given: all that its own rays see
 inline constexpr double gather_ray = 2e-7;     ///< for each cluster, with those to the sky
 inline constexpr double look_place = 2.5e-5;   ///< what lies around it
 inline constexpr double gather_above_2 = 1.35; ///< as long for a solved cell above order 2
 inline constexpr double discs_texel = 4e-7;    ///< of each map, for each cell
+
+/// Where the device has a part.
+struct Device {
+    double propagate_step;
+    double propagate_cell; ///< in each step
+    double sweep;
+    double sweep_cell;     ///< along each direction; a tenth beside surfaces
+    double gather_cell;    ///< that is solved
+    double gather_cluster; ///< in each cell that is solved
+};
+/// Lavapipe on the same two threads.
+inline constexpr Device on_cpu{2e-4, 7e-8, 0.05, 7.5e-8, 0.9e-5, 5e-8};
+/// An H200 beside them: the Cornell box at 32, 64 and 128 cells and five scenes at 32, on
+/// 2026-11-29 (d0ef345).
+inline constexpr Device on_gpu{5e-5, 1.3e-10, 0.2, 1.05e-8, 0.6e-5, 3.3e-8};
+
+/// Of the work, what more threads do not share: 2, 4, 8 and 16 of them in the same bakes.
+inline constexpr double serial = 0.3;
+
+/// Time of so many threads over that of two.
+constexpr double of_threads(int threads) {
+    return serial + (1 - serial) * 2 / threads;
+}
 
 } // namespace seconds
 
@@ -95,8 +110,8 @@ inline constexpr Pilot cornell_box_once{{0.25, 0.046}, {0.016, 0.0071}}; ///< af
 // What solvers add to what the pilot tells; the squares of all terms sum.
 inline constexpr double lpv = 0.7;
 
-/// Of all that go by patches. The median is half of it; but whoever chooses by a model chooses where
-/// it says too little.
+/// Of all that go by patches. The median is half of it; but whoever chooses by a model chooses
+/// where it says too little.
 inline constexpr double surfaces = 0.012;
 
 inline constexpr double sn_peaks = 0.55;      ///< of what the clusters of its brightest light lose

@@ -134,11 +134,12 @@ struct Workload {
     bool lit = false;   ///< Inputs::lit is there
     ReflectiveMaps maps;
     uint64_t places = 0; ///< that are given; 0: it is the grid's cells
+    bool gpu = false;    ///< the device is one
 };
 
 /// What a solver is going to cost.
 struct Cost {
-    std::vector<StageReport> stages; ///< in their order, seconds on two threads of a CPU device
+    std::vector<StageReport> stages; ///< in their order, seconds on two threads
     std::vector<SkippedStage> skipped;
     uint64_t host_bytes = 0; ///< beside surfaces and volume
 };

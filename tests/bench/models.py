@@ -6,8 +6,8 @@ models.py PROGRAM SCENE... [--resolutions 16,32,64] [--repeats 3] [--within FACT
 Bakes each scene by each solver at each resolution, fitted to what Unity reads, and prints for each
 stage what was expected, what was measured (the median of the repeats) and the ratio, then the
 geometric mean of each stage's ratios: what its constants would have to be multiplied with. With --within, exits 7 where the ratio
-of a whole bake is above FACTOR or below its inverse. Times are those of this machine: the constants
-are for two threads of a CPU device.
+of a whole bake is above FACTOR or below its inverse. Two threads are used: the constants are for
+them, and those of a device for lavapipe and an H200.
 """
 
 import argparse

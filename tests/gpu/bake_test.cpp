@@ -497,6 +497,28 @@ TEST_F(Bake, ThePlanSaysWhatIsNotNeeded) {
     EXPECT_FALSE(skips(planned(glowing, "sn", {}), "emitters"));
 }
 
+TEST_F(Bake, TimeIsThatOfTheThreadsAndTheKindOfDevice) {
+    const Scene scene = scenes::cornell_box_with_point();
+    const bake::SceneFacts facts = bake::survey(scene);
+    gpu::DeviceInfo cpu = device().info(), card = cpu;
+    cpu.type = "cpu";
+    card.type = "discrete";
+    for (const char* solver : {"sn", "gather", "lpv"}) {
+        bake::BakeSettings settings = coarse(64);
+        settings.solver = solver::SolverSettings(*bake::find_solver(solver));
+        const bake::BakePlan here = bake::plan_bake(facts, settings, cpu);
+        EXPECT_LT(bake::plan_bake(facts, settings, card).seconds, here.seconds) << solver;
+        const tbb::global_control one(tbb::global_control::max_allowed_parallelism, 1);
+        const bake::BakePlan alone = bake::plan_bake(facts, settings, cpu);
+        EXPECT_EQ(alone.threads, 1);
+        // Alike for all stages: what is fastest does not depend on the threads.
+        const double share = (0.3 + 0.7 * 2) / (0.3 + 0.7 * 2 / here.threads);
+        ASSERT_EQ(alone.stages.size(), here.stages.size());
+        for (size_t i = 0; i < here.stages.size(); ++i)
+            EXPECT_NEAR(alone.stages[i].seconds, share * here.stages[i].seconds, 1e-9) << i;
+    }
+}
+
 TEST_F(Bake, AWishIsMetByTheFastestOrTheMostAccurate) {
     const Scene scene = scenes::cornell_box_with_point();
     bake::BakeSettings base = coarse(32);

@@ -147,16 +147,18 @@ uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSetti
            + chunk * 2 * job_words * sizeof(glm::vec4) + 2 * gather_device_bytes(settings);
 }
 
-double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& settings) {
+double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& settings,
+                      bool gpu) {
     // What lies near surfaces is solved, the rest is mostly interpolated.
     namespace seconds = models::seconds;
+    const seconds::Device& device = gpu ? seconds::on_gpu : seconds::on_cpu;
     const double share =
         models::solved_patch
         + models::solved_tolerance / std::max(double(settings.tolerance), models::least_tolerance);
     const double solved =
         std::min(models::solved_share * double(grid.size()), share * double(patches));
     return seconds::gather + seconds::gather_patch * double(patches)
-           + solved * (seconds::gather_cell + seconds::gather_cluster * double(settings.vpls))
+           + solved * (device.gather_cell + device.gather_cluster * double(settings.vpls))
                  * (settings.order > 2 ? seconds::gather_above_2 : 1.0);
 }
 

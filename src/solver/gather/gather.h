@@ -32,8 +32,8 @@ uint64_t gather_device_bytes(const GatherSettings& settings);
 /// Host memory that a gather takes beside surfaces and volume, bytes; an estimate from above.
 uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSettings& settings);
 
-/// How long it will take, seconds: an estimate for two cores of a CPU.
-double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& settings);
+/// How long two threads will take, seconds: an estimate.
+double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& settings, bool gpu);
 
 /// The same of so many places.
 double gather_seconds_at(uint64_t places, uint64_t patches, const GatherSettings& settings);

@@ -92,7 +92,7 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
             {},
             gather_host_bytes({}, patches, gather)};
     Cost cost{{{"validity", validity_seconds(work.grid), "which cells lie outside geometry"},
-               {"gather", gather_seconds(work.grid, patches, gather),
+               {"gather", gather_seconds(work.grid, patches, gather, work.gpu),
                 format("%d clusters, tolerance %.3g, order %d", gather.vpls,
                        double(gather.tolerance), gather.order)}},
               {},

@@ -78,6 +78,7 @@ double expected_error(const SolverSettings&, const Pilot&) {
 Cost cost(const Workload& work, const SolverSettings& settings) {
     const LpvSettings lpv = settings_of(settings);
     namespace seconds = models::seconds;
+    const seconds::Device& device = work.gpu ? seconds::on_gpu : seconds::on_cpu;
     // What is left falls like the slowest mode of a diffusion.
     const glm::dvec3 dims(work.grid.dims);
     const double decay = models::diffusion * 9.87 * glm::dot(1.0 / dims, 1.0 / dims);
@@ -98,7 +99,7 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
          "virtual point lights into cells"});
     cost.stages.push_back(
         {"propagate",
-         seconds::propagate + steps * (seconds::propagate_step + seconds::propagate_cell * cells),
+         seconds::propagate + steps * (device.propagate_step + device.propagate_cell * cells),
          lpv.iterations
              ? counted(uint64_t(lpv.iterations), "iteration")
              : format("until %.3g %% of the power is left", 100.0 * double(lpv.tolerance))});

@@ -51,9 +51,9 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
     return {{{"validity", validity_seconds(work.grid), "which cells lie outside geometry"},
              {"gather",
               gather::gather_seconds(work.grid, uint64_t(work.patches / models::patches_a_peak),
-                                     peak_settings(sn)),
+                                     peak_settings(sn), work.gpu),
               "what is brighter than 1.5 times the mean"},
-             {"sweep", sn_seconds(work.grid, sn),
+             {"sweep", sn_seconds(work.grid, sn, work.gpu),
               format("%d directions, order %d", sn.directions, sn.order)}},
             {},
             sn_host_bytes(work.grid, uint64_t(work.patches), sn)};

@@ -69,9 +69,9 @@ uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& set
            + std::max(sweep, gather::gather_host_bytes(grid, patches, peak_settings(settings)));
 }
 
-double sn_seconds(const Grid& grid, const SnSettings& settings) {
-    return models::seconds::sweep
-           + models::seconds::sweep_cell * double(grid.size()) * settings.directions;
+double sn_seconds(const Grid& grid, const SnSettings& settings, bool gpu) {
+    const models::seconds::Device& device = gpu ? models::seconds::on_gpu : models::seconds::on_cpu;
+    return device.sweep + device.sweep_cell * double(grid.size()) * settings.directions;
 }
 
 SnProgram::SnProgram(const gpu::Device& device, const Grid& grid, const SnSettings& settings,

@@ -33,8 +33,8 @@ uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings);
 /// Host memory, bytes, where all cells lie beside surfaces and all patches are bright.
 uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& settings);
 
-/// Time of the sweep on two threads of a CPU device, s, without shader compilation.
-double sn_seconds(const Grid& grid, const SnSettings& settings);
+/// Time of the sweep on two threads, s, without shader compilation.
+double sn_seconds(const Grid& grid, const SnSettings& settings, bool gpu);
 
 /// The solver, compiled for a device and a grid: first gather_peaks, then sweep.
 class SnProgram {
