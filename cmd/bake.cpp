@@ -457,7 +457,7 @@ void add_light(const Scene& scene, Volume& volume) {
 /// A bake, and how wrong it is.
 struct Attempt {
     bake::Choice choice;
-    Volume volume;
+    volume::VolumeSet set; ///< mostly of one level
     std::optional<report::Verified> verified;
 };
 
@@ -465,14 +465,17 @@ Attempt attempt(const BakeOptions& o, const Scene& scene, bake::Choice choice,
                 const readers::Reader& reader, const gpu::Device& device, Run& run) {
     Attempt made{std::move(choice), {}, {}};
     tell("choice: " + made.choice.text);
-    Baked baked = bake::bake(scene, made.choice.plan, device, run.progress);
+    bake::BakedLevels baked = bake::bake_levels(scene, made.choice.plan, device, run.progress);
     run.stages.insert(run.stages.end(), baked.stages.begin(), baked.stages.end());
     run.warn(baked.warnings);
-    made.volume = std::move(baked.volume);
+    made.set.levels = std::move(baked.levels);
     if (o.fit.dilate > 0) {
         run.begin_stage();
-        const std::size_t filled = volume::dilate(made.volume, o.fit.dilate);
-        made.volume.metadata["dilate"] = std::to_string(o.fit.dilate);
+        std::size_t filled = 0;
+        for (Volume& level : made.set.levels) {
+            filled += volume::dilate(level, o.fit.dilate);
+            level.metadata["dilate"] = std::to_string(o.fit.dilate);
+        }
         run.end_stage("dilate", counted(filled, "cell") + " inside geometry filled");
     }
     if (o.verify) {
@@ -481,9 +484,10 @@ Attempt attempt(const BakeOptions& o, const Scene& scene, bake::Choice choice,
         settings.points = *o.verify;
         settings.isa = o.isa;
         made.verified =
-            report::verify(scene, made.volume, report::field_rules(made.choice.plan.settings),
-                           reader, settings, run.progress);
-        add_verified(*made.verified, made.volume);
+            report::verify(scene, made.set, report::field_rules(made.choice.plan.settings), reader,
+                           settings, run.progress);
+        for (Volume& level : made.set.levels)
+            add_verified(*made.verified, level);
         run.end_stage("verify", "cells " + error_text(made.verified->cells) + ", surfaces "
                                     + error_text(made.verified->surfaces));
     }
@@ -540,34 +544,6 @@ void run_at(const BakeOptions& o, const std::string& settings, const Scene& scen
     run.progress.end();
     baked.lit.light.grid = choice.plan.grid;
     print_result(o, device.info(), choice, {}, baked.lit.light, {}, written, run);
-}
-
-/// Bakes nested levels, writes and tells of them.
-void run_levels(const BakeOptions& o, const std::string& settings, const Scene& scene,
-                const bake::Choice& choice, gpu::Device& device, Run& run) {
-    tell("choice: " + choice.text);
-    bake::BakedLevels baked = bake::bake_levels(scene, choice.plan, device, run.progress);
-    run.stages.insert(run.stages.end(), baked.stages.begin(), baked.stages.end());
-    run.warn(baked.warnings);
-    volume::VolumeSet set{std::move(baked.levels)};
-    Volume facts; // what is true of all
-    facts.metadata["choice"] = choice.text;
-    fill_metadata(o, scene, settings, facts);
-    for (Volume& level : set.levels) {
-        if (o.fit.dilate > 0) {
-            volume::dilate(level, o.fit.dilate);
-            level.metadata["dilate"] = std::to_string(o.fit.dilate);
-        }
-        level.metadata.insert(facts.metadata.begin(), facts.metadata.end());
-        add_light(scene, level);
-    }
-    run.begin_stage();
-    const std::vector<Written> written =
-        write_levels(o.outputs, o.outputs.paths, set, run.progress);
-    run.end_stage("write", counted(written.size(), "output"));
-    device.check_validation();
-    run.progress.end();
-    print_result(o, device.info(), choice, {}, set.levels.front(), {}, written, run);
 }
 
 /// Sets what of the options --bytes chooses.
@@ -651,24 +627,25 @@ void run(BakeOptions o, const std::string& settings) {
         run_at(o, settings, scene, std::move(points), choice, *device, run);
         return;
     }
-    if (o.nests()) {
-        run_levels(o, settings, scene, choice, *device, run);
-        return;
-    }
     Attempt made = bake_until(o, scene, facts, base, wish, std::move(choice), reader, *device, run);
-    made.volume.metadata["choice"] = made.choice.text;
+    Volume all; // what is true of all levels
+    all.metadata["choice"] = made.choice.text;
     if (storage)
-        made.volume.metadata["storage"] = storage->text;
-    fill_metadata(o, scene, settings, made.volume);
-    add_light(scene, made.volume);
+        all.metadata["storage"] = storage->text;
+    fill_metadata(o, scene, settings, all);
+    for (Volume& level : made.set.levels) {
+        level.metadata.insert(all.metadata.begin(), all.metadata.end());
+        add_light(scene, level);
+    }
 
     run.begin_stage();
     const std::vector<Written> written =
-        write_outputs(o.outputs, o.outputs.paths, made.volume, run.progress, packed);
+        write_levels(o.outputs, o.outputs.paths, made.set, run.progress, packed);
     run.end_stage("write", counted(written.size(), "output"));
     device->check_validation();
     run.progress.end();
-    print_result(o, device->info(), made.choice, storage, made.volume, made.verified, written, run);
+    print_result(o, device->info(), made.choice, storage, made.set.levels.front(), made.verified,
+                 written, run);
 }
 
 void add_solver_options(options::Options& options, BakeOptions& o) {
@@ -721,13 +698,13 @@ void add_level_options(options::Options& options, BakeOptions& o) {
                 "Box, metres, with cells of this size; repeated: nested levels of one scene, cells "
                 "powers of two of the finest, into a file each; see below")
         .exclude({"resolution", "cell-size", "bounds", "margin", "levels", "focus", "at", "bytes",
-                  "verify", "rsm-samples"})
+                  "rsm-samples"})
         .record(options::Recorded::if_changed);
     options
         .number("--levels", o.levels, 2, double(volume::most_levels),
                 "Nested levels around --focus: cells of --cell-size there, then twice as large in "
                 "boxes twice as large, the last over all of the scene or --bounds")
-        .exclude({"at", "bytes", "verify", "rsm-samples"})
+        .exclude({"at", "bytes", "rsm-samples"})
         .need("focus")
         .record(options::Recorded::if_changed);
     options

@@ -9,7 +9,8 @@
 #include "volume/dilate.h"
 #include "volume/sh.h"
 
-#include <filesystem>
+#include <algorithm>
+#include <iterator>
 #include <memory>
 
 namespace lpvbake::cmd {
@@ -78,20 +79,6 @@ void fit(const ConvertOptions& o, const bake::SurfacePoints& to, TerminalProgres
                       + " shows nearer to what the volume holds: it is as with --fit none");
 }
 
-/// Whether a volume of this name would take the place of the manifest, or of one of its files.
-bool is_level_of(const std::string& path, const std::string& manifest) {
-    namespace fs = std::filesystem;
-    const auto place = [](const fs::path& of) { return fs::weakly_canonical(fs::absolute(of)); };
-    const fs::path set = place(manifest);
-    std::string stem = set.filename().string();
-    stem.resize(stem.rfind(".levels.json"));
-    const fs::path first = set.parent_path() / (stem + fs::path(path).extension().string());
-    for (std::size_t level = 0; level < volume::most_levels; ++level)
-        if (place(path) == place(io::level_path(first.string(), level)))
-            return true;
-    return place(io::manifest_path(path)) == set;
-}
-
 /// One volume, or nested levels; flattened where that is asked for.
 volume::VolumeSet read_levels(const ConvertOptions& o) {
     volume::VolumeSet set;
@@ -126,10 +113,13 @@ void run(const ConvertOptions& o) {
         if (!io::volume_format(path))
             throw Error(ErrorKind::argument,
                         path + ": unknown kind of volume file; use " + io::format_list());
-    check_files({o.scene}, {o.file}, o.outputs.paths);
-    for (const std::string& path : o.outputs.paths)
-        if (io::is_manifest(o.file) && is_level_of(path, o.file))
-            throw Error(ErrorKind::argument, path + ": would replace the input " + o.file);
+    std::vector<std::string> inputs{o.file};
+    if (io::is_manifest(o.file)) {
+        std::ranges::copy(io::level_files(o.file), std::back_inserter(inputs));
+        if (!o.flatten)
+            check_level_outputs(o.outputs.paths, inputs);
+    }
+    check_files({o.scene}, inputs, o.outputs.paths);
     check_fit(o.outputs, o.fit, o.sh_order.value_or(0));
     TerminalProgress progress(ProgressStyle::none);
     volume::VolumeSet set = read_levels(o);

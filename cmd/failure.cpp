@@ -23,13 +23,15 @@ struct Failure {
     std::string text;
 };
 
-Failure failure_of(const std::exception_ptr& thrown) {
+Failure failure_of(const std::exception_ptr& thrown, const std::string& command) {
     try {
         std::rethrow_exception(thrown);
     } catch (const Error& error) {
         return {error.kind, error.what()};
     } catch (const std::bad_alloc&) {
-        return {ErrorKind::memory, "out of memory; a lower `resolution` needs less"};
+        const bool has_grid = command == "bake" || command == "reference" || command == "report";
+        return {ErrorKind::memory,
+                has_grid ? "out of memory; a lower `resolution` needs less" : "out of memory"};
     } catch (const std::exception& error) {
         return {ErrorKind::failure, is_want_of_threads(error) ? want_of_threads : error.what()};
     } catch (...) {
@@ -58,7 +60,7 @@ std::string file_of(const Failure& failure, const std::vector<std::string>& give
 } // namespace
 
 int fail_by(const std::exception_ptr& thrown, const options::Asked& asked) {
-    const Failure failure = failure_of(thrown);
+    const Failure failure = failure_of(thrown, asked.command);
     const std::string text = on_one_line(options::in_options(failure.text));
     const ExitCodeMeaning& row = meaning_of(failure.kind);
     std::fprintf(stderr, "lpvbake: error: %s\n", text.c_str());

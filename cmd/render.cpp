@@ -6,6 +6,7 @@
 #include "commands.h"
 #include "io/atomic_file.h"
 #include "io/glb.h"
+#include "io/levels.h"
 #include "io/slice.h"
 #include "lpvbake/error.h"
 #include "read_light.h"
@@ -19,6 +20,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <future>
+#include <iterator>
 #include <memory>
 #include <optional>
 #include <variant>
@@ -170,7 +172,10 @@ void check_options(const RenderOptions& o) {
         if (!options::has_extension(output, ".png") && !options::has_extension(output, ".exr"))
             throw Error(ErrorKind::argument,
                         output + ": the name of a picture ends in .png or .exr");
-    check_files(inputs_of(o, o), {o.volume}, all_outputs(o), true);
+    std::vector<std::string> volumes{o.volume};
+    if (io::is_manifest(o.volume))
+        std::ranges::copy(io::level_files(o.volume), std::back_inserter(volumes));
+    check_files(inputs_of(o, o), volumes, all_outputs(o), true);
 }
 
 // ---------------------------------------------------------------- what is drawn

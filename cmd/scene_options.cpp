@@ -617,6 +617,7 @@ std::vector<Written> write_levels(const OutputOptions& o, const std::vector<std:
     for (const std::string& path : paths) {
         Written& own = written.emplace_back(Written{path, {}});
         const bool last = &path == &paths.back();
+        io::PublishTogether together; // the old levels or the new ones, the manifest last
         for (std::size_t i = 0; i < set.levels.size(); ++i) {
             Volume& level = set.levels[i];
             level.metadata["level"] = std::to_string(i);
@@ -631,6 +632,7 @@ std::vector<Written> write_levels(const OutputOptions& o, const std::vector<std:
                 own.packing = one.front().packing;
         }
         own.files.push_back(io::write_manifest(path, grids, o.storage().encoding.axes, set.blend));
+        together.publish();
         tell("wrote " + own.files.back().path);
     }
     return written;

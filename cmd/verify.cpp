@@ -29,7 +29,7 @@ struct VerifyOptions : SceneOptions, RunOptions {
 };
 
 struct VerifyResult {
-    Volume volume;
+    volume::VolumeSet levels;
     uint64_t triangles = 0;
     reference::PathRules rules;
     std::string sampler;
@@ -49,14 +49,18 @@ std::optional<std::string> failure_of(const VerifyOptions& o, const report::Meas
 void print_result(const VerifyOptions& o, const VerifyResult& r, const Run& run) {
     const char* const result = r.failure ? "fail" : "pass";
     if (o.format == Format::json) {
+        report::Json grids = report::Json::array();
+        for (const Volume& level : r.levels.levels)
+            grids.push_back(report::grid_json(level.grid));
         print_json(
             {{"command", "verify"},
              {"version", LPVBAKE_VERSION},
              {"volume", o.volume},
              {"scene", o.scene},
              {"triangles", r.triangles},
-             {"grid", report::grid_json(r.volume.grid)},
-             {"sh_order", r.volume.sh_order},
+             {"grid", grids.front()},
+             {"levels", grids},
+             {"sh_order", r.levels.levels.front().sh_order},
              {"bounces", r.rules.bounces ? report::Json(*r.rules.bounces) : report::Json(nullptr)},
              {"verified", verified_json(r.verified, r.sampler)},
              {"fail", o.fail ? report::Json(*o.fail) : report::Json(nullptr)},
@@ -67,7 +71,8 @@ void print_result(const VerifyOptions& o, const VerifyResult& r, const Run& run)
              {"warnings", run.progress.warnings()}});
         return;
     }
-    print_grid(r.volume.grid);
+    for (const Volume& level : r.levels.levels)
+        print_grid(level.grid);
     print_stages(run.stages);
     print_total(run.seconds());
     print_verified(r.verified, r.sampler);
@@ -75,7 +80,8 @@ void print_result(const VerifyOptions& o, const VerifyResult& r, const Run& run)
         std::printf("result        %s\n", result);
 }
 
-void run(const VerifyOptions& o, const Volume& given) {
+void run(const VerifyOptions& o, const volume::VolumeSet& levels) {
+    const Volume& given = levels.levels.front();
     Run run(o, o, {});
     const Scene scene = run.load();
     run.end_stage("load");
@@ -83,7 +89,7 @@ void run(const VerifyOptions& o, const Volume& given) {
         run.progress.warn(*other);
 
     const readers::Reader sampler = sampler_for(o.sampler, given);
-    VerifyResult result{filled_for(sampler, given).value_or(given),
+    VerifyResult result{filled_for(sampler, levels).value_or(levels),
                         scene::triangle_count(scene),
                         rules_of(given),
                         sampler.name,
@@ -95,7 +101,7 @@ void run(const VerifyOptions& o, const Volume& given) {
     report::VerifySettings settings = o.settings;
     settings.isa = o.isa;
     result.verified =
-        report::verify(scene, result.volume, result.rules, sampler, settings, run.progress);
+        report::verify(scene, result.levels, result.rules, sampler, settings, run.progress);
     run.end_stage("verify");
     const report::MeasuredError& error =
         wished_error(result.verified, given.metadata.contains("fit"));
@@ -115,7 +121,8 @@ options::Action declare(options::Options& options) {
     VerifyOptions& o = *fields;
     options
         .text("volume", o.volume, "VOLUME",
-              "Volume of bake or reference, " + io::format_list(", ", true))
+              "Volume of bake or reference, " + io::format_list(", ", true)
+                  + ", or the .levels.json of nested ones")
         .require();
     add_scene_option(options, o);
     add_light_options(options, o);
@@ -138,10 +145,10 @@ options::Action declare(options::Options& options) {
                             "no scene: lpvbake verify VOLUME SCENE (see lpvbake verify --help)");
             fields->scene = fields->volume;
         }
-        const Volume volume = read_light(fields->volume);
-        take_light(fields->volume, volume, options);
+        const volume::VolumeSet levels = read_levels(fields->volume);
+        take_light(fields->volume, levels.levels.front(), options);
         tell("settings: " + options.recorded());
-        run(*fields, volume);
+        run(*fields, levels);
     };
 }
 

@@ -24,6 +24,7 @@ constexpr Wording table[] = {
     {"`isa`", "--isa"},
     {"`iterations`", "--iterations"},
     {"`level`", "--level"},
+    {"`levels`", "--levels"},
     {"`max_albedo`", "--max-albedo"},
     {"`max_memory`", "--max-memory"},
     {"`occlusion`", "--occlusion"},

@@ -104,7 +104,7 @@ void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan)
         if (plan.device_bytes > device.memory && !settings.levels.empty())
             throw Error(ErrorKind::memory,
                         dims_text(grid.dims)
-                            + format(" needs %.1f GiB of %s's %.1f GiB; give that `level` larger "
+                            + format(" needs %.1f GiB of %s's %.1f GiB; give that level larger "
                                      "cells or a smaller box",
                                      double(plan.device_bytes) / 0x1p30, device.name.c_str(),
                                      double(device.memory) / 0x1p30));
@@ -224,6 +224,11 @@ void check_host_memory(const BakePlan& plan) {
                         + format(" need about %.1f GiB of this machine's %.1f GiB of memory; bake "
                                  "them in parts",
                                  double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30));
+    if (!plan.coarser.empty())
+        throw Error(ErrorKind::memory,
+                    format("these levels need about %.1f GiB of this machine's %.1f GiB of memory; "
+                           "give them larger cells or smaller boxes",
+                           double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30));
     const glm::ivec3 dims = plan.grid.dims;
     const double fits =
         std::max({dims.x, dims.y, dims.z}) * std::cbrt(double(memory) / double(plan.host_bytes));

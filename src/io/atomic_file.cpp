@@ -14,7 +14,6 @@
 #include <cerrno>
 #include <charconv>
 #include <cstring>
-#include <deque>
 #include <filesystem>
 #include <fstream>
 #include <utility>
@@ -56,6 +55,8 @@ std::string prefix_of(const fs::path& target) {
         .append(host)
         .append(".");
 }
+
+PublishTogether* together = nullptr; ///< that there is
 
 constexpr std::string_view suffix = ".tmp";
 
@@ -152,6 +153,10 @@ uint64_t AtomicFile::seal() {
 }
 
 void AtomicFile::publish() {
+    if (together) {
+        together->files_.push_back(std::move(*this));
+        return;
+    }
     if (rename(temporary_.c_str(), target_.c_str()) != 0)
         fail(target_, "written", errno);
     exists_ = false;
@@ -160,6 +165,21 @@ void AtomicFile::publish() {
     // Some file systems cannot sync folders (EINVAL), and some folders may be written, not read.
     if (directory.fd >= 0 && fsync(directory.fd) != 0 && errno != EINVAL)
         fail(target_, "written", errno);
+}
+
+PublishTogether::PublishTogether() {
+    together = this;
+}
+
+PublishTogether::~PublishTogether() {
+    together = nullptr;
+}
+
+void PublishTogether::publish() {
+    together = nullptr;
+    for (AtomicFile& file : files_)
+        file.publish();
+    remove_files(removed_);
 }
 
 std::vector<WriteReport::File>
@@ -180,6 +200,10 @@ write_together(const std::vector<std::string>& names,
 }
 
 void remove_files(const std::vector<std::string>& names) {
+    if (together) {
+        together->removed_.insert(together->removed_.end(), names.begin(), names.end());
+        return;
+    }
     for (const std::string& name : names)
         unlink(name.c_str());
 }

@@ -4,6 +4,7 @@
 #include "lpvbake/file.h"
 
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <iosfwd>
 #include <string>
@@ -35,7 +36,7 @@ public:
     /// Brings the data to the disk, under the temporary name still. Returns the size in bytes.
     uint64_t seal();
 
-    /// Renames the sealed file to its target.
+    /// Renames the sealed file to its target, or hands it to the PublishTogether that there is.
     void publish();
 
     /// Where the data are until they are published.
@@ -45,6 +46,24 @@ private:
     std::string target_; ///< with symbolic links resolved
     std::string temporary_;
     bool exists_ = false;
+};
+
+/// While it lives, what is published keeps its temporary name, and what remove_files() is given
+/// stays, until publish(), which renames all, one right after the other in their order, and then
+/// removes. What is not published is gone on destruction. There is one at a time.
+class PublishTogether {
+public:
+    PublishTogether();
+    PublishTogether(const PublishTogether&) = delete;
+    PublishTogether& operator=(const PublishTogether&) = delete;
+    ~PublishTogether();
+    void publish();
+
+private:
+    friend class AtomicFile;
+    friend void remove_files(const std::vector<std::string>& names);
+    std::deque<AtomicFile> files_;
+    std::vector<std::string> removed_;
 };
 
 /// Files that appear together: `write(file, i)` fills that of the i-th name, several at a time, and

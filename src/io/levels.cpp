@@ -6,8 +6,10 @@
 #include "lpvbake/error.h"
 #include "quoted.h"
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <iterator>
 
 namespace lpvbake::io {
 namespace {
@@ -53,6 +55,40 @@ std::string file_in(const std::string& path, const Json& level) {
     if (is_manifest(name) || !readable_format(name))
         reject(path, "has a level in " + printable(name) + ", which is no kind of volume file");
     return name;
+}
+
+/// Files of the levels beyond `kept` that the manifest of a former bake lists, if there is one.
+std::vector<std::string> further_levels(const std::string& manifest, std::size_t kept) {
+    std::vector<std::string> files, further;
+    try {
+        files = level_files(manifest);
+    } catch (const Error&) { // it is replaced whatever it holds
+    }
+    for (std::size_t level = std::max<std::size_t>(kept, 1); level < files.size(); ++level) {
+        const std::string own = "_level" + std::to_string(level);
+        if (!fs::path(files[level]).stem().string().ends_with(own)) // not of our naming
+            continue;
+        further.push_back(files[level]);
+        const VolumeFormat* format = volume_format(files[level]);
+        if (!format || format->sidecar[0] == '\0')
+            continue;
+        const std::string sidecar = sidecar_of(files[level], format->sidecar);
+        std::ranges::move(left_behind(sidecar, {}), std::back_inserter(further));
+        further.push_back(sidecar);
+    }
+    return further;
+}
+
+Volume read_level(const std::string& manifest, const std::string& file) {
+    try {
+        return lpvbake::read_volume((fs::path(manifest).parent_path() / file).string());
+    } catch (const Error& error) {
+        if (error.kind != ErrorKind::file)
+            throw;
+        throw Error(error.kind,
+                    manifest + ": " + error.what()
+                        + "; keep all files of the levels beside it, or bake them again");
+    }
 }
 
 /// What all levels of a bake have alike.
@@ -125,11 +161,21 @@ WriteReport::File write_manifest(const std::string& path, const std::vector<Grid
                         {"blend", blend},
                         {"axes", volume::name_of(axes)}};
     const std::string name = manifest_path(path);
+    const std::vector<std::string> further = further_levels(name, grids.size());
     AtomicFile file(name);
     file.write(text_of(manifest));
     const uint64_t bytes = file.seal();
     file.publish();
+    remove_files(further);
     return {name, bytes};
+}
+
+std::vector<std::string> level_files(const std::string& manifest) {
+    const Json json = parse(manifest);
+    std::vector<std::string> files;
+    for (const Json& level : json["levels"])
+        files.push_back((fs::path(manifest).parent_path() / file_in(manifest, level)).string());
+    return files;
 }
 
 volume::VolumeSet read_levels(const std::string& path) {
@@ -141,8 +187,7 @@ volume::VolumeSet read_levels(const std::string& path) {
     std::vector<std::string> files;
     for (const Json& level : json["levels"]) {
         const std::string file = printable(file_in(path, level));
-        const Volume& read = set.levels.emplace_back(
-            lpvbake::read_volume((fs::path(path).parent_path() / file_in(path, level)).string()));
+        const Volume& read = set.levels.emplace_back(read_level(path, file_in(path, level)));
         const double cell = number_in(path, level, "cell");
         if (std::abs(cell - read.grid.cell) > 1e-6 * read.grid.cell)
             reject(path, file

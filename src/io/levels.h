@@ -23,7 +23,11 @@ std::string manifest_path(const std::string& path);
 /// By the end of its name.
 bool is_manifest(const std::string& path);
 
-/// The manifest of a volume of this name whose levels are written. Throws Error (file).
+/// The files of levels that a manifest lists, beside it. Throws as read_levels, but for the levels.
+std::vector<std::string> level_files(const std::string& manifest);
+
+/// The manifest of a volume of this name whose levels are written; removes what a former one of the
+/// name lists beyond them. Throws Error (file).
 WriteReport::File write_manifest(const std::string& path, const std::vector<Grid>& grids,
                                  volume::Axes axes, double blend);
 

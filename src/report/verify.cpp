@@ -70,42 +70,74 @@ struct Sample {
     std::vector<glm::dvec3> places;  ///< metres
 };
 
-Sample sample_cells(const Volume& volume, const visibility::Visibility& visibility, uint64_t count,
-                    uint64_t seed) {
-    std::vector<std::size_t> cells;
+/// A cell of a level.
+struct LevelCell {
+    std::size_t level, cell;
+};
+
+/// The field at a cell's centre, of all levels there.
+std::vector<glm::vec3> field_of(const volume::Levels& levels, const LevelCell& at) {
+    const Volume& own = levels.volumes[at.level];
+    std::vector<glm::vec3> field;
+    if (levels.volumes.size() == 1)
+        for (const std::vector<glm::vec3>& band : own.sh)
+            field.push_back(band[at.cell]);
+    else
+        for (const glm::dvec3& c :
+             volume::field_at(levels, own.grid.center(own.grid.cell_at(at.cell))))
+            field.emplace_back(c);
+    return field;
+}
+
+Sample sample_cells(const volume::Levels& levels, const visibility::Visibility& visibility,
+                    const scene::Frame& frame, uint64_t count, uint64_t seed) {
+    std::vector<LevelCell> cells;
     std::vector<double> light;
-    for (std::size_t i = 0; i < volume.grid.size(); ++i)
-        if (volume.is_valid(i)) {
-            cells.push_back(i);
-            light.push_back(std::max(0.0, sum_of(glm::dvec3(volume.sh[0][i]))));
-        }
+    std::vector<scene::Frame> frames;
+    std::vector<visibility::Visibility> seen;
+    for (std::size_t level = 0; level < levels.volumes.size(); ++level) {
+        const Volume& volume = levels.volumes[level];
+        for (std::size_t i = 0; i < volume.grid.size(); ++i)
+            if (volume.is_valid(i)
+                && volume::level_at(levels, volume.grid.center(volume.grid.cell_at(i))) == level) {
+                cells.push_back({level, i});
+                light.push_back(std::max(0.0, sum_of(glm::dvec3(volume.sh[0][i]))));
+            }
+        frames.push_back(scene::frame_of(volume.grid));
+        seen.push_back(visibility.in_frame(frame, frames.back()));
+    }
     Sample sample;
     sample.drawn = draw(light, count, seed);
-    std::vector<std::vector<glm::vec3>> sh(volume.sh.size());
+    std::vector<std::vector<glm::vec3>> sh(levels.volumes.front().sh.size());
     for (Drawn& one : sample.drawn) {
-        const std::size_t cell = cells[one.place];
-        const glm::ivec3 at = volume.grid.cell_at(cell);
-        sample.points.push_back(visibility.capture(at).point);
-        sample.places.push_back(volume.grid.center(at));
+        const LevelCell& own = cells[one.place];
+        const Grid& grid = levels.volumes[own.level].grid;
+        const glm::ivec3 at = grid.cell_at(own.cell);
+        glm::vec3 point = seen[own.level].capture(at).point;
+        if (own.level > 0)
+            point = glm::vec3(frame.from_world(frames[own.level].to_world(glm::dvec3(point))));
+        sample.points.push_back(point);
+        sample.places.push_back(grid.center(at));
+        const std::vector<glm::vec3> field = field_of(levels, own);
         for (std::size_t k = 0; k < sh.size(); ++k)
-            sh[k].push_back(volume.sh[k][cell]);
+            sh[k].push_back(field[k]);
     }
     if (!sample.points.empty())
-        sample.shown = irradiance_of(sh, volume.sh_order);
+        sample.shown = irradiance_of(sh, levels.volumes.front().sh_order);
     return sample;
 }
 
-Sample sample_surfaces(const Scene& scene, const Volume& volume,
+Sample sample_surfaces(const Scene& scene, const volume::Levels& levels,
                        const visibility::Visibility& visibility, const scene::Frame& frame,
                        const readers::Reader& reader, uint64_t count, uint64_t seed) {
-    const Grid& grid = volume.grid;
+    const Grid& grid = levels.volumes.back().grid;
     const Bounds box{grid.origin, grid.origin + grid.cell * glm::dvec3(grid.dims)};
     const std::vector<FrontPoint> points =
         draw_surface_points(scene, visibility, frame, box, 8 * count, seed);
     std::vector<glm::dvec3> shown;
     std::vector<double> light;
     for (const FrontPoint& point : points) {
-        shown.push_back(readers::irradiance(reader, volume, point.position, point.normal));
+        shown.push_back(readers::irradiance(reader, levels, point.position, point.normal));
         light.push_back(std::max(0.0, sum_of(shown.back())));
     }
     Sample sample;
@@ -333,10 +365,10 @@ MeasuredError measured_error(std::span<const VerifiedPoint> points, uint64_t see
     return result;
 }
 
-Verified verify(const Scene& scene, const Volume& volume, const reference::PathRules& rules,
+Verified verify(const Scene& scene, const volume::Levels& levels, const reference::PathRules& rules,
                 const readers::Reader& reader, const VerifySettings& settings, Progress& progress) {
     const auto begin = std::chrono::steady_clock::now();
-    const scene::Frame frame = scene::frame_of(volume.grid);
+    const scene::Frame frame = scene::frame_of(levels.volumes.front().grid);
     const visibility::Visibility visibility(scene, frame, settings.isa);
     reference::PathRules short_paths = rules;
     short_paths.faint = 1;
@@ -347,9 +379,9 @@ Verified verify(const Scene& scene, const Volume& volume, const reference::PathR
         return sample.points.empty() ? MeasuredError()
                                      : measure(paths, sample, settings, verified, progress);
     };
-    verified.cells = measure_at(sample_cells(volume, visibility, half, settings.seed));
+    verified.cells = measure_at(sample_cells(levels, visibility, frame, half, settings.seed));
     verified.surfaces =
-        measure_at(sample_surfaces(scene, volume, visibility, frame, reader, half, settings.seed));
+        measure_at(sample_surfaces(scene, levels, visibility, frame, reader, half, settings.seed));
     std::ranges::stable_sort(verified.worst, std::greater<>(), &WrongPlace::share);
     verified.worst.resize(std::min(verified.worst.size(), most_places));
     verified.seconds =

@@ -6,6 +6,7 @@
 #include "reference/paths.h"
 #include "scene/scene.h"
 #include "visibility/isa.h"
+#include "volume/levels.h"
 
 #include <cstdint>
 #include <span>
@@ -48,9 +49,10 @@ struct Verified {
 
 /// Cells and points are drawn by even steps, half in proportion to their number and half to their
 /// light, which is where most of an error is; intervals are from 1000 samples of the points drawn
-/// (Efron's bootstrap, percentiles). `volume` is of the scene, `rules` those of its light. Depends
-/// on no clock. Throws Error (invalid) as trace_probes.
-Verified verify(const Scene& scene, const Volume& volume, const reference::PathRules& rules,
+/// (Efron's bootstrap, percentiles). `levels` is a volume of the scene or nested ones, which are
+/// read as one field; of a level cells count that no finer one has a share in. `rules` are those of
+/// its light. Depends on no clock. Throws Error (invalid) as trace_probes.
+Verified verify(const Scene& scene, const volume::Levels& levels, const reference::PathRules& rules,
                 const readers::Reader& reader, const VerifySettings& settings, Progress& progress);
 
 /// A place that was drawn, with what is known there.

@@ -20,9 +20,15 @@ namespace {
 constexpr double slack = 1e-6;
 /// Smallest cells along an edge of the outermost box, so that single precision tells them apart.
 constexpr double most_cells = 65536;
+constexpr double farthest = 1e18; ///< metres: its square is a float
 
 [[noreturn]] void reject(const LevelBox& level, const std::string& why) {
-    const auto& [lo, hi, cell] = level;
+    const auto& [lo, hi, cell, made] = level;
+    if (made)
+        throw Error(ErrorKind::argument,
+                    format("`levels`: that of %.6g m cells, %.6g,%.6g,%.6g to %.6g,%.6g,%.6g, ",
+                           cell, lo.x, lo.y, lo.z, hi.x, hi.y, hi.z)
+                        + why);
     throw Error(ErrorKind::argument, format("`level` %.6g,%.6g,%.6g,%.6g,%.6g,%.6g:%.6g ", lo.x,
                                             lo.y, lo.z, hi.x, hi.y, hi.z, cell)
                                          + why);
@@ -47,6 +53,10 @@ void check(const std::vector<LevelBox>& levels) {
         const LevelBox& level = levels[i];
         if (!(level.cell > 0 && std::isnormal(level.cell)))
             reject(level, "has no cell size above 0");
+        if (!(level.cell <= farthest)
+            || !glm::all(glm::lessThanEqual(glm::max(glm::abs(level.lo), glm::abs(level.hi)),
+                                            glm::dvec3(farthest))))
+            reject(level, format("has lengths above %.0g m; no scene is that large", farthest));
         if (!glm::all(glm::lessThanEqual(level.lo, level.hi)))
             reject(level, "has a box that is inside out; give the lower corner first");
         const double ratio = level.cell / least, power = std::exp2(std::round(std::log2(ratio)));
@@ -108,7 +118,7 @@ std::vector<Grid> nest_grids(std::vector<LevelBox> levels) {
     const auto power = [&](double cell) { return std::exp2(std::round(std::log2(cell / least))); };
     for (LevelBox& level : levels)
         level.cell = least * power(level.cell);
-    const auto& [lo, hi, cell] = levels.back();
+    const auto& [lo, hi, cell, made] = levels.back();
     check_cells(levels.back(), (hi - lo) / cell + 1.0);
     std::vector<Grid> grids{
         fit_grid(lo - 0.5 * cell, hi + 0.5 * cell, {.cell = levels.back().cell, .margin = 0})};
@@ -137,7 +147,8 @@ std::vector<LevelBox> levels_around(const LevelBox& focus, glm::dvec3 lo, glm::d
         const double size = std::exp2(double(i));
         const bool last = i + 1 == count;
         levels.push_back({last ? lo : glm::clamp(middle - size * half, lo, hi),
-                          last ? hi : glm::clamp(middle + size * half, lo, hi), size * focus.cell});
+                          last ? hi : glm::clamp(middle + size * half, lo, hi), size * focus.cell,
+                          true});
     }
     return levels;
 }
@@ -261,6 +272,14 @@ void carry_walls(const Volume& from, std::size_t cell, Volume& to, std::size_t o
 }
 
 } // namespace
+
+std::vector<glm::dvec3> field_at(const Levels& levels, glm::dvec3 point) {
+    const Sample sample = blend(levels, point, [&](std::size_t level) {
+        const Taps taps = taps_at(levels.volumes[level], point);
+        return LevelReading<Sample>{mixed(levels.volumes[level], taps.cells), taps.valid};
+    });
+    return {sample.sh.begin(), sample.sh.begin() + levels.volumes.front().sh.size()};
+}
 
 Volume flatten(const Levels& levels, double cell) {
     const Volume& outermost = levels.volumes.back();

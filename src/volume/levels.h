@@ -17,6 +17,7 @@ namespace lpvbake::volume {
 struct LevelBox {
     glm::dvec3 lo, hi; ///< metres; the hull holds it
     double cell;       ///< metres
+    bool made = false; ///< by levels_around, and told so
 };
 
 inline constexpr std::size_t most_levels = 8;
@@ -86,10 +87,13 @@ auto blend(const Levels& levels, glm::dvec3 point, const Read& read) {
     return total > 0 ? sum / total : first.value;
 }
 
+/// Coefficients at a point (metres), of the valid cells around before whose walls it lies, as
+/// blend() mixes levels.
+std::vector<glm::dvec3> field_at(const Levels& levels, glm::dvec3 point);
+
 /// The set as one volume of cubic cells, with samples in the hull of the outermost level: light is
-/// that of the valid cells around whose walls the sample lies before, as blend() mixes levels;
-/// validity and walls are those of the nearest of them. Throws Error as fit_grid, and: argument
-/// (more than 2^31 - 1 cells), memory (more than the machine has).
+/// that of field_at(); validity and walls are those of the nearest of them. Throws Error as
+/// fit_grid, and: argument (more than 2^31 - 1 cells), memory (more than the machine has).
 Volume flatten(const Levels& levels, double cell);
 
 } // namespace lpvbake::volume

@@ -70,8 +70,12 @@ TEST_F(LevelsCli, TheCommandsTakeTheManifest) {
     };
     EXPECT_NEAR(l0(flat), l0(own), 1e-5f * l0(own));
     expect_one_error(run("diff flat.vdb a.levels.json"), "diff", ExitCode::usage, "--flatten");
-    expect_one_error(run("verify a.levels.json \"$ROOM\""), "verify", ExitCode::unsupported,
-                     "nested levels");
+    const CliResult verified = run("verify a.levels.json \"$ROOM\" --points 64 --format json -q");
+    ASSERT_EQ(verified.status, 0) << verified.err;
+    const json document = json::parse(verified.out);
+    EXPECT_EQ(document["levels"].size(), 2u);
+    EXPECT_LT(document["verified"]["cells"]["error"].get<double>(), 0.3);
+    EXPECT_LT(document["verified"]["surfaces"]["error"].get<double>(), 0.3);
     expect_one_error(run("convert a.levels.json a.vdb"), "convert", ExitCode::usage, "replace");
 }
 
@@ -87,6 +91,50 @@ TEST_F(LevelsCli, ClassicPropagationHasCascades) {
     EXPECT_EQ(run("info a.levels.json").status, 0);
 }
 
+TEST_F(LevelsCli, ABakeMeasuresItsLevels) {
+    const CliResult result =
+        run("bake \"$ROOM\" --quality fast --solver gather --verify 32 -o a.vdb" + fine + around);
+    ASSERT_EQ(result.status, 0) << result.err;
+    EXPECT_NE(result.out.find("verified      cells "), std::string::npos) << result.out;
+    for (const char* file : {"a.vdb", "a_level1.vdb"})
+        EXPECT_TRUE(read_volume(folder_ / file).metadata.contains("verified_surfaces")) << file;
+}
+
+TEST_F(LevelsCli, TheOldLevelsStayUntilAllNewOnesAreThere) {
+    ASSERT_EQ(bake(fine + around + " -o a.exr").status, 0);
+    const std::string old = slurp(folder_ / "a_sh_l0.exr"), set = slurp(folder_ / "a.levels.json");
+    // The second level cannot be written.
+    std::filesystem::remove(folder_ / "a_level1_sh_l0.exr");
+    std::filesystem::create_directory(folder_ / "a_level1_sh_l0.exr");
+    EXPECT_NE(bake(fine + around + " --point 0,1,0,5 -o a.exr").status, 0);
+    EXPECT_EQ(slurp(folder_ / "a_sh_l0.exr"), old);
+    EXPECT_EQ(slurp(folder_ / "a.levels.json"), set);
+    std::filesystem::remove(folder_ / "a_level1_sh_l0.exr");
+    ASSERT_EQ(bake(fine + around + " --point 0,1,0,5 -o a.exr").status, 0);
+    EXPECT_NE(slurp(folder_ / "a_sh_l0.exr"), old);
+}
+
+TEST_F(LevelsCli, LevelsOfAFormerBakeAreRemoved) {
+    const std::string outermost = " --level -2,-1,-2,2,3,2:0.4";
+    for (const char* name : {"a.vdb", "e.exr"})
+        ASSERT_EQ(bake(fine + around + outermost + " -o " + name).status, 0);
+    spill(folder_ / "a_level3.vdb", "not of the set");
+    EXPECT_TRUE(exists("a_level2.vdb") && exists("e_level2.json") && exists("e_level2_sh_l0.exr"));
+    for (const char* name : {"a.vdb", "e.exr"})
+        ASSERT_EQ(bake(fine + around + " -o " + name).status, 0);
+    EXPECT_FALSE(exists("a_level2.vdb") || exists("e_level2.json") || exists("e_level2_sh_l0.exr"));
+    EXPECT_TRUE(exists("a_level3.vdb"));
+    EXPECT_EQ(run("info e.levels.json").status, 0);
+}
+
+TEST_F(LevelsCli, APictureTakesThePlaceOfNoLevel) {
+    ASSERT_EQ(bake(fine + around + " -o a.exr").status, 0);
+    for (const char* name : {"a_sh_l0.exr", "a_level1_sh_l0.exr"})
+        expect_one_error(run(std::string("render \"$ROOM\" a.levels.json -o ") + name), name,
+                         ExitCode::usage, "would replace the input");
+    EXPECT_EQ(run("info a.levels.json").status, 0);
+}
+
 TEST_F(LevelsCli, WhatIsMissingOrForeignIsToldApart) {
     ASSERT_EQ(bake(fine + around + " -o a.vdb").status, 0);
     ASSERT_EQ(bake(fine + around + " --sky '#ffffff,10' -o b.vdb").status, 0);
@@ -95,7 +143,9 @@ TEST_F(LevelsCli, WhatIsMissingOrForeignIsToldApart) {
     expect_one_error(run("info a.levels.json"), "info", ExitCode::invalid,
                      "a_level1.vdb is of another bake");
     std::filesystem::remove(folder_ / "a_level1.vdb");
-    expect_one_error(run("info a.levels.json"), "info", ExitCode::file, "a_level1.vdb");
+    const CliResult missing = run("info a.levels.json");
+    expect_one_error(missing, "info", ExitCode::file, "a.levels.json: a_level1.vdb");
+    EXPECT_NE(missing.err.find("bake them again"), std::string::npos);
 }
 
 TEST_F(LevelsCli, WhatCannotBeNestedIsRefusedBeforeAnyWork) {
@@ -111,7 +161,11 @@ TEST_F(LevelsCli, WhatCannotBeNestedIsRefusedBeforeAnyWork) {
     refused(" --level 0,0,0,1,1,1:0.00001 --level -1,0,-1,1,2,1:0.16384", "cannot be told apart");
     refused(fine + around + " --resolution 32", "--resolution");
     refused(fine + around + " --rsm-samples 4", "--rsm-samples");
-    refused(fine + around + " --verify", "--verify");
+    refused(" --level -1e300,0,0,1e300,1,1:1e300 --level 0,0,0,1,1,1:0.5", "above 1e+18 m");
+    refused(" --level 0,0,0,1,1,1:1e300", "above 1e+18 m");
+    refused(" --level 0,0,0,1,1,1e300:1e299", "above 1e+18 m");
+    refused(" --levels 2 --cell-size 0.00001 --focus 0,0,0,1,1,1",
+            "--levels: that of 1e-05 m cells, 0,0,0 to 1,1,1, has cells that cannot be told apart");
     refused(fine + around + " -o a.exr", "share the manifest");
     refused(" --levels 2 --focus 0,0,0,1,1,1", "--cell-size");
     refused(" --levels 2 --cell-size 0.1", "--focus");

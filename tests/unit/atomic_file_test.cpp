@@ -67,6 +67,29 @@ TEST(AtomicFile, VanishesWhenAbandoned) {
     EXPECT_EQ(folder.count(), 1);
 }
 
+TEST(AtomicFile, SeveralAppearTogetherOrNotAtAll) {
+    const TemporaryFolder folder;
+    write_whole(folder / "a", "old");
+    write_whole(folder / "gone", "old");
+    const auto write_all = [&](bool publish) {
+        io::PublishTogether together;
+        write_whole(folder / "a", "new");
+        write_whole(folder / "b", "new");
+        io::remove_files({folder / "gone"});
+        EXPECT_EQ(slurp(folder / "a"), "old");
+        EXPECT_EQ(slurp(folder / "gone"), "old");
+        if (publish)
+            together.publish();
+    };
+    write_all(false);
+    EXPECT_EQ(slurp(folder / "a"), "old");
+    EXPECT_EQ(folder.count(), 2) << "temporaries are gone";
+    write_all(true);
+    EXPECT_EQ(slurp(folder / "a"), "new");
+    EXPECT_EQ(slurp(folder / "b"), "new");
+    EXPECT_EQ(folder.count(), 2);
+}
+
 TEST(AtomicFile, KeepsSymbolicLinks) {
     const TemporaryFolder folder;
     spill(folder / "real", "old");
