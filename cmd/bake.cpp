@@ -7,6 +7,7 @@
 #include "bake/points.h"
 #include "bake/storage.h"
 #include "commands.h"
+#include "io/boxes.h"
 #include "io/levels.h"
 #include "io/points.h"
 #include "lpvbake/error.h"
@@ -53,6 +54,7 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::vector<volume::LevelBox> level; ///< of nested ones each
     std::optional<int> levels;           ///< around `focus`
     std::optional<Bounds> focus;
+    std::string adjust; ///< file of boxes
 
     bool nests() const { return !level.empty() || levels; }
 };
@@ -207,6 +209,8 @@ void check_options(const BakeOptions& o) {
             throw Error(ErrorKind::argument, "--" + name + ": the " + solver.name + " solver takes "
                                                  + solver::values_of(*own));
     check_fit(o.outputs, o.fit, o.sh_order);
+    if (!o.adjust.empty())
+        check_files({o.adjust}, {}, o.outputs.paths);
     if (o.nests())
         check_level_outputs(o.outputs.paths, inputs_of(o, o));
     if (o.levels && o.grid.cell == 0)
@@ -240,6 +244,8 @@ bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& read
         settings.fit = &reader;
     settings.dering = o.outputs.storage().dering;
     settings.isa = o.isa;
+    if (!o.adjust.empty())
+        settings.adjust = io::read_adjustments(o.adjust);
     return settings;
 }
 
@@ -714,6 +720,15 @@ void add_level_options(options::Options& options, BakeOptions& o) {
         .record(options::Recorded::if_changed);
 }
 
+void add_adjust_option(options::Options& options, BakeOptions& o) {
+    options
+        .text("--adjust", o.adjust, "FILE",
+              "JSON file of boxes whose cells are valid or not whatever geometry says, or whose "
+              "light is multiplied; see below")
+        .exclude({"at"})
+        .record(options::Recorded::if_changed);
+}
+
 options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<BakeOptions>();
     BakeOptions& o = *fields;
@@ -732,6 +747,7 @@ options::Action declare(options::Options& options) {
                   "verify",     "bytes"})
         .keep_to_one_run();
     add_level_options(options, o);
+    add_adjust_option(options, o);
     add_light_options(options, o);
     add_solver_options(options, o);
     add_output_options(options, o.outputs);

@@ -364,15 +364,17 @@ void run(const RenderOptions& o) {
     rules.emitters = rules.emitters && !o.no_emitters;
     const reference::Paths paths(scene, visibility, frame, rules);
     render::ViewSettings view;
-    view.camera = choose_camera(o, scene, levels.levels.back().grid, visibility, frame, view.size);
+    const std::optional<visibility::Visibility> eye = render::eye_of(scene, frame);
+    const visibility::Visibility& seen = eye ? *eye : visibility;
+    view.camera = choose_camera(o, scene, levels.levels.back().grid, seen, frame, view.size);
     view.samples = o.samples;
     view.show = o.show;
     RenderResult result{
         o, scene, volume, device->info().name, sampler_name(sampler), view, {}, 0, {}, {}, 0, {}};
     if (!o.dry_run) {
-        const raster::Raster raster(*device, scene, frame);
+        const raster::Raster raster(*device, scene, frame, scene::is_asked);
         run.end_stage("prepare");
-        const render::LitScene lit{scene, frame, visibility, paths};
+        const render::LitScene lit{scene, frame, seen, paths};
         const std::optional<volume::VolumeSet> filled = filled_for(sampler, levels);
         result.rendering =
             render::render(lit, filled ? *filled : levels, raster, sampler, view, run.progress);

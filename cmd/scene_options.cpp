@@ -70,6 +70,33 @@ double parse_time(const std::string& text) {
     return *time;
 }
 
+void add_role_options(options::Options& options, LoadSettings& load) {
+    const auto add = [&](const char* name, std::optional<Role> role, const char* help) {
+        options
+            .values(
+                name, load.roles, "PATTERN",
+                [role](const std::string& pattern) {
+                    if (pattern.empty())
+                        options::refuse(pattern, "is empty");
+                    return RoleRule{pattern, role};
+                },
+                help)
+            .record(options::Recorded::if_changed);
+    };
+    add("--exclude", std::nullopt,
+        "Surfaces that are not loaded: nodes with all below them and their lights, meshes and "
+        "materials whose names fit a pattern, such as 'Door*'; of one kind alone node:GLOB, "
+        "mesh:GLOB, material:GLOB; or by extras: extras:KEY, extras:KEY=GLOB; may be repeated, as "
+        "the three below, of which the last that fits counts");
+    add("--receive-only", Role::receive_only,
+        "Surfaces that light passes, and none comes from; volumes are fitted to them and measured "
+        "on them");
+    add("--cast-only", Role::cast_only,
+        "Surfaces that are black, and that no grid is fitted to nor anything measured on");
+    add("--lights-only", Role::lights_only,
+        "Surfaces whose emission lights, but that light passes; no grid is fitted to them");
+}
+
 } // namespace
 
 void add_load_options(options::Options& options, LoadSettings& load) {
@@ -91,6 +118,7 @@ void add_load_options(options::Options& options, LoadSettings& load) {
         .value("--max-memory", load.max_memory, "SIZE", options::parse_bytes,
                "Memory that loading the scene may take", "4G")
         .record(options::Recorded::if_changed);
+    add_role_options(options, load);
     options.flag("--strict", load.strict, "Take warnings of the scene for errors");
     options.flag("--allow-external", load.allow_external,
                  "Let the scene read files outside its folder");

@@ -98,6 +98,15 @@ void fit_volume(const Scene& scene, const BakePlan& plan, const Level& level, Su
                            reader.name));
 }
 
+void warn_of_empty(const std::vector<volume::Adjustment>& boxes, const std::vector<Grid>& grids,
+                   solver::Stages& stages) {
+    for (std::size_t i = 0; i < boxes.size(); ++i)
+        if (std::ranges::none_of(
+                grids, [&](const Grid& grid) { return volume::holds_cells(boxes[i], grid); }))
+            stages.warn(format("`adjust`: no cell lies in boxes[%zu], %s; it changes nothing", i,
+                               volume::text_of({&boxes[i], 1}).c_str()));
+}
+
 /// What is told of a level that is solved.
 void finish_level(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
                   const Level& level, Surfaces& surfaces, solver::Stages& stages, Volume& volume) {
@@ -108,6 +117,9 @@ void finish_level(const Scene& scene, const BakePlan& plan, const gpu::Device& d
 
     if (plan.settings.fit)
         fit_volume(scene, plan, level, surfaces, stages, volume);
+    volume::adjust_intensity(plan.settings.adjust, volume);
+    if (!plan.settings.adjust.empty())
+        volume.metadata["adjust"] = volume::text_of(plan.settings.adjust);
     describe_light(scene, plan, device, level.visibility, volume);
 }
 
@@ -121,6 +133,7 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
 
     const solver::SolverKind& kind = plan.settings.solver.kind();
     const std::vector<Grid> grids = grids_in(plan);
+    warn_of_empty(plan.settings.adjust, grids, stages);
     std::vector<std::unique_ptr<solver::Solver>> solvers;
     for (const Grid& grid : grids)
         solvers.push_back(kind.make(device, grid, plan.settings.solver));
@@ -129,7 +142,7 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
     Surfaces surfaces{light_scene(scene, plan, visibility, stages), plan.frame};
     const surface::LitSurfaces* lit = plan.lit ? &surfaces.lit : nullptr;
     const solver::Inputs whole{scene,      device, grids.front(), plan.frame,
-                               visibility, lit,    plan.maps};
+                               visibility, lit,    plan.maps,     plan.settings.adjust};
 
     const bool coupled = kind.nesting == solver::Nesting::coupled && grids.size() > 1;
     baked.levels.resize(grids.size());
@@ -143,9 +156,14 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
             surfaces.move_to(level);
         Volume& volume = baked.levels[l];
         volume.grid = level.grid;
-        solver::Inputs inputs{scene,       device,           level.grid,
-                              level.frame, level.visibility, coupled ? nullptr : lit,
-                              plan.maps};
+        solver::Inputs inputs{scene,
+                              device,
+                              level.grid,
+                              level.frame,
+                              level.visibility,
+                              coupled ? nullptr : lit,
+                              plan.maps,
+                              plan.settings.adjust};
         if (coupled) {
             inputs.finest = &whole;
             inputs.around = std::span(solvers).subspan(l + 1);

@@ -4,6 +4,7 @@
 #include "bake/kinds.h"
 #include "scene/scene.h"
 #include "visibility/isa.h"
+#include "volume/adjust.h"
 #include "volume/grid.h"
 #include "volume/levels.h"
 
@@ -35,7 +36,8 @@ struct BakeSettings {
     /// Whose picture of the surfaces the volume is fitted to (bake/surface_fit.h); null: nobody's,
     /// it is the field at the cells' centres.
     const readers::Reader* fit = nullptr;
-    bool dering = true;  ///< before it is fitted (bake/surface_fit.h)
+    bool dering = true;                     ///< before it is fitted (bake/surface_fit.h)
+    std::vector<volume::Adjustment> adjust; ///< of validity, and of what is fitted
     uint64_t points = 0; ///< that are given instead of the grid's cells (bake/points.h); 0: none
     visibility::Isa isa = visibility::Isa::automatic; ///< that rays are traced with
 };

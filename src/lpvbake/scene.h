@@ -64,11 +64,20 @@ struct Mesh {
     std::vector<glm::uvec3> triangles;  ///< indices below positions.size()
 };
 
+/// What a placed mesh does to light, and whether light is wanted on it.
+enum class Role {
+    full,
+    receive_only, ///< light passes it and none comes from it
+    cast_only,    ///< black, and no place where light is wanted
+    lights_only,  ///< its emission lights; light passes it; no place where light is wanted
+};
+
 /// A mesh placed in the world. A transform of negative determinant keeps the front the front:
 /// whoever applies it turns the winding.
 struct Instance {
     int mesh = 0;
     glm::dmat4 to_world{1.0};
+    Role role = Role::full;
 };
 
 enum class LightType { directional, point, spot };
@@ -153,19 +162,28 @@ struct Bounds {
     bool empty() const { return lo.x > hi.x; }
 };
 
-/// The box around all placed triangles.
+/// The box around all placed triangles on which light is wanted; where it is on none, around all.
 LPVBAKE_API Bounds bounds_of(const Scene& scene);
+
+/// Which surfaces have a role. The pattern is one of the shell (fnmatch): a name of a node, which
+/// stands for all below it, of a mesh or of a material; of one of them alone as "node:GLOB",
+/// "mesh:GLOB", "material:GLOB"; or "extras:KEY" and "extras:KEY=GLOB", what they have in `extras`.
+struct RoleRule {
+    std::string pattern;
+    std::optional<Role> role = {}; ///< none: they are not loaded, nor lights of such nodes
+};
 
 /// What of a file is taken, and how much it may cost. Scenes, animations and variants go by name
 /// or, where no name fits, by index.
 struct LoadSettings {
     MaterialRules rules = {};
-    std::string scene = {};          ///< empty: the file's default, else its first
-    std::string animation = {};      ///< empty: none, or the first where there is a time
-    std::optional<double> time = {}; ///< seconds; none: 0 where there is an animation
-    std::string variant = {};        ///< of KHR_materials_variants; empty: the default materials
-    bool strict = false;             ///< a warning is an error
-    bool allow_external = false;     ///< URIs may leave the scene's folder
+    std::string scene = {};           ///< empty: the file's default, else its first
+    std::string animation = {};       ///< empty: none, or the first where there is a time
+    std::optional<double> time = {};  ///< seconds; none: 0 where there is an animation
+    std::string variant = {};         ///< of KHR_materials_variants; empty: the default materials
+    std::vector<RoleRule> roles = {}; ///< of several that fit the last; a warning where none fits
+    bool strict = false;              ///< a warning is an error
+    bool allow_external = false;      ///< URIs may leave the scene's folder
     bool skip_colors = false; ///< images that do nothing but colour surfaces have a size alone
     uint64_t max_memory = uint64_t{4} << 30; ///< bytes that loading may take
 };

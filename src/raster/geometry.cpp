@@ -2,6 +2,7 @@
 
 #include "lpvbake/error.h"
 #include "scene/material.h"
+#include "scene/roles.h"
 
 #include <algorithm>
 #include <array>
@@ -28,10 +29,12 @@ bool plane_of(const std::array<glm::vec3, 3>& corner, glm::vec4& plane) {
 
 } // namespace
 
-RsmGeometry flatten(const Scene& scene, const scene::Frame& frame) {
+RsmGeometry flatten(const Scene& scene, const scene::Frame& frame, bool (*is_there)(Role)) {
     // Materials that share a pipeline, then a texture, stand together.
-    std::vector<int> order(scene.instances.size());
-    std::iota(order.begin(), order.end(), 0);
+    std::vector<int> order;
+    for (size_t i = 0; i < scene.instances.size(); ++i)
+        if (is_there(scene.instances[i].role))
+            order.push_back(int(i));
     const auto key = [&](int i) {
         const int index = scene.meshes[scene.instances[i].mesh].material;
         const Material& material = scene.materials[index];
@@ -40,8 +43,8 @@ RsmGeometry flatten(const Scene& scene, const scene::Frame& frame) {
     std::ranges::stable_sort(order, {}, key);
 
     uint64_t triangles = 0;
-    for (const Instance& instance : scene.instances)
-        triangles += scene.meshes[instance.mesh].triangles.size();
+    for (const int i : order)
+        triangles += scene.meshes[scene.instances[i].mesh].triangles.size();
     if (triangles > 0x7fffffffu)
         throw Error(ErrorKind::memory, "the scene has more than 2^31 - 1 placed triangles");
 
@@ -53,6 +56,9 @@ RsmGeometry flatten(const Scene& scene, const scene::Frame& frame) {
         const Material& material = scene.materials[mesh.material];
         const std::vector<glm::vec3> positions = scene::positions_in_frame(scene, instance, frame);
         const bool mirrored = scene::is_mirrored(instance);
+        const glm::vec4 color =
+            material.base_color
+            * (instance.role == Role::cast_only ? glm::vec4(0, 0, 0, 1) : glm::vec4(1));
         if (geometry.runs.empty() || geometry.runs.back().material != mesh.material)
             geometry.runs.push_back({mesh.material, geometry.vertices.size(), 0});
         for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
@@ -70,7 +76,7 @@ RsmGeometry flatten(const Scene& scene, const scene::Frame& frame) {
                 geometry.hi = glm::max(geometry.hi, glm::dvec3(positions[v]));
                 geometry.vertices.push_back(
                     {positions[v], plane, mesh.uv.empty() ? glm::vec2(0) : mesh.uv[v],
-                     material.base_color * (mesh.colors.empty() ? glm::vec4(1) : mesh.colors[v])});
+                     color * (mesh.colors.empty() ? glm::vec4(1) : mesh.colors[v])});
             }
         }
         geometry.runs.back().count = geometry.vertices.size() - geometry.runs.back().first;

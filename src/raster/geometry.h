@@ -2,6 +2,7 @@
 #pragma once
 
 #include "scene/frame.h"
+#include "scene/roles.h"
 
 #include <cstdint>
 #include <vector>
@@ -37,7 +38,9 @@ struct RsmGeometry {
     glm::dvec3 lo{1e300}, hi{-1e300}; ///< bounds, frame units
 };
 
-/// Triangles without an area are left out. Throws Error (memory) beyond 2^31 - 1 triangles.
-RsmGeometry flatten(const Scene& scene, const scene::Frame& frame);
+/// Of the roles that are there, as Visibility has it. Triangles without an area are left out.
+/// Throws Error (memory) beyond 2^31 - 1 triangles.
+RsmGeometry flatten(const Scene& scene, const scene::Frame& frame,
+                    bool (*is_there)(Role) = scene::blocks);
 
 } // namespace lpvbake::raster

@@ -151,7 +151,8 @@ std::vector<int> levels_to_drop(const Scene& scene, const std::map<std::pair<int
 } // namespace
 
 struct Raster::Impl {
-    Impl(const gpu::Device& on, const Scene& scene, const scene::Frame& frame);
+    Impl(const gpu::Device& on, const Scene& scene, const scene::Frame& frame,
+         bool (*is_there)(Role));
 
     void make_textures(const Scene& scene);
     void make_passes();
@@ -184,14 +185,15 @@ struct Raster::Impl {
     std::optional<gpu::Buffer::Impl> readback;
 };
 
-Raster::Impl::Impl(const gpu::Device& on, const Scene& scene, const scene::Frame& frame)
+Raster::Impl::Impl(const gpu::Device& on, const Scene& scene, const scene::Frame& frame,
+                   bool (*is_there)(Role))
     : shared(on),
       device(on.impl()),
       rules(scene.rules),
       materials(scene.materials),
-      geometry(flatten(scene, frame)) {
+      geometry(flatten(scene, frame, is_there)) {
     chunk_vertices =
-        std::min<uint64_t>(geometry.vertices.size(), chunk_bytes / sizeof(RsmVertex) / 3 * 3);
+        std::clamp<uint64_t>(geometry.vertices.size(), 3, chunk_bytes / sizeof(RsmVertex) / 3 * 3);
     vertices = gpu::Buffer(shared, chunk_vertices * sizeof(RsmVertex));
     gpu::checked("preparing to draw the scene", [&] {
         make_textures(scene);
@@ -455,8 +457,9 @@ void Raster::Impl::draw(const scene::RsmView& view, const Tile& tile, bool cull)
     }
 }
 
-Raster::Raster(const gpu::Device& device, const Scene& scene, const scene::Frame& frame)
-    : impl_(std::make_unique<Impl>(device, scene, frame)) {}
+Raster::Raster(const gpu::Device& device, const Scene& scene, const scene::Frame& frame,
+               bool (*is_there)(Role))
+    : impl_(std::make_unique<Impl>(device, scene, frame, is_there)) {}
 Raster::~Raster() = default;
 
 const RsmGeometry& Raster::geometry() const {

@@ -38,8 +38,9 @@ struct Tile {
 /// GPU resources for drawing one scene: geometry, textures, pipelines, targets.
 class Raster {
 public:
-    /// Throws Error (memory, device).
-    Raster(const gpu::Device& device, const Scene& scene, const scene::Frame& frame);
+    /// As flatten. Throws Error (memory, device).
+    Raster(const gpu::Device& device, const Scene& scene, const scene::Frame& frame,
+           bool (*is_there)(Role) = scene::blocks);
     ~Raster();
 
     const RsmGeometry& geometry() const;

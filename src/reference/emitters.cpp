@@ -1,6 +1,7 @@
 #include "reference/emitters.h"
 
 #include "scene/material.h"
+#include "scene/roles.h"
 
 #include <algorithm>
 #include <cmath>
@@ -30,16 +31,18 @@ Emitters::Emitters(const Scene& scene, const scene::Frame& frame)
     for (uint32_t i = 0; i < scene.instances.size(); ++i) {
         const Mesh& mesh = scene.meshes[size_t(scene.instances[i].mesh)];
         const Material& material = scene.materials[size_t(mesh.material)];
-        if (material.emission == glm::vec3(0.0f))
+        const Instance& instance = scene.instances[i];
+        if (material.emission == glm::vec3(0.0f) || !scene::shines(instance.role))
             continue;
         const bool even = material.emission_texture < 0 && !scene::is_partly_clear(material);
         first_[i] = uint32_t(triangles_.size());
-        const std::vector<glm::vec3> placed =
-            scene::positions_in_frame(scene, scene.instances[i], frame);
+        const std::vector<glm::vec3> placed = scene::positions_in_frame(scene, instance, frame);
         for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
             const glm::uvec3 v = mesh.triangles[t];
             triangles_.push_back({placed[v.x], placed[v.y] - placed[v.x], placed[v.z] - placed[v.x],
-                                  i, t, uint32_t(nodes_.size())});
+                                  i, t, uint32_t(nodes_.size()),
+                                  scene::is_mirrored(instance) ? -1.0f : 1.0f,
+                                  material.double_sided, scene::blocks(instance.role)});
             halve(maps, mesh, uint32_t(triangles_.size() - 1), even ? 1 : most);
         }
     }
@@ -107,8 +110,16 @@ Emitters::Target Emitters::target(glm::dvec2 sample) const {
         std::clamp((sample.x - below) / std::max(*chosen - below, 1e-300), 0.0, 1.0);
     const glm::dvec2 weights = point_in(pieces_[i].corners, {rest, sample.y});
     const Triangle& t = triangles_[pieces_[i].triangle];
-    return {t.instance, t.triangle,
-            glm::dvec3(t.a) + weights.x * glm::dvec3(t.ab) + weights.y * glm::dvec3(t.ac)};
+    Target target{t.instance, t.triangle,
+                  glm::dvec3(t.a) + weights.x * glm::dvec3(t.ab) + weights.y * glm::dvec3(t.ac)};
+    if (!t.met)
+        target.unmet = {.instance = t.instance,
+                        .triangle = t.triangle,
+                        .barycentric = weights,
+                        .normal = t.turn * glm::normalize(glm::cross(t.ab, t.ac)),
+                        .facing =
+                            t.two_fronts ? visibility::Facing::both : visibility::Facing::front};
+    return target;
 }
 
 double Emitters::density(const visibility::Hit& hit, glm::dvec3 towards) const {

@@ -5,6 +5,7 @@
 #include "scene/emission.h"
 #include "visibility/visibility.h"
 
+#include <optional>
 #include <vector>
 
 namespace lpvbake::reference {
@@ -21,6 +22,8 @@ public:
         uint32_t instance = 0;
         uint32_t triangle = 0; ///< of the instance's mesh
         glm::dvec3 point{0.0}; ///< frame units
+        /// Where no ray meets it: how one would, but for Hit::t and tint; of the front, or both.
+        std::optional<visibility::Hit> unmet = {};
         bool is_met(const visibility::Hit& hit) const {
             return hit.instance == instance && hit.triangle == triangle;
         }
@@ -40,6 +43,9 @@ private:
         glm::vec3 a, ab, ac;
         uint32_t instance, triangle;
         uint32_t root = 0; ///< in nodes_
+        float turn = 1.0f; ///< of the corners' winding: -1 where the instance mirrors
+        bool two_fronts = false;
+        bool met = true; ///< by rays
     };
     struct Node : Halved {
         double density = 0.0; ///< per unit of area, of a piece that is not halved

@@ -3,6 +3,7 @@
 #include "reference/sampler.h"
 #include "reference/sampling.h"
 #include "scene/material.h"
+#include "scene/roles.h"
 
 #include <tbb/parallel_for.h>
 
@@ -123,7 +124,8 @@ LitPieces::LitPieces(const Scene& scene, const visibility::Visibility& visibilit
             double left = own_share / count;
             for (uint32_t h = 0; h < hits; ++h) {
                 const visibility::Hit hit = visibility.closest(ray);
-                if (hit.instance == visibility::no_hit || hit.facing == visibility::Facing::back)
+                if (hit.instance == visibility::no_hit || hit.facing == visibility::Facing::back
+                    || !scene::reflects(scene.instances[hit.instance].role))
                     return;
                 if (h == 0)
                     left *= share_of(source, glm::dvec3(ray.direction), double(hit.t) * frame.unit);

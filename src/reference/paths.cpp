@@ -4,6 +4,7 @@
 #include "reference/sampling.h"
 #include "scene/material.h"
 #include "scene/names.h"
+#include "scene/roles.h"
 #include "scene/sky.h"
 
 #include <glm/gtc/constants.hpp>
@@ -79,9 +80,12 @@ glm::dvec3 Paths::illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays) co
 }
 
 glm::dvec3 Paths::emission(const visibility::Hit& hit) const {
-    const Mesh& mesh = scene_.meshes[size_t(scene_.instances[hit.instance].mesh)];
+    const Instance& instance = scene_.instances[hit.instance];
+    if (instance.role == Role::cast_only)
+        return glm::dvec3(0.0);
+    const Mesh& mesh = scene_.meshes[size_t(instance.mesh)];
     const glm::dvec3 covered = scene::sample_emission(scene_, mesh, hit.triangle, hit.barycentric);
-    if (covered == glm::dvec3(0.0))
+    if (covered == glm::dvec3(0.0) || instance.role == Role::lights_only)
         return covered;
     // The hit was drawn with probability alpha already, which sample_emission holds as a factor.
     return covered
@@ -120,6 +124,16 @@ std::optional<Paths::Met> Paths::meet(const Emitters::Target& target, glm::vec3 
     if (!(lobe.density(towards) > 0.0))
         return std::nullopt;
     ++rays;
+    if (target.unmet) {
+        visibility::Hit hit = *target.unmet;
+        if (hit.facing == visibility::Facing::front
+            && glm::dot(glm::dvec3(hit.normal), towards) > 0.0)
+            return std::nullopt;
+        hit.t = float(distance);
+        hit.tint = visibility_.filter({origin, glm::vec3(towards), 0.0f,
+                                       float(std::max(0.0, distance - ray_offset(target.point)))});
+        return Met{towards, hit};
+    }
     const float end = float(distance + ray_offset(target.point));
     const visibility::Hit hit = visibility_.closest({origin, glm::vec3(towards), 0.0f, end});
     // Of two triangles at one place only one is ever hit, and only it may count.
@@ -135,7 +149,9 @@ Paths::Glimpse Paths::aim(glm::vec3 origin, const Lobe& lobe, int reflections, P
     const auto met = meet(emitters_.target(sampler.pair()), origin, lobe, rays);
     if (!met)
         return {};
-    const double path = density_of(met->hit, origin, met->towards, lobe, reflections);
+    const double path = scene::blocks(scene_.instances[met->hit.instance].role)
+                            ? density_of(met->hit, origin, met->towards, lobe, reflections)
+                            : 0.0;
     return {met->towards, glm::dvec3(met->hit.tint) * emission(met->hit)
                               * (lobe.density(met->towards)
                                  / (path + emitters_.density(met->hit, met->towards)))};
@@ -161,12 +177,15 @@ Paths::Glimpse Paths::aim_at_sky(glm::vec3 origin, const Lobe& lobe, int reflect
 
 Paths::Bounce Paths::bounce_of(const visibility::Hit& hit, glm::vec3 origin,
                                glm::dvec3 towards) const {
-    const Mesh& mesh = scene_.meshes[size_t(scene_.instances[hit.instance].mesh)];
+    const Instance& instance = scene_.instances[hit.instance];
+    const Mesh& mesh = scene_.meshes[size_t(instance.mesh)];
     glm::dvec3 n{hit.normal};
     if (glm::dot(n, towards) > 0.0)
         n = -n;
     return {off_surface(glm::dvec3(origin) + double(hit.t) * towards, n), n,
-            glm::dvec3(scene::sample_surface(scene_, mesh, hit.triangle, hit.barycentric).albedo)};
+            scene::reflects(instance.role) ? glm::dvec3(
+                scene::sample_surface(scene_, mesh, hit.triangle, hit.barycentric).albedo)
+                                           : glm::dvec3(0.0)};
 }
 
 double Paths::share_of_path(const visibility::Hit& hit, glm::vec3 origin, glm::dvec3 towards,

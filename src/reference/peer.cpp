@@ -1,5 +1,6 @@
 #include "reference/peer.h"
 
+#include "lpvbake/error.h"
 #include "reference/sampling.h"
 #include "scene/material.h"
 #include "scene/sky.h"
@@ -123,9 +124,14 @@ PeerWork::PeerWork(const Scene& of, const visibility::Visibility& rays, const sc
       emitters(how.paths.emitters && scene::has_emitters(of)),
       sky(scene::has_sky(of)),
       across(1.01f * glm::length(rays.hi() - rays.lo()) + 1.0f) {
+    check_peer(scene);
     for (const Instance& instance : scene.instances) {
         const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
         const Material& material = scene.materials[size_t(mesh.material)];
+        if (instance.role == Role::cast_only) {
+            surfaces.push_back({true, false, glm::vec3(0.0f), glm::vec3(0.0f)});
+            continue;
+        }
         surfaces.push_back({material.base_color_texture < 0 && mesh.colors.empty()
                                 && (material.emission_texture < 0 || !emitters),
                             emitters && material.emission != glm::vec3(0.0f),
@@ -453,6 +459,15 @@ PeerField empty_field(const PeerWork& work) {
 }
 
 } // namespace
+
+void check_peer(const Scene& scene) {
+    if (scene::any_of_role(scene, [](Role role) { return role == Role::lights_only; }))
+        throw Error(
+            ErrorKind::unsupported,
+            scene.path
+                + ": has surfaces of `lights_only`, which rays of path-traced probes do not "
+                  "meet; leave these out with `no_peer`");
+}
 
 PeerField trace_peer(const Scene& scene, const visibility::Visibility& visibility,
                      const scene::Frame& frame, std::span<const glm::vec3> points,

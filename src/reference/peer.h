@@ -47,7 +47,12 @@ struct PeerField {
     uint64_t traced = 0; ///< rays in all, reflected and shadow rays included
 };
 
-/// Traces probes at `points` (frame units) on all threads; the same bits for any number of them.
+/// Throws Error (unsupported) for a scene with surfaces that no ray meets but whose emission
+/// lights.
+void check_peer(const Scene& scene);
+
+/// Throws Error as check_peer. Traces probes at `points` (frame units) on all threads; the same
+/// bits for any number of them.
 PeerField trace_peer(const Scene& scene, const visibility::Visibility& visibility,
                      const scene::Frame& frame, std::span<const glm::vec3> points,
                      const PeerSettings& settings);

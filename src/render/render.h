@@ -13,8 +13,8 @@ namespace lpvbake::render {
 struct LitScene {
     const Scene& scene;
     const scene::Frame& frame;
-    const visibility::Visibility& visibility;
-    const reference::Paths& paths; ///< its rules say which light the field holds
+    const visibility::Visibility& visibility; ///< of what an eye sees (eye_of)
+    const reference::Paths& paths;            ///< its rules say which light the field holds
 };
 
 struct ViewSettings {

@@ -23,6 +23,14 @@ visibility::Ray ray_from(const scene::Frame& frame, glm::dvec3 point, glm::dvec3
 
 } // namespace
 
+std::optional<visibility::Visibility> eye_of(const Scene& scene, const scene::Frame& frame) {
+    const auto differs = [](Role role) { return scene::blocks(role) != scene::is_asked(role); };
+    if (!scene::any_of_role(scene, differs))
+        return std::nullopt;
+    return std::optional<visibility::Visibility>(std::in_place, scene, frame,
+                                                 visibility::Isa::automatic, scene::is_asked);
+}
+
 Camera look_at(glm::dvec3 eye, glm::dvec3 target, double yfov) {
     const glm::dvec3 back = glm::normalize(eye - target);
     glm::dvec3 right = glm::cross(glm::dvec3(0, 1, 0), back);

@@ -4,7 +4,12 @@
 #include "scene/light_view.h"
 #include "visibility/visibility.h"
 
+#include <optional>
+
 namespace lpvbake::render {
+
+/// What an eye sees (scene::is_asked), in the frame, where that is not what light meets; else none.
+std::optional<visibility::Visibility> eye_of(const Scene& scene, const scene::Frame& frame);
 
 /// A camera at `eye` that looks at `target` (world, metres), +Y up in the picture; +Z where it
 /// looks along Y. yfov in radians.

@@ -1,6 +1,7 @@
 #include "report/describe.h"
 
 #include "report/json.h"
+#include "scene/roles.h"
 #include "text.h"
 #include "volume/compare.h"
 
@@ -118,6 +119,57 @@ std::string box_text(const Bounds& box) {
                   box.hi.x, box.hi.y, box.hi.z);
 }
 
+/// What stands there in a role other than the full one.
+struct RoleCount {
+    const char* role;
+    std::size_t placed = 0; ///< meshes
+    uint64_t triangles = 0;
+    std::vector<std::string> meshes = {}; ///< names, each once
+};
+
+std::vector<RoleCount> count_roles(const Scene& scene) {
+    std::vector<RoleCount> counts;
+    for (const Role role : {Role::receive_only, Role::cast_only, Role::lights_only}) {
+        RoleCount count{scene::name_of(role)};
+        for (const Instance& instance : scene.instances) {
+            if (instance.role != role)
+                continue;
+            const Mesh& mesh = scene.meshes[std::size_t(instance.mesh)];
+            ++count.placed;
+            count.triangles += mesh.triangles.size();
+            if (!mesh.name.empty()
+                && std::ranges::find(count.meshes, mesh.name) == count.meshes.end())
+                count.meshes.push_back(mesh.name);
+        }
+        if (count.placed > 0)
+            counts.push_back(std::move(count));
+    }
+    return counts;
+}
+
+Json roles_json(const Scene& scene) {
+    Json list = Json::array();
+    for (const RoleCount& count : count_roles(scene))
+        list.push_back({{"role", count.role},
+                        {"placed", count.placed},
+                        {"triangles", count.triangles},
+                        {"meshes", count.meshes}});
+    return list;
+}
+
+std::string roles_text(const Scene& scene) {
+    std::string text;
+    for (const RoleCount& count : count_roles(scene)) {
+        text += format("%-9s  %s: %s, %s", text.empty() ? "roles" : "", count.role,
+                       counted(count.placed, "placed mesh", "placed meshes").c_str(),
+                       counted(count.triangles, "triangle").c_str());
+        for (std::size_t i = 0; i < count.meshes.size(); ++i)
+            text += format("%s\"%s\"", i == 0 ? "  " : ", ", count.meshes[i].c_str());
+        text += '\n';
+    }
+    return text;
+}
+
 struct NamedBox {
     std::string name;
     Bounds box;
@@ -217,6 +269,7 @@ Json scene_json(const std::string& path, const Scene& scene, const std::string& 
         {"instances", scene.instances.size()},
         {"bounds", bounds.empty() ? Json(nullptr) : box_json(bounds)},
         {"nodes", nodes_json(scene)},
+        {"roles", roles_json(scene)},
         {"materials", materials_json(scene)},
         {"textures", scene.textures.size()},
         {"images", Json::array()},
@@ -275,6 +328,7 @@ std::string scene_text(const std::string& path, const Scene& scene, const std::s
                        size.y, size.z);
     }
     text += nodes_text(scene);
+    text += roles_text(scene);
     text +=
         format("materials  %zu: %td emissive, %td mask, %td blend, %td double-sided",
                scene.materials.size(), count.emissive, count.mask, count.blend, count.double_sided);

@@ -2,6 +2,7 @@
 
 #include "reference/sampler.h"
 #include "scene/material.h"
+#include "scene/roles.h"
 
 #include <glm/gtc/constants.hpp>
 
@@ -63,6 +64,8 @@ std::vector<Piece> pieces_in(const Scene& scene, const Bounds& box) {
     std::vector<Piece> pieces;
     double sum = 0;
     for (std::size_t instance = 0; instance < scene.instances.size(); ++instance) {
+        if (!scene::is_asked(scene.instances[instance].role))
+            continue;
         const Mesh& mesh = scene.meshes[std::size_t(scene.instances[instance].mesh)];
         for (uint32_t triangle = 0; triangle < mesh.triangles.size(); ++triangle) {
             const auto [a, b, c] = corners(scene, instance, triangle);

@@ -440,6 +440,8 @@ std::size_t floor_index(int order) {
 SceneReport measure_scene(const Scene& scene, const std::vector<SweepRow>& rows,
                           const ReportSettings& settings, const gpu::Device& device,
                           Progress& progress) {
+    if (settings.peer)
+        reference::check_peer(scene);
     SceneReport report;
     report.path = scene.path;
     report.triangles = scene::triangle_count(scene);

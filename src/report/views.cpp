@@ -43,14 +43,16 @@ Views draw_views(const Scene& scene, const visibility::Visibility& visibility,
     constexpr double usual_aspect = 4.0 / 3;
     render::ViewSettings view;
     view.show = show;
+    const std::optional<visibility::Visibility> eye = render::eye_of(scene, frame);
+    const visibility::Visibility& seen = eye ? *eye : visibility;
     view.camera = render::choose_camera(
-        {}, scene, {grid.origin, grid.origin + grid.cell * glm::dvec3(grid.dims)}, visibility,
-        frame, usual_aspect);
+        {}, scene, {grid.origin, grid.origin + grid.cell * glm::dvec3(grid.dims)}, seen, frame,
+        usual_aspect);
     const double aspect = view.camera.aspect > 0 ? view.camera.aspect : usual_aspect;
     view.size = {int(std::round(std::clamp(aspect, 0.5, 2.0) * height)), height};
 
     const reference::Paths traced_by(scene, visibility, frame, rules);
-    const render::LitScene lit{scene, frame, visibility, traced_by};
+    const render::LitScene lit{scene, frame, seen, traced_by};
     view.samples = paths;
     const render::Rendering traced = render::trace_picture(lit, view, progress);
     const double ev = render::automatic_exposure(traced.picture, show);
@@ -64,7 +66,7 @@ Views draw_views(const Scene& scene, const visibility::Visibility& visibility,
                 .traced = image::encode_png(truth, "view"),
                 .shown = {}};
 
-    const raster::Raster raster(device, scene, frame);
+    const raster::Raster raster(device, scene, frame, scene::is_asked);
     view.samples = samples;
     const auto add = [&](const std::string& what, const readers::Reader& reader,
                          const Volume& written) {

@@ -1,5 +1,6 @@
 #include "scene/scene.h"
 
+#include "scene/roles.h"
 #include "scene/sky.h"
 
 #include <glm/gtc/type_precision.hpp>
@@ -21,6 +22,16 @@ std::vector<uint32_t> used_vertices(const Mesh& mesh) {
             indices.push_back(i);
     return indices;
 }
+
+/// Whether the scene's box is that of a role's surfaces.
+class Bounded {
+public:
+    explicit Bounded(const Scene& scene) : all_(!any_of_role(scene, is_asked)) {}
+    bool operator()(const Instance& instance) const { return all_ || is_asked(instance.role); }
+
+private:
+    bool all_;
+};
 
 bool emits(const Scene& scene, const Material& material) {
     if (material.emission_texture < 0)
@@ -44,8 +55,13 @@ Bounds trimmed_bounds(const Scene& scene, double share) {
     const glm::dvec3 scale = 1.0 / glm::max(bin_size, glm::dvec3(1e-300));
     // How many triangles start and how many end in each bin of each axis.
     std::vector<glm::u64vec3> starts(bins), ends(bins);
+    const Bounded is_bounded(scene);
+    uint64_t triangles = 0;
     for (const Instance& instance : scene.instances) {
+        if (!is_bounded(instance))
+            continue;
         const Mesh& mesh = scene.meshes[instance.mesh];
+        triangles += mesh.triangles.size();
         std::vector<glm::ivec3> bin_of;
         for (const glm::vec3& position : mesh.positions) {
             const glm::dvec3 p(instance.to_world * glm::dvec4(position, 1.0));
@@ -60,7 +76,7 @@ Bounds trimmed_bounds(const Scene& scene, double share) {
                 ++ends[high][axis];
             }
     }
-    const auto cut = uint64_t(share * double(triangle_count(scene)));
+    const auto cut = uint64_t(share * double(triangles));
     Bounds trimmed;
     for (int axis = 0; axis < 3; ++axis) {
         int low = 0, high = bins - 1;
@@ -118,6 +134,8 @@ bool has_sky(const Scene& scene) {
 
 bool has_reflectors(const Scene& scene) {
     for (const Instance& instance : scene.instances) {
+        if (!reflects(instance.role))
+            continue;
         const Mesh& mesh = scene.meshes[instance.mesh];
         const Material& material = scene.materials[mesh.material];
         glm::vec3 albedo = scene.rules.max_albedo * glm::vec3(material.base_color);
@@ -140,10 +158,25 @@ bool has_reflectors(const Scene& scene) {
     return false;
 }
 
+const char* name_of(Role role) {
+    switch (role) {
+    case Role::full:
+        return "full";
+    case Role::receive_only:
+        return "receive-only";
+    case Role::cast_only:
+        return "cast-only";
+    case Role::lights_only:
+        return "lights-only";
+    }
+    return "";
+}
+
 bool has_emitters(const Scene& scene) {
     std::vector<bool> placed(scene.materials.size());
     for (const Instance& instance : scene.instances)
-        if (const Mesh& mesh = scene.meshes[instance.mesh]; !mesh.triangles.empty())
+        if (const Mesh& mesh = scene.meshes[instance.mesh];
+            !mesh.triangles.empty() && shines(instance.role))
             placed[mesh.material] = true;
     for (size_t i = 0; i < placed.size(); ++i)
         if (placed[i] && emits(scene, scene.materials[i]))
@@ -156,7 +189,12 @@ bool has_emitters(const Scene& scene) {
 namespace lpvbake {
 
 Bounds bounds_of(const Scene& scene) {
-    return scene::union_of(scene::instance_boxes(scene));
+    const scene::Bounded is_bounded(scene);
+    std::vector<Bounds> boxes = scene::instance_boxes(scene);
+    for (size_t i = 0; i < boxes.size(); ++i)
+        if (!is_bounded(scene.instances[i]))
+            boxes[i] = {};
+    return scene::union_of(boxes);
 }
 
 } // namespace lpvbake

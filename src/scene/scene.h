@@ -12,8 +12,9 @@ namespace lpvbake::scene {
 /// invalid for a light (see check_light). What load_gltf gives holds.
 void check_scene(const Scene& scene);
 
-/// The box that is left when, along each axis, the share `share` of the placed triangles that reach
-/// lowest and the share that reach highest are left out; on a raster of 1/1024 of the bounds.
+/// The box of the scene's (bounds_of) that is left when, along each axis, the share `share` of the
+/// placed triangles that reach lowest and the share that reach highest are left out; on a raster of
+/// 1/1024 of the bounds.
 Bounds trimmed_bounds(const Scene& scene, double share);
 
 /// The box around each instance; empty where it has no triangle.
@@ -24,7 +25,7 @@ Bounds union_of(std::span<const Bounds> boxes);
 /// Number of placed triangles (instances counted as often as they are placed).
 uint64_t triangle_count(const Scene& scene);
 
-/// True if any placed surface has an emission above zero.
+/// True if any placed surface has an emission above zero that lights others.
 bool has_emitters(const Scene& scene);
 
 /// True if any placed surface is not black to light that falls on it.

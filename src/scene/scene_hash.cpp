@@ -66,8 +66,11 @@ std::string scene_hash(const Scene& scene) {
         hash.add(mesh.colors);
         hash.add(mesh.triangles);
     }
-    for (const Instance& instance : scene.instances)
+    for (const Instance& instance : scene.instances) {
         hash.add(instance.mesh, instance.to_world);
+        if (instance.role != Role::full)
+            hash.add(instance.role);
+    }
     for (const Light& light : scene.lights)
         hash.add(light.type, light.color, light.intensity, light.position, light.direction,
                  light.range, light.inner_cone, light.outer_cone);

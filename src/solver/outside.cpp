@@ -3,6 +3,7 @@
 #include "solver/models.h"
 #include "text.h"
 #include "visibility/validity.h"
+#include "volume/adjust.h"
 #include "volume/volume.h"
 
 #include <algorithm>
@@ -12,6 +13,7 @@ namespace lpvbake::solver {
 void find_validity(const Inputs& inputs, Stages& stages, Volume& volume) {
     stages.begin("validity");
     volume.validity = visibility::trace_validity(inputs.visibility, inputs.grid.dims);
+    volume::adjust_validity(inputs.adjust, volume);
     stages.end(outside_geometry(volume.validity));
 }
 

@@ -32,6 +32,9 @@ struct Frame;
 namespace surface {
 struct LitSurfaces;
 }
+namespace volume {
+struct Adjustment;
+}
 namespace visibility {
 class Visibility;
 }
@@ -60,6 +63,7 @@ struct Inputs {
     /// hold all light.
     const surface::LitSurfaces* lit;
     ReflectiveMaps maps;
+    std::span<const volume::Adjustment> adjust = {}; ///< of validity
     /// Of nested grids of a kind with Nesting::coupled: the inputs of the finest, whose frame has
     /// the levels around it, and the solvers of those around this one, the next first, which have
     /// solved theirs. `lit` is in the finest's frame, and with its inputs alone.

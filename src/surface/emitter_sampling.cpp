@@ -32,8 +32,9 @@ EmitterSampling::Sample EmitterSampling::sample(float pick, glm::vec2 weights) c
     const auto found = std::upper_bound(cumulative_.begin(), cumulative_.end() - 1, double(pick));
     const auto at = size_t(found - cumulative_.begin());
     const Patch& patch = emitters_[at];
-    return {patch.at(weights), patch.normal, patch.double_sided, patch.emission,
-            density(patch, favours_.empty() ? 1.0 : favours_[at])};
+    return {patch.at(weights),  patch.normal,
+            patch.double_sided, patch.met,
+            patch.emission,     density(patch, favours_.empty() ? 1.0 : favours_[at])};
 }
 
 float EmitterSampling::density(const Patch& patch, double favour) const {

@@ -25,6 +25,7 @@ public:
         glm::vec3 point;     ///< frame units
         glm::vec3 normal;    ///< of the front
         bool double_sided;   ///< glows to both sides
+        bool met;            ///< rays may meet it by chance
         glm::vec3 luminance; ///< mean of the patch, nits
         float density;       ///< of the point, per unit of area
     };

@@ -16,6 +16,7 @@
 
 #include <glm/gtc/constants.hpp>
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_for_each.h>
 
 #include <algorithm>
 #include <cmath>
@@ -161,7 +162,8 @@ glm::vec3 aimed(const From& side, const EmitterSampling& emitters, int aimed_ray
         if (!(distance > 0.0f && cosine > 0.0f && there > 0.0f))
             continue;
         const float aim = to.density * square / there; // per solid angle
-        const float density = float(aimed_rays) * aim + float(rays) * cosine / glm::pi<float>();
+        const float by_chance = to.met ? float(rays) * cosine / glm::pi<float>() : 0.0f;
+        const float density = float(aimed_rays) * aim + by_chance;
         const float end = std::max(0.0f, 1.0f - 2.0f * ray_offset(to.point) / distance);
         sum += to.luminance * (cosine / density) * visibility.filter({from, way, 0.0f, end});
     }
@@ -508,6 +510,7 @@ LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& vis
         PatchCover cover = cover_surfaces(scene, frame, visibility, 1.0f);
         lit.patches = std::move(cover.patches);
         lit.tree = std::move(cover.tree);
+        lit.receivers = std::move(cover.receivers);
     }
     const Direct direct =
         settings.bounces != 0 ? light_directly(scene, frame, lit, progress) : Direct{};
@@ -742,13 +745,14 @@ LitSurfaces in_frame(LitSurfaces lit, const scene::Frame& own, const scene::Fram
         return lit;
     const auto scale = float(own.unit / other.unit);
     const glm::vec3 offset(other.from_world(own.origin));
-    tbb::parallel_for(size_t(0), lit.patches.size(), [&](size_t i) {
-        Patch& patch = lit.patches[i];
+    const auto move = [&](Patch& patch) {
         patch.position = scale * patch.position + offset;
         patch.edge_u *= scale;
         patch.edge_v *= scale;
         patch.area *= scale * scale;
-    });
+    };
+    tbb::parallel_for_each(lit.patches, move);
+    tbb::parallel_for_each(lit.receivers, move);
     return lit;
 }
 

@@ -25,6 +25,7 @@ struct LightingSettings {
 struct LitSurfaces {
     std::vector<Patch> patches; ///< of area 0 where another surface lies on it
     PatchTree tree;
+    std::vector<Patch> receivers; ///< light is wanted on them, but they are not there for it
     const visibility::Visibility* visibility =
         nullptr; ///< of the same scene and frame; outlives this
     /// luminance[2 * patch + side]: what leaves the covered part of the front (side 0) or the back

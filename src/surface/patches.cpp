@@ -3,6 +3,7 @@
 #include "lpvbake/error.h"
 #include "scene/emission.h"
 #include "scene/material.h"
+#include "scene/roles.h"
 #include "surface/cutting.h"
 #include "surface/in_place.h"
 
@@ -116,7 +117,8 @@ std::vector<LampBox> lamp_boxes(const Scene& scene, const scene::Frame& frame) {
     std::vector<LampBox> boxes;
     for (const Instance& instance : scene.instances) {
         const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
-        if (scene.materials[size_t(mesh.material)].emission == glm::vec3(0.0f))
+        if (scene.materials[size_t(mesh.material)].emission == glm::vec3(0.0f)
+            || !scene::shines(instance.role))
             continue;
         LampBox& box = boxes.emplace_back();
         for (const glm::vec3& p : scene::positions_in_frame(scene, instance, frame)) {
@@ -137,7 +139,8 @@ public:
     const float max_edge;
     const Walls* walls; ///< none: only what lies in the grid, and no tree
     const bool textured;
-    const bool tinting;                  ///< what covers nothing is there all the same
+    const bool tinting; ///< what covers nothing is there all the same
+    const bool reflects;
     const scene::EmissionMaps* emission; ///< none: nothing emits
     const std::vector<LampBox>& lamps;
     std::atomic<uint64_t>& made; ///< patches so far, of the whole scene
@@ -337,7 +340,8 @@ private:
 
     bool glows(uint32_t instance) const {
         const Mesh& of = scene.meshes[size_t(scene.instances[instance].mesh)];
-        return scene.materials[size_t(of.material)].emission != glm::vec3(0.0f);
+        return scene.materials[size_t(of.material)].emission != glm::vec3(0.0f)
+               && scene::shines(scene.instances[instance].role);
     }
 
     /// True if the piece's light comes from a part of it, that a patch would spread.
@@ -374,7 +378,8 @@ private:
                             + " patches of surface lie in the grid; lower `resolution`");
         if (walls) {
             nodes[node] = {uint32_t(patches.size()), false, 0, above.crossed, above.cover};
-            if (!walls->on_trial && patch.alpha >= 1.0f && is_hidden(walls->visibility, patch))
+            if (!walls->on_trial && patch.met && patch.alpha >= 1.0f
+                && is_hidden(walls->visibility, patch))
                 patch.area = 0.0f;
         }
         patches.push_back(patch);
@@ -390,7 +395,8 @@ private:
             const scene::SurfaceSample surface =
                 scene::sample_surface(scene, mesh, patch.triangle, b);
             alpha += surface.alpha;
-            albedo += surface.alpha * surface.albedo;
+            if (reflects)
+                albedo += surface.alpha * surface.albedo;
         }
         patch.albedo = alpha > 0.0f ? albedo / alpha : glm::vec3(0.0f);
         patch.alpha = alpha / float(points.size());
@@ -401,8 +407,10 @@ private:
 Cutter blank_cutter(const Scene& scene, uint32_t index, const Boxes& boxes, float max_edge,
                     const Walls* walls, const scene::EmissionMaps* emission,
                     const std::vector<LampBox>& lamps, std::atomic<uint64_t>& made) {
+    const Role role = scene.instances[index].role;
     const Mesh& mesh = scene.meshes[size_t(scene.instances[index].mesh)];
     const Material& material = scene.materials[size_t(mesh.material)];
+    const bool glows = material.emission != glm::vec3(0.0f) && scene::shines(role);
     Cutter blank{scene,
                  mesh,
                  boxes,
@@ -411,7 +419,8 @@ Cutter blank_cutter(const Scene& scene, uint32_t index, const Boxes& boxes, floa
                  scene::is_partly_clear(material) || material.emission_texture >= 0
                      || material.base_color_texture >= 0 || !mesh.colors.empty(),
                  scene::is_tinting(scene, mesh),
-                 material.emission != glm::vec3(0.0f) ? emission : nullptr,
+                 scene::reflects(role),
+                 glows ? emission : nullptr,
                  lamps,
                  made,
                  {},
@@ -421,11 +430,21 @@ Cutter blank_cutter(const Scene& scene, uint32_t index, const Boxes& boxes, floa
                  {}};
     blank.source.instance = index;
     blank.source.double_sided = material.double_sided;
+    blank.source.met = scene::blocks(role);
+    blank.source.asked = scene::is_asked(role);
     if (!blank.textured && !mesh.triangles.empty()) {
-        blank.source.albedo = scene::sample_surface(scene, mesh, 0, glm::vec2(1.0f / 3.0f)).albedo;
-        blank.source.emission = material.emission;
+        if (blank.reflects)
+            blank.source.albedo =
+                scene::sample_surface(scene, mesh, 0, glm::vec2(1.0f / 3.0f)).albedo;
+        if (glows)
+            blank.source.emission = material.emission;
     }
     return blank;
+}
+
+/// Whether light is not the same with surfaces of a role as without.
+bool acts(Role role) {
+    return scene::blocks(role) || scene::shines(role);
 }
 
 /// The pieces of an instance, by runs.
@@ -458,8 +477,10 @@ std::vector<Cutter> cut_instance(const Scene& scene, uint32_t index, const scene
     return runs;
 }
 
+/// Of the roles that `is_there` tells.
 std::vector<std::vector<Cutter>> cut_scene(const Scene& scene, const scene::Frame& frame,
-                                           float max_edge, const Walls* walls) {
+                                           float max_edge, const Walls* walls,
+                                           bool (*is_there)(Role)) {
     std::vector<std::vector<Cutter>> parts(scene.instances.size());
     std::atomic<uint64_t> made = 0;
     // What does not light is asked for its cover alone.
@@ -467,8 +488,9 @@ std::vector<std::vector<Cutter>> cut_scene(const Scene& scene, const scene::Fram
         walls ? std::optional<scene::EmissionMaps>(scene) : std::nullopt;
     const std::vector<LampBox> lamps = walls ? lamp_boxes(scene, frame) : std::vector<LampBox>{};
     tbb::parallel_for(size_t(0), parts.size(), [&](size_t i) {
-        parts[i] = cut_instance(scene, uint32_t(i), frame, max_edge, walls,
-                                emission ? &*emission : nullptr, lamps, made);
+        if (is_there(scene.instances[i].role))
+            parts[i] = cut_instance(scene, uint32_t(i), frame, max_edge, walls,
+                                    emission ? &*emission : nullptr, lamps, made);
     });
     return parts;
 }
@@ -481,7 +503,8 @@ bool is_covered(const visibility::Visibility& visibility, glm::vec3 point, glm::
 
 std::vector<Patch> make_patches(const Scene& scene, const scene::Frame& frame, float max_edge) {
     std::vector<Patch> patches;
-    for (const std::vector<Cutter>& runs : cut_scene(scene, frame, max_edge, nullptr))
+    for (const std::vector<Cutter>& runs :
+         cut_scene(scene, frame, max_edge, nullptr, scene::blocks))
         for (const Cutter& run : runs)
             patches.insert(patches.end(), run.patches.begin(), run.patches.end());
     return patches;
@@ -490,7 +513,7 @@ std::vector<Patch> make_patches(const Scene& scene, const scene::Frame& frame, f
 PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,
                           const visibility::Visibility& visibility, float max_edge) {
     const Walls walls{visibility};
-    std::vector<std::vector<Cutter>> parts = cut_scene(scene, frame, max_edge, &walls);
+    std::vector<std::vector<Cutter>> parts = cut_scene(scene, frame, max_edge, &walls, acts);
     PatchCover cover;
     PatchTree& tree = cover.tree;
     struct Run {
@@ -532,6 +555,11 @@ PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,
         std::ranges::transform(cut.nodes, tree.nodes.data() + run.node, moved);
         std::ranges::copy(cut.patches, cover.patches.data() + run.patch);
     });
+    const auto receives = [](Role role) { return scene::is_asked(role) && !acts(role); };
+    if (scene::any_of_role(scene, receives))
+        for (const std::vector<Cutter>& part : cut_scene(scene, frame, max_edge, &walls, receives))
+            for (const Cutter& cut : part)
+                std::ranges::copy(cut.patches, std::back_inserter(cover.receivers));
     return cover;
 }
 

@@ -28,6 +28,8 @@ struct Patch {
     bool crossed = false;
     /// Near the end of a lamp close above: it is as small as the gap between them.
     bool fading = false;
+    bool met = true;   ///< by rays: false for what but shines
+    bool asked = true; ///< light is wanted on it
     uint8_t under = 0; ///< the sides whose centroids lie under such a lamp (bit 0: front, 1: back)
 
     /// Luminance that its covered part sends by itself, nits.
@@ -48,7 +50,7 @@ float ray_offset(glm::vec3 point);
 
 /// Cuts every placed triangle into patches whose edges are at most `max_edge` units long and drops
 /// those outside the grid. Zero-area triangles give none. Throws Error (memory) beyond 2^25
-/// patches.
+/// patches. Of what blocks light alone.
 std::vector<Patch> make_patches(const Scene& scene, const scene::Frame& frame, float max_edge);
 
 /// Which patch a point of a triangle belongs to: the halvings that made the patches, kept. Where
@@ -121,6 +123,7 @@ struct PatchCover {
     /// Of two surfaces in one place only one is seen: the patches of the other have area 0.
     std::vector<Patch> patches;
     PatchTree tree;
+    std::vector<Patch> receivers; ///< of surfaces that receive light alone, which are none of those
 };
 
 /// Cuts every placed triangle into patches of at most `max_edge` units; outside the grid they may

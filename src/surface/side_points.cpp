@@ -50,9 +50,13 @@ SidePoints draw_side_points(const LitSurfaces& lit, glm::vec3 extent,
     std::vector<uint32_t> sides;
     std::vector<double> up_to;
     double whole = 0;
-    for (size_t i = 0; i < lit.patches.size(); ++i) {
-        const Patch& patch = lit.patches[i];
-        if (!(patch.area > 0.0f))
+    const size_t met = lit.patches.size();
+    const auto patch_at = [&](size_t i) -> const Patch& {
+        return i < met ? lit.patches[i] : lit.receivers[i - met];
+    };
+    for (size_t i = 0; i < met + lit.receivers.size(); ++i) {
+        const Patch& patch = patch_at(i);
+        if (!(patch.area > 0.0f && patch.asked))
             continue;
         const glm::vec3 a = patch.at({0, 0}), b = patch.at({1, 0}), c = patch.at({0, 1});
         if (glm::any(glm::lessThan(glm::max(a, glm::max(b, c)), glm::vec3(0.0f)))
@@ -74,7 +78,7 @@ SidePoints draw_side_points(const LitSurfaces& lit, glm::vec3 extent,
         const auto place = std::min<std::ptrdiff_t>(
             std::ranges::upper_bound(up_to, wanted) - up_to.begin(), std::ssize(up_to) - 1);
         const uint32_t side = sides[size_t(place)];
-        const Patch& patch = lit.patches[side / 2];
+        const Patch& patch = patch_at(side / 2);
         const double root = std::sqrt(van_der_corput(i, 2, 3 * settings.seed));
         const double along = van_der_corput(i, 3, 3 * settings.seed + 1);
         const glm::vec3 at = patch.at({float(root * (1 - along)), float(root * along)});

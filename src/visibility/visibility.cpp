@@ -406,7 +406,8 @@ Visibility Visibility::in_frame(const scene::Frame& own, const scene::Frame& oth
             to_structure(glm::vec3(own.from_world(other.origin)))};
 }
 
-Visibility::Visibility(const Scene& scene, const scene::Frame& frame, Isa isa)
+Visibility::Visibility(const Scene& scene, const scene::Frame& frame, Isa isa,
+                       bool (*is_there)(Role))
     : Visibility(std::make_shared<Impl>(scene), 1.0f, glm::vec3(0.0f)) {
     Impl& impl = *impl_;
     for (const Material& material : scene.materials) {
@@ -417,6 +418,8 @@ Visibility::Visibility(const Scene& scene, const scene::Frame& frame, Isa isa)
 
     uint64_t vertices = 0, triangles = 0;
     for (const Instance& instance : scene.instances) {
+        if (!is_there(instance.role))
+            continue;
         vertices += scene.meshes[size_t(instance.mesh)].positions.size();
         triangles += scene.meshes[size_t(instance.mesh)].triangles.size();
     }
@@ -443,17 +446,19 @@ Visibility::Visibility(const Scene& scene, const scene::Frame& frame, Isa isa)
     for (uint32_t i = 0; i < scene.instances.size(); ++i) {
         const Instance& instance = scene.instances[i];
         const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
+        impl.mirrored.push_back(scene::is_mirrored(instance));
+        impl.two_fronts.push_back(scene.materials[size_t(mesh.material)].double_sided);
+        impl.tinting.push_back(is_there(instance.role) && scene::is_tinting(scene, mesh));
+        impl.any_tinting |= impl.tinting.back() != 0;
+        impl.attenuation.push_back(scene::attenuation_of(scene, instance));
+        if (!is_there(instance.role))
+            continue;
         const std::vector<glm::vec3> placed = scene::positions_in_frame(scene, instance, frame);
         std::copy(placed.begin(), placed.end(), positions + base);
         for (const glm::vec3& p : placed) {
             impl.lo = glm::min(impl.lo, p);
             impl.hi = glm::max(impl.hi, p);
         }
-        impl.mirrored.push_back(scene::is_mirrored(instance));
-        impl.two_fronts.push_back(scene.materials[size_t(mesh.material)].double_sided);
-        impl.tinting.push_back(scene::is_tinting(scene, mesh));
-        impl.any_tinting |= impl.tinting.back() != 0;
-        impl.attenuation.push_back(scene::attenuation_of(scene, instance));
         for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
             glm::uvec3 v = mesh.triangles[t];
             const glm::vec3 a = placed[v.x], b = placed[v.y], c = placed[v.z];
@@ -466,6 +471,8 @@ Visibility::Visibility(const Scene& scene, const scene::Frame& frame, Isa isa)
         }
         base += uint32_t(placed.size());
     }
+    if (base == 0)
+        impl.lo = impl.hi = glm::vec3(0.0f);
     auto* target = static_cast<glm::uvec3*>(
         rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
                                 sizeof(glm::uvec3), std::max<size_t>(indices.size(), 1)));

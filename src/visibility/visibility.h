@@ -6,6 +6,7 @@
 #pragma once
 
 #include "scene/frame.h"
+#include "scene/roles.h"
 #include "visibility/isa.h"
 
 #include <cstdint>
@@ -76,8 +77,10 @@ float same_place(glm::vec3 point);
 
 class Visibility {
 public:
-    /// Builds the acceleration structure over all placed triangles (zero-area ones are left out).
-    Visibility(const Scene& scene, const scene::Frame& frame, Isa isa = Isa::automatic);
+    /// Builds the acceleration structure over all placed triangles of the roles that are there:
+    /// those that light meets, or that an eye sees (scene::is_asked). Zero-area ones are left out.
+    Visibility(const Scene& scene, const scene::Frame& frame, Isa isa = Isa::automatic,
+               bool (*is_there)(Role) = scene::blocks);
     ~Visibility();
     Visibility(Visibility&&) noexcept;
 

@@ -52,6 +52,88 @@ protected:
     TemporaryFolder folder_;
 };
 
+TEST_F(SceneCli, SurfacesHaveRolesByPatterns) {
+    // Of a room without its boxes no bake knows whether they are not loaded or not there.
+    spill_room("bare.gltf", [](json& room) {
+        for (json& node : room["nodes"])
+            if (node.value("name", "").ends_with("box"))
+                node.erase("mesh");
+    });
+    const Volume bare = bake("bare.gltf"), excluded = bake("\"$ROOM\" --exclude '*box'");
+    EXPECT_EQ(excluded.sh, bare.sh);
+    const std::string box = " --bounds -1,0,-1,1,2,1";
+    EXPECT_EQ(bake("\"$ROOM\" --receive-only 'tall box' --exclude mesh:box" + box).sh,
+              bake("bare.gltf" + box).sh);
+    EXPECT_EQ(bake("\"$ROOM\" --receive-only mesh:box" + box).sh, bake("bare.gltf" + box).sh);
+    EXPECT_NE(bake("\"$ROOM\" --cast-only mesh:box" + box).sh, bake("bare.gltf" + box).sh);
+    EXPECT_NE(bake("\"$ROOM\" --cast-only mesh:box" + box).sh, bake("\"$ROOM\"" + box).sh);
+
+    const json info = run_json("info \"$ROOM\" --receive-only mesh:box --lights-only 'lamp*'");
+    EXPECT_EQ(info["roles"], json::parse(R"([
+        {"role": "receive-only", "placed": 2, "triangles": 24, "meshes": ["box"]},
+        {"role": "lights-only", "placed": 1, "triangles": 2, "meshes": ["lamp"]}])"));
+    EXPECT_NE(run("info \"$ROOM\" --cast-only 'short*'").out.find("cast-only: 1 placed mesh, 12"),
+              std::string::npos);
+
+    const CliResult told = run("bake \"$ROOM\" -o a.vdb --resolution 6 --exclude Door "
+                               "--cast-only extras:gone --no-light bulb");
+    EXPECT_NE(told.err.find("--exclude: \"Door\" fits no"), std::string::npos) << told.err;
+    EXPECT_NE(told.err.find("--cast-only: \"extras:gone\" fits no"), std::string::npos) << told.err;
+    EXPECT_NE(read_volume(folder_ / "a.vdb").metadata.at("settings").find("Door"),
+              std::string::npos);
+    expect_error("bake \"$ROOM\" -o a.vdb --strict --exclude Door", cmd::ExitCode::invalid, "Door");
+    expect_error("bake \"$ROOM\" -o a.vdb --exclude '*'", cmd::ExitCode::invalid, "no triangles");
+
+    // Whoever measures takes them from the volume.
+    run("bake \"$ROOM\" -o b.vdb --resolution 12 --lights-only 'lamp*' --exclude 'tall*'");
+    EXPECT_LT(run_json("verify b.vdb \"$ROOM\" --points 64")["verified"]["cells"]["error"], 0.12);
+    EXPECT_EQ(run("verify b.vdb \"$ROOM\" --points 8").err.find("another scene"),
+              std::string::npos);
+    run("render \"$ROOM\" b.vdb -o b.png --size 16x16 --samples 1 --reference 1");
+    const CliResult report =
+        run_lpvbake(folder_, "report \"$ROOM\" -o r.json --resolution 6 --lights-only 'lamp*' -q");
+    EXPECT_EQ(report.status, int(cmd::ExitCode::unsupported));
+    EXPECT_NE(report.err.find("--no-peer"), std::string::npos) << report.err;
+}
+
+TEST_F(SceneCli, BoxesAdjustWhatIsBaked) {
+    spill(folder_ / "boxes.json", R"({"boxes": [
+        {"box": [-1, 0, -1, 1, 1, 1], "set": "invalid"},
+        {"box": [-1, 1, -1, 1, 2, 1], "set": "valid", "intensity": 2}]})");
+    spill(folder_ / "valid.json", R"({"boxes": [
+        {"box": [-1, 0, -1, 1, 1, 1], "set": "invalid"},
+        {"box": [-1, 1, -1, 1, 2, 1], "set": "valid"}]})");
+    const std::string box = "\"$ROOM\" --bounds -1,0,-1,1,2,1";
+    const Volume plain = bake(box + " --adjust valid.json");
+    const Volume adjusted = bake(box + " --adjust boxes.json");
+    for (std::size_t i = 0; i < plain.grid.size(); ++i) {
+        const bool low = plain.grid.cell_at(i).y < 3;
+        EXPECT_EQ(adjusted.validity[i], low ? 0.0f : 1.0f);
+        if (!low) {
+            EXPECT_EQ(adjusted.sh[0][i], 2.0f * plain.sh[0][i]);
+        }
+    }
+    EXPECT_EQ(adjusted.metadata.at("adjust"),
+              "-1,0,-1,1,1,1 invalid; -1,1,-1,1,2,1 valid intensity 2");
+    const auto refused = [&](const char* text, const char* part,
+                             cmd::ExitCode code = cmd::ExitCode::invalid) {
+        spill(folder_ / "bad.json", text);
+        expect_error("bake \"$ROOM\" -o a.vdb --resolution 6 --adjust bad.json", code, part);
+    };
+    refused("[]", "bad.json: is not JSON of the form");
+    refused(R"({"boxes": []})", "has no box");
+    refused(R"({"boxes": [{"box": [0, 0, 0, 1, 1], "set": "valid"}]})", "boxes[0].box: must be");
+    refused(R"({"boxes": [{"box": [2, 0, 0, 1, 1, 1], "set": "valid"}]})",
+            "boxes[0].box: is inside");
+    refused(R"({"boxes": [{"box": [0, 0, 0, 1, 1, 1]}]})", "boxes[0]: adjusts nothing");
+    refused(R"({"boxes": [{"box": [0, 0, 0, 1, 1, 1], "intensity": -1}]})", "boxes[0].intensity");
+    refused(R"({"boxes": [{"box": [0, 0, 0, 1, 1, 1], "brighter": 1}]})", "\"brighter\"");
+    refused(R"({"boxes": [{"box": [0, 0, 0, 1, 1, 1], "set": "finer"}]})", "\"finer\"",
+            cmd::ExitCode::unsupported);
+    expect_error("bake \"$ROOM\" -o a.vdb --adjust gone.json", cmd::ExitCode::file, "gone.json");
+    expect_error("bake \"$ROOM\" -o a.vdb --adjust a.vdb", cmd::ExitCode::usage, "replace");
+}
+
 TEST_F(SceneCli, LightsThatInfoPrintsAreAFileOfLights) {
     spill_room("room.gltf", [](json& room) {
         json& lights = room["extensions"]["KHR_lights_punctual"]["lights"];

@@ -63,8 +63,10 @@ Scene load(const std::string& path, const LoadSettings& settings) {
     scene.path = document.file;
     scene.rules = settings.rules;
     scene.file = describe(document);
-    Graph graph = walk(document, settings, read_pose(document, settings));
-    const Jobs jobs = collect_jobs(document, settings, graph);
+    Roles roles(document, settings.roles);
+    Graph graph = walk(document, settings, read_pose(document, settings), roles);
+    const Jobs jobs = collect_jobs(document, settings, graph, roles);
+    roles.warn(document.warnings);
 
     std::vector<SourceMaterial> materials;
     size_t unlit = 0;
@@ -88,7 +90,8 @@ Scene load(const std::string& path, const LoadSettings& settings) {
         first_instance.push_back(scene.instances.size());
         const auto [begin, end] = jobs.of_shape[placed.shape];
         for (size_t mesh = begin; mesh < end; ++mesh)
-            scene.instances.push_back({static_cast<int>(mesh), placed.to_world});
+            scene.instances.push_back({static_cast<int>(mesh), placed.to_world,
+                                       roles.role_of(std::max(placed.rule, jobs.jobs[mesh].rule))});
     }
     first_instance.push_back(scene.instances.size());
     for (SceneFile::Node& node : graph.nodes)

@@ -412,7 +412,8 @@ void take_memory(Document& document, const tinygltf::Primitive& primitive, int p
 
 } // namespace
 
-Jobs collect_jobs(Document& document, const LoadSettings& settings, const Graph& graph) {
+Jobs collect_jobs(Document& document, const LoadSettings& settings, const Graph& graph,
+                  Roles& roles) {
     int variant = -1;
     if (!settings.variant.empty())
         variant = find_named(variant_names(document), settings.variant, "`variant`");
@@ -440,14 +441,17 @@ Jobs collect_jobs(Document& document, const LoadSettings& settings, const Graph&
                 ++without_positions;
                 continue;
             }
+            const int material = material_of(primitive, variant);
+            const RoleFit fit = roles.of_material(material);
+            if (fit.excluded)
+                continue;
             take_memory(document, primitive, positions->second, graph.shapes[shape].skin >= 0,
                         place);
-            const int material = material_of(primitive, variant);
             const auto [entry, is_new] =
                 material_index.try_emplace(material, static_cast<int>(result.materials.size()));
             if (is_new)
                 result.materials.push_back(material);
-            result.jobs.push_back({static_cast<int>(shape), i, entry->second});
+            result.jobs.push_back({static_cast<int>(shape), i, entry->second, fit.rule});
         }
         result.of_shape.emplace_back(begin, result.jobs.size());
     }

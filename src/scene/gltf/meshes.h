@@ -15,6 +15,7 @@ struct Job {
     int shape;
     size_t primitive;
     int material; ///< index into Jobs::materials
+    int rule;     ///< of its material (roles.h)
 };
 
 /// The primitives of all placed shapes that hold triangles.
@@ -24,8 +25,9 @@ struct Jobs {
     std::vector<int> materials;                      ///< glTF materials in use, -1: the default
 };
 
-/// Takes the memory that the meshes will need. Throws Error.
-Jobs collect_jobs(Document& document, const LoadSettings& settings, const Graph& graph);
+/// Without what is excluded. Takes the memory that the meshes will need. Throws Error.
+Jobs collect_jobs(Document& document, const LoadSettings& settings, const Graph& graph,
+                  Roles& roles);
 
 /// Decodes all jobs, in their order; warnings go to the document. Throws Error.
 std::vector<Mesh> read_meshes(Document& document, const Graph& graph, const Jobs& jobs,

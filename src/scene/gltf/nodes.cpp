@@ -395,10 +395,11 @@ std::vector<int> scene_roots(Document& document, const LoadSettings& settings,
 
 } // namespace
 
-Graph walk(Document& document, const LoadSettings& settings, const Pose& pose) {
+Graph walk(Document& document, const LoadSettings& settings, const Pose& pose, Roles& roles) {
     struct Visit {
         int node;
-        bool hidden;
+        bool hidden = false;
+        int rule = -1;            ///< of those above
         std::ptrdiff_t left = -1; ///< in Graph::nodes: all below it is placed
     };
     const tinygltf::Model& model = document.model;
@@ -417,31 +418,37 @@ Graph walk(Document& document, const LoadSettings& settings, const Pose& pose) {
     };
     std::vector<Visit> open;
     for (auto root = roots.rbegin(); root != roots.rend(); ++root)
-        open.push_back({*root, false});
+        open.push_back({*root});
     while (!open.empty()) {
-        const auto [index, above_hidden, left] = open.back();
+        const auto [index, above_hidden, above_rule, left] = open.back();
         open.pop_back();
         if (left >= 0) {
             graph.nodes[size_t(left)].end = graph.placed.size();
             continue;
         }
         const tinygltf::Node& node = model.nodes[index];
-        const bool hidden = above_hidden || is_hidden(node);
+        RoleFit fit = roles.of_node(index);
+        fit.rule = std::max(fit.rule, above_rule);
+        const bool hidden = above_hidden || is_hidden(node) || fit.excluded;
+        const int rule = fit.rule; // of what stands below
         if (!node.name.empty()) {
-            open.push_back({index, hidden, std::ssize(graph.nodes)});
+            open.push_back({index, hidden, rule, std::ssize(graph.nodes)});
             graph.nodes.push_back({node.name, graph.placed.size(), 0});
         }
         const std::string node_place = at("nodes", index);
         const glm::dmat4& to_world = worlds[index];
-        if (node.mesh >= 0 && !hidden) {
-            const PlacedShape placed = shapes.place(index);
+        if (node.mesh >= 0)
+            fit.add(roles.of_mesh(node.mesh));
+        if (node.mesh >= 0 && !hidden && !fit.excluded) {
+            PlacedShape placed = shapes.place(index);
+            placed.rule = fit.rule;
             const auto* instancing = find_extension(node.extensions, "EXT_mesh_gpu_instancing");
             if (instancing && node.skin < 0)
                 for (const glm::dmat4& transform :
                      instance_transforms(document, *instancing, node_place)) {
                     if (!is_finite(to_world * transform))
                         document.fail(node_place, "the transform of an instance is not finite");
-                    place({placed.shape, to_world * transform}, node_place);
+                    place({placed.shape, to_world * transform, placed.rule}, node_place);
                 }
             else
                 place(placed, node_place);
@@ -455,7 +462,7 @@ Graph walk(Document& document, const LoadSettings& settings, const Pose& pose) {
             if (const auto camera = placed_camera(document, node.camera, to_world))
                 graph.cameras.push_back(*camera);
         for (auto child = node.children.rbegin(); child != node.children.rend(); ++child)
-            open.push_back({*child, hidden});
+            open.push_back({*child, hidden, rule});
     }
     graph.shapes = std::move(shapes.shapes);
     return graph;

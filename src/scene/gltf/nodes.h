@@ -3,6 +3,7 @@
 
 #include "scene/gltf/animation.h"
 #include "scene/gltf/document.h"
+#include "scene/gltf/roles.h"
 
 namespace lpvbake::scene::gltf {
 
@@ -18,6 +19,7 @@ struct Shape {
 struct PlacedShape {
     int shape;
     glm::dmat4 to_world;
+    int rule = -1; ///< of its node, of those above, and of the mesh (roles.h)
 };
 
 struct Graph {
@@ -29,8 +31,8 @@ struct Graph {
 };
 
 /// Walks the settings' scene in the document's order. Hidden nodes (KHR_node_visibility) place
-/// neither meshes nor lights; a mesh whose transform leaves no area is left out with a warning.
-/// Throws Error, also for nodes that form anything but trees.
-Graph walk(Document& document, const LoadSettings& settings, const Pose& pose);
+/// neither meshes nor lights, nor do those that are excluded; a mesh whose transform leaves no area
+/// is left out with a warning. Throws Error, also for nodes that form anything but trees.
+Graph walk(Document& document, const LoadSettings& settings, const Pose& pose, Roles& roles);
 
 } // namespace lpvbake::scene::gltf

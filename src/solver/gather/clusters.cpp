@@ -23,8 +23,10 @@ std::vector<Emitter> emitters_of(const surface::LitSurfaces& surfaces, float abo
         const surface::Patch& patch = surfaces.patches[i];
         for (size_t side = 0; side < 2; ++side) {
             Emitter e;
+            // What no ray meets is gathered whole.
+            const glm::vec3 luminance = surfaces.luminance[2 * i + side];
             e.luminance =
-                patch.alpha * surface::luminance_above(surfaces.luminance[2 * i + side], above);
+                patch.alpha * (patch.met ? surface::luminance_above(luminance, above) : luminance);
             e.power = (e.luminance.x + e.luminance.y + e.luminance.z) * patch.area;
             if (!(e.power > 0.0f))
                 continue;

@@ -11,6 +11,7 @@
 #include "solver/vpl/lit_vpls.h"
 #include "solver/vpl/vpls.h"
 #include "text.h"
+#include "volume/adjust.h"
 
 #include <algorithm>
 #include <array>
@@ -146,6 +147,7 @@ public:
         else if (mode == Occlusion::sh)
             solved_.transmittance = face_transmittance(geometry, inputs.grid);
         volume.validity = std::move(links.validity);
+        volume::adjust_validity(inputs.adjust, volume);
         stages.end(outside_geometry(volume.validity));
 
         LpvField field = propagate(inject_all(inputs, stages, volume), stages);
