@@ -82,15 +82,17 @@ void add_sampler_option(options::Options& options, const readers::Reader*& sampl
             choices.emplace_back(reader.name, &reader);
     options.choice("--sampler", sampler, choices,
                    "How the volume is read, or by which program; auto: by the one that it is "
-                   "fitted to, else facing");
+                   "fitted to or was written for, else facing");
 }
 
 readers::Reader sampler_for(const readers::Reader* asked, const Volume& volume) {
     if (asked)
         return *asked;
-    const std::string* fit = fact_in(volume, "fit");
-    const readers::Reader* fitted = fit ? readers::reader_named(*fit) : nullptr;
-    const readers::Reader& reader = fitted ? *fitted : *facing;
+    const std::string* of = fact_in(volume, "fit");
+    if (!of)
+        of = fact_in(volume, "target");
+    const readers::Reader* own_reader = of ? readers::reader_named(*of) : nullptr;
+    const readers::Reader& reader = own_reader ? *own_reader : *facing;
     const std::string* own = fact_in(volume, "fit_evaluation");
     const readers::Evaluation* evaluation = own ? readers::evaluation_named(*own) : nullptr;
     return evaluation && reader.gives_coefficients ? readers::with_evaluation(reader, *evaluation)

@@ -33,7 +33,8 @@ void take_light(const std::string& path, const Volume& volume, options::Options&
 
 /// --sampler; null: auto.
 void add_sampler_option(options::Options& options, const readers::Reader*& sampler);
-/// The one that is asked for, else the program that the volume is fitted to, else our own sampler.
+/// The one that is asked for, else the program that the volume is fitted to or was written for,
+/// else our own sampler.
 readers::Reader sampler_for(const readers::Reader* asked, const Volume& volume);
 /// As --sampler has it.
 std::string sampler_name(const readers::Reader& sampler);

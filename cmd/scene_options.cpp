@@ -580,6 +580,9 @@ std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std
                                    const std::optional<PackedScene>& scene) {
     io::Target storage = o.storage();
     storage.pictures.scene = scene ? &*scene : nullptr;
+    volume.metadata.erase("target");
+    if (o.target != io::target_named("generic"))
+        volume.metadata["target"] = o.target->name;
     Volume whole;
     whole.grid = volume.grid;
     whole.sh_order = volume.sh_order;

@@ -3,6 +3,7 @@
 #include "commands.h"
 #include "io/glb.h"
 #include "io/io.h"
+#include "io/target.h"
 #include "lpvbake/error.h"
 #include "read_light.h"
 #include "report/describe.h"
@@ -25,8 +26,12 @@ struct VerifyOptions : SceneOptions, RunOptions {
     const readers::Reader* sampler = nullptr; ///< null: as sampler_for has it
     std::optional<options::Bounces> bounces;  ///< none: the volume's
     report::VerifySettings settings;
-    std::optional<double> fail; ///< a share
+    std::optional<double> fail;  ///< a share
+    std::optional<bool> fail_on; ///< surfaces, or cells; none: as wished_error has it
 };
+
+/// Of an error beside a limit: what is so wherever in its interval the truth lies.
+enum class Verdict { pass, fail, undecided };
 
 struct VerifyResult {
     volume::VolumeSet levels;
@@ -34,20 +39,42 @@ struct VerifyResult {
     reference::PathRules rules;
     std::string sampler;
     report::Verified verified;
-    std::optional<std::string> failure;
+    bool on_surfaces = false; ///< which of its errors is judged
+    Verdict verdict = Verdict::pass;
+
+    const report::MeasuredError& judged() const {
+        return on_surfaces ? verified.surfaces : verified.cells;
+    }
+    const char* judged_name() const { return on_surfaces ? "surfaces" : "cells"; }
 };
 
-/// Why the error is not known to be at or below the limit.
-std::optional<std::string> failure_of(const VerifyOptions& o, const report::MeasuredError& error) {
+/// Fitted to what a program shows of surfaces, or filled for it.
+bool is_for_surfaces(const Volume& volume) {
+    const auto name = volume.metadata.find("target");
+    const io::Target* target =
+        name == volume.metadata.end() ? nullptr : io::target_named(name->second);
+    return volume.metadata.contains("fit") || (target && target->dilate > 0);
+}
+
+Verdict verdict_of(const VerifyOptions& o, const report::MeasuredError& error) {
     if (!o.fail || error.high <= *o.fail)
-        return {};
-    return format("the error is %s, %s %.3g %%", error_text(error).c_str(),
-                  error.low > *o.fail ? "above" : "and with more `points` may be shown to be below",
-                  100 * *o.fail);
+        return Verdict::pass;
+    return error.low > *o.fail ? Verdict::fail : Verdict::undecided;
+}
+
+const char* name_of(Verdict verdict) {
+    constexpr const char* names[] = {"pass", "fail", "undecided"};
+    return names[int(verdict)];
+}
+
+/// "cells 3.3 % (3 to 3.6) <= 8 %".
+std::string judgement(const VerifyOptions& o, const VerifyResult& r) {
+    constexpr const char* signs[] = {"<=", ">", "around"};
+    return format("%s %s %s %.3g %%", r.judged_name(), error_text(r.judged()).c_str(),
+                  signs[int(r.verdict)], 100 * *o.fail);
 }
 
 void print_result(const VerifyOptions& o, const VerifyResult& r, const Run& run) {
-    const char* const result = r.failure ? "fail" : "pass";
     if (o.format == Format::json) {
         report::Json grids = report::Json::array();
         for (const Volume& level : r.levels.levels)
@@ -64,7 +91,8 @@ void print_result(const VerifyOptions& o, const VerifyResult& r, const Run& run)
              {"bounces", r.rules.bounces ? report::Json(*r.rules.bounces) : report::Json(nullptr)},
              {"verified", verified_json(r.verified, r.sampler)},
              {"fail", o.fail ? report::Json(*o.fail) : report::Json(nullptr)},
-             {"result", result},
+             {"judged", r.judged_name()},
+             {"result", name_of(r.verdict)},
              {"stages", stages_json(run.stages)},
              {"seconds", run.seconds()},
              {"peak_memory", peak_memory()},
@@ -77,7 +105,35 @@ void print_result(const VerifyOptions& o, const VerifyResult& r, const Run& run)
     print_total(run.seconds());
     print_verified(r.verified, r.sampler);
     if (o.fail)
-        std::printf("result        %s\n", result);
+        std::printf("result        %s (%s; %s not judged)\n", name_of(r.verdict),
+                    judgement(o, r).c_str(), r.on_surfaces ? "cells" : "surfaces");
+}
+
+/// Measures, and where that does not decide between pass and fail, at more places, up to
+/// `most_times` as many. Throws Error (invalid) where what is judged has no light.
+void measure(const VerifyOptions& o, const Scene& scene, bool for_surfaces,
+             const readers::Reader& sampler, TerminalProgress& progress, VerifyResult& result) {
+    constexpr uint64_t most_times = 16;
+    report::VerifySettings settings = o.settings;
+    settings.isa = o.isa;
+    for (uint64_t before = 0;; settings.points *= 4) {
+        result.verified =
+            report::verify(scene, result.levels, result.rules, sampler, settings, progress);
+        const report::MeasuredError& usual = wished_error(result.verified, for_surfaces);
+        result.on_surfaces = o.fail_on.value_or(&usual == &result.verified.surfaces);
+        const report::MeasuredError& error = result.judged();
+        if (error.points == 0)
+            throw Error(ErrorKind::invalid, o.volume
+                                                + ": no light arrives where it was measured in "
+                                                + o.scene + "; give the lights of its bake");
+        result.verdict = verdict_of(o, error);
+        // There may be no more places.
+        if (result.verdict != Verdict::undecided || error.points == before
+            || settings.points >= most_times * o.settings.points)
+            return;
+        before = error.points;
+        tell(format("undecided at %llu points", (unsigned long long)settings.points));
+    }
 }
 
 void run(const VerifyOptions& o, const volume::VolumeSet& levels) {
@@ -93,27 +149,24 @@ void run(const VerifyOptions& o, const volume::VolumeSet& levels) {
                         scene::triangle_count(scene),
                         rules_of(given),
                         sampler.name,
-                        {},
                         {}};
     result.rules.emitters = result.rules.emitters && !o.no_emitters;
     if (o.bounces)
         result.rules.bounces = o.bounces->most;
-    report::VerifySettings settings = o.settings;
-    settings.isa = o.isa;
-    result.verified =
-        report::verify(scene, result.levels, result.rules, sampler, settings, run.progress);
+    measure(o, scene, is_for_surfaces(given), sampler, run.progress, result);
     run.end_stage("verify");
-    const report::MeasuredError& error =
-        wished_error(result.verified, given.metadata.contains("fit"));
-    if (error.points == 0)
-        throw Error(ErrorKind::invalid, o.volume + ": no light arrives where it was measured in "
-                                            + o.scene + "; give the lights of its bake");
-    result.failure = failure_of(o, error);
     run.progress.end();
     print_result(o, result, run);
     finish_stdout();
-    if (result.failure)
-        throw Error(ErrorKind::difference, o.volume + ": " + *result.failure);
+    if (result.verdict == Verdict::fail)
+        throw Error(ErrorKind::difference,
+                    o.volume + ": the error is above the limit: " + judgement(o, result));
+    if (result.verdict == Verdict::undecided)
+        throw Error(ErrorKind::difference,
+                    o.volume + ": undecided, the limit lies inside the error's interval: "
+                        + judgement(o, result)
+                        + format("; take more --points than %llu, or another limit",
+                                 (unsigned long long)o.settings.points));
 }
 
 options::Action declare(options::Options& options) {
@@ -129,13 +182,20 @@ options::Action declare(options::Options& options) {
 
     options.group("Measure");
     options.number("--points", o.settings.points, 2, 1e6,
-                   "Places to trace paths at, half of them cells, half on surfaces");
+                   "Places to trace paths at, half of them cells, half on surfaces; with --fail "
+                   "more until it is decided, at most 16 times as many");
     options.number("--seed", o.settings.seed, 0, 4294967295, "Draws places and paths");
     options.value("--bounces", o.bounces, "N|inf", options::parse_bounces,
                   "Reflections of light at most; default: those of the volume");
     add_sampler_option(options, o.sampler);
     options.share("--fail", o.fail, 1e-6, 1e3,
                   "Error that is not to be exceeded; else exit code 7; default: none");
+    options
+        .choice("--fail-on", o.fail_on,
+                options::Choices<bool>{{"cells", false}, {"surfaces", true}},
+                "Whose error that is; default: of surfaces where the volume is for them, "
+                "else of cells")
+        .need("fail");
     add_isa_option(options, o);
     add_run_options(options, o);
     return [fields, &options] {

@@ -73,6 +73,8 @@ void Option::take(const std::string& text) {
     std::string value;
     try {
         value = read(text);
+        if (type == "X|X%" && parse_number(value).value_or(0) > 1)
+            value = text; // above 1 a share is taken as a percentage alone
     } catch (const Error& error) {
         throw Error(error.kind, (is_positional() ? "" : "--") + name() + ": " + error.what());
     }
@@ -87,7 +89,7 @@ std::string Option::toml() const {
     std::string value = given.empty() ? usual : given.back();
     if (given.empty() && implied)
         value = implied();
-    return quoted ? toml_value(value) : value;
+    return quoted || value.ends_with('%') ? toml_value(value) : value;
 }
 
 std::string Option::toml_form() const {

@@ -71,6 +71,9 @@ double parse_share(const std::string& text, double lo, double hi) {
     if (!value || share < lo || share > hi)
         refuse(text, "is not a share from " + number_text(lo) + " to " + number_text(hi)
                          + ", such as 0.01 or 1%");
+    if (share > 1 && !is_percent)
+        refuse(text, "is no share up to 1, such as 0.01; say " + text + "%, or for as much as that "
+                         + number_text(float(100 * share)) + "%");
     return share;
 }
 

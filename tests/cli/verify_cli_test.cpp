@@ -66,19 +66,57 @@ TEST_F(VerifyCli, FailsAboveALimit) {
     const auto with_limit = [&](double limit) {
         return "v.vdb" + room_ + " --fail " + std::to_string(limit);
     };
-    EXPECT_EQ(run_json(with_limit(1.01 * high))["result"], "pass");
+    const json below = run_json(with_limit(1.01 * high));
+    EXPECT_EQ(below["result"], "pass");
+    EXPECT_EQ(below["judged"], "cells");
+    EXPECT_EQ(below["verified"]["cells"], cells);
     const int differs = int(cmd::ExitCode::difference);
-    EXPECT_EQ(run_json(with_limit(0.5 * (low + high)), differs)["result"], "fail");
     const CliResult above = run(with_limit(0.5 * low) + " --points 128");
     EXPECT_EQ(above.status, differs);
-    EXPECT_NE(above.err.find("v.vdb: the error is "), std::string::npos) << above.err;
-    EXPECT_NE(above.out.find("result        fail"), std::string::npos) << above.out;
+    EXPECT_NE(above.err.find("v.vdb: the error is above the limit: cells "), std::string::npos)
+        << above.err;
+    EXPECT_NE(above.out.find("result        fail (cells "), std::string::npos) << above.out;
+    EXPECT_NE(above.out.find("; surfaces not judged)"), std::string::npos) << above.out;
+}
+
+TEST_F(VerifyCli, GoesOnUntilItIsDecided) {
+    const auto verified = [&](uint64_t points) {
+        return json::parse(
+            run("v.vdb" + room_ + " --format json --points " + std::to_string(points))
+                .out)["verified"]["surfaces"];
+    };
+    const json few = verified(16), more = verified(64);
+    const std::string judge =
+        "v.vdb" + room_ + " --points 16 --format json --fail-on surfaces --fail ";
+    // Inside the first interval; the second, or a later one, leaves it.
+    const double limit = 0.98 * double(few["high"]);
+    ASSERT_LT(double(more["high"]), limit) << few << more;
+    const json passed = json::parse(run(judge + std::to_string(limit)).out);
+    EXPECT_EQ(passed["result"], "pass");
+    EXPECT_EQ(passed["judged"], "surfaces");
+    EXPECT_EQ(passed["verified"]["surfaces"], more);
+
+    const double truth = verified(256)["error"];
+    const CliResult never = run(judge + std::to_string(truth));
+    EXPECT_EQ(never.status, int(cmd::ExitCode::difference));
+    const json document = json::parse(never.out);
+    EXPECT_EQ(document["result"], "undecided");
+    EXPECT_EQ(document["verified"]["surfaces"]["points"], 128);
+    EXPECT_NE(never.err.find("take more --points than 16"), std::string::npos) << never.err;
 }
 
 TEST_F(VerifyCli, ReadsSurfacesAsTheyAreFitted) {
     change("fit", "unity");
     EXPECT_EQ(run_json("changed.vdb" + room_)["verified"]["reader"], "unity");
     EXPECT_EQ(run_json("changed.vdb" + room_ + " --sampler godot")["verified"]["reader"], "godot");
+    for (const std::string target : {"threejs", "generic"}) {
+        const CliResult made =
+            run_lpvbake(folder_, "convert v.vdb raw.exr --fit none --target " + target);
+        ASSERT_EQ(made.status, 0) << made.err;
+        const json raw = run_json("raw.exr" + room_ + " --fail 1000%");
+        EXPECT_EQ(raw["verified"]["reader"], target == "generic" ? "lpvbake" : target);
+        EXPECT_EQ(raw["judged"], target == "generic" ? "cells" : "surfaces");
+    }
 }
 
 TEST_F(VerifyCli, RefusesWhatCannotBeMeasured) {
@@ -86,6 +124,11 @@ TEST_F(VerifyCli, RefusesWhatCannotBeMeasured) {
                                   const std::string& text) {
         expect_one_error(run(arguments), arguments, code, text);
     };
+    expect_error(
+        "v.vdb" + room_ + " --fail 8", cmd::ExitCode::usage,
+        "--fail: '8' is no share up to 1, such as 0.01; say 8%, or for as much as that 800%");
+    expect_error("v.vdb" + room_ + " --fail-on cells", cmd::ExitCode::usage,
+                 "--fail-on needs --fail");
     expect_error("v.vdb", cmd::ExitCode::usage, "no scene: lpvbake verify VOLUME SCENE");
     expect_error("none.vdb" + room_, cmd::ExitCode::file, "none.vdb: cannot be read");
     expect_error("v.vdb none.glb", cmd::ExitCode::file, "none.glb: ");
