@@ -25,6 +25,46 @@ export function failed(error) {
     return error;
 }
 
+/// camera= as lpvbake render takes it: 'inside', { azimuth, elevation, distance } of an orbit, or { eye, at, fov }.
+function readCamera(text) {
+    const wrong = new Error(`camera=${text} is none of X,Y,Z:TX,TY,TZ[:FOV], orbit[:AZIMUTH,ELEVATION[,DISTANCE]] and inside`);
+    const numbers = (part, least, most) => {
+        const values = part.split(',').map(value => value.trim() === '' ? NaN : Number(value));
+        if (values.length < least || values.length > most || !values.every(Number.isFinite))
+            throw wrong;
+        return values;
+    };
+    if (text === 'inside')
+        return text;
+    const parts = text.split(':');
+    if (parts[0] === 'orbit' && parts.length <= 2) {
+        const [azimuth, elevation, distance] = parts.length > 1 ? numbers(parts[1], 2, 3) : [28.6, 20.1];
+        if (Math.abs(elevation) > 90 || distance <= 0)
+            throw wrong;
+        return { azimuth, elevation, distance };
+    }
+    if (parts.length < 2 || parts.length > 3)
+        throw wrong;
+    const [eye, at, [fov]] = [numbers(parts[0], 3, 3), numbers(parts[1], 3, 3), numbers(parts[2] ?? '45', 1, 1)];
+    if (!(fov > 0 && fov <= 175) || eye.every((value, axis) => value === at[axis]))
+        throw wrong;
+    return { eye, at, fov };
+}
+
+/// Where the eye of an orbit around `at` stands; `distance` where it has none.
+function eyeOf(orbit, at, distance) {
+    const [azimuth, elevation] = [orbit.azimuth, orbit.elevation].map(degrees => degrees * Math.PI / 180);
+    const way = [Math.cos(elevation) * Math.sin(azimuth), Math.sin(elevation), Math.cos(elevation) * Math.cos(azimuth)];
+    return at.map((value, axis) => value + (orbit.distance ?? distance) * way[axis]);
+}
+
+/// The name of the file at an address.
+const nameOf = url => decodeURIComponent(url.split(/[?#]/)[0].split('/').pop());
+
+/// What there is to say where the volume's scene has another name; its own may hold it.
+const otherScene = (scene, volume, facts) => !volume || !facts.scene || nameOf(scene) === facts.scene ? ''
+    : `${volume} was baked of ${facts.scene}, this is ${nameOf(scene)}: is it another scene?`;
+
 /// Turns the eye around what it looks at, as the pointer is dragged, and brings it nearer.
 function orbit(canvas, view, redraw) {
     canvas.addEventListener('pointermove', ({ buttons, movementX, movementY }) => {
@@ -45,19 +85,24 @@ function orbit(canvas, view, redraw) {
     });
 }
 
-/// The camera that the address names, else that of the file, else one outside before the volume.
-function viewOf(given, { grid: { dims, origin, cell } }) {
-    if (query.has('camera')) {
-        const [eye, at, fov] = query.get('camera').split(':').map(part => part.split(',').map(Number));
-        return { eye, at, fov: fov ? fov[0] : 45 };
-    }
+/// The camera that the address names, else that of the file, else one outside before the volume. From
+/// inside it looks along the longer side of the volume.
+function viewOf(asked, given, { grid: { dims, origin, cell } }) {
     const middle = origin.map((value, axis) => value + dims[axis] * cell / 2);
+    const radius = cell * Math.hypot(...dims) / 2;
+    if (asked?.eye)
+        return asked;
+    if (asked === 'inside') {
+        const way = dims[0] > dims[2] ? [1, 0, 0] : [0, 0, 1], half = 0.4 * cell * Math.max(dims[0], dims[2]);
+        return { eye: middle.map((value, axis) => value + half * way[axis]), at: middle, fov: 60 };
+    }
+    if (asked)
+        return { eye: eyeOf(asked, middle, 2.7 * radius), at: middle, fov: 45 };
     if (given) {
         const { eye, way, fov } = given;
         const ahead = way.reduce((sum, value, axis) => sum + value * (middle[axis] - eye[axis]), 0);
         return { eye, at: eye.map((value, axis) => value + Math.max(ahead, cell) * way[axis]), fov };
     }
-    const radius = cell * Math.hypot(...dims) / 2;
     return { eye: middle.map((value, axis) => value + 2.7 * radius * [0.28, 0.19, 0.94][axis]), at: middle, fov: 45 };
 }
 
@@ -66,9 +111,12 @@ function viewOf(given, { grid: { dims, origin, cell } }) {
 /// `draw({ eye, at, fov, show, exposure })` draws at once; light is to be multiplied by exposure.
 export async function present(load) {
     try {
-        const { facts, canvas, camera, draw } =
-            await load(query.get('scene') ?? '../cornell_box.gltf', query.get('volume') ?? '../cornell_box_atlas.ktx2');
-        const view = viewOf(camera, facts);
+        const asked = query.has('camera') ? readCamera(query.get('camera')) : null;
+        if (query.has('scene') && !query.get('volume'))
+            throw new Error(`volume= is missing: give NAME_atlas.ktx2 of lpvbake bake -o NAME.ktx2 --target threejs`);
+        const scene = query.get('scene') ?? '../cornell_box.gltf', volume = query.get('volume') ?? '../cornell_box_atlas.ktx2';
+        const { facts, canvas, camera, draw } = await load(scene, volume);
+        const view = viewOf(asked, camera, facts);
         const { show, exposure } = panel.elements;
         show.value = query.get('show') ?? 'both';
         exposure.value = query.get('exposure') ?? facts.metadata.exposure ?? 6;
@@ -81,7 +129,7 @@ export async function present(load) {
         addEventListener('resize', redraw);
         orbit(canvas, view, redraw);
         redraw();
-        message.textContent = '';
+        message.textContent = otherScene(scene, volume, facts.metadata);
         document.body.dataset.state = 'ready';
     } catch (error) {
         failed(error);

@@ -17,18 +17,22 @@ async function loadTexture(url) {
     const response = await fetch(url);
     if (!response.ok)
         throw new Error(`${url}: ${response.status} ${response.statusText}`);
-    const { vkFormat, pixelWidth, pixelHeight, pixelDepth, levels, keyValue } = read(new Uint8Array(await response.arrayBuffer()));
+    const noVolume = new Error(`${url} is no light volume: give NAME_atlas.ktx2 of lpvbake bake -o NAME.ktx2 --target threejs`);
+    const bytes = new Uint8Array(await response.arrayBuffer());
+    if (!(bytes[1] === 0x4b && bytes[2] === 0x54 && bytes[3] === 0x58)) // "KTX"
+        throw noVolume;
+    const { vkFormat, pixelWidth, pixelHeight, pixelDepth, levels, keyValue } = read(bytes);
     if (!keyValue.lpvbake)
-        throw new Error(`${url} is no light volume`);
+        throw noVolume;
     if (!forms[vkFormat])
         throw new Error(`${url} has texels that this page does not know (VkFormat ${vkFormat})`);
     const zstd = new ZSTDDecoder();
     await zstd.init();
-    const bytes = zstd.decode(levels[0].levelData, levels[0].uncompressedByteLength);
+    const texels = zstd.decode(levels[0].levelData, levels[0].uncompressedByteLength);
     const { form, array } = forms[vkFormat];
     return {
         form, width: pixelWidth, height: pixelHeight, depth: pixelDepth,
-        texels: new array(bytes.buffer, bytes.byteOffset, bytes.byteLength / array.BYTES_PER_ELEMENT),
+        texels: new array(texels.buffer, texels.byteOffset, texels.byteLength / array.BYTES_PER_ELEMENT),
         facts: JSON.parse(new TextDecoder().decode(keyValue.lpvbake).replace(/\0$/, '')),
     };
 }

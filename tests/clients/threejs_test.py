@@ -194,21 +194,25 @@ class ThreeJs(unittest.TestCase):
             print(f"{name}: mean difference {difference:.4f}")
             self.assertGreater(difference, 5 * TOLERANCE, name)
 
-    def test_lights_sky_and_exposure_are_those_of_the_bake(self):
+    def test_lights_and_sky_are_those_of_the_bake(self):
         light = ["--no-scene-lights", "--point", "0.5,1.2,0.2,60,1:0.5:0.2", "--sky", "0.2:0.4:1,30"]
         run(LPVBAKE, "bake", self.scene, "-o", self.folder / "given.exr", "--target", "threejs", *light)
-        exposure = json.loads((self.folder / "given.json").read_text())["metadata"]["exposure"]
         path = self.folder / "render_given.png"
-        run(LPVBAKE, "render", self.scene, self.folder / "given.json", "-o", path, "--camera", CAMERA, "--size",
-            f"{SIZE[0]}x{SIZE[1]}", "--exposure", exposure, *light)
+        result = json.loads(run(
+            LPVBAKE, "render", self.scene, self.folder / "given.json", "-o", path, "--camera", CAMERA, "--size",
+            f"{SIZE[0]}x{SIZE[1]}", *light, "--format", "json"))
         page = f"{self.url}?scene=scene.gltf&camera={CAMERA}&panel=0&volume="
+        self.assertEqual(self.chromium.open(page + "given.json"), ["ready", ""])
+        metered = float(self.chromium.script("return document.body.dataset.exposure"))
+        self.assertAlmostEqual(metered, result["exposure"], delta=0.15)
+        page = page.replace("&panel", f"&exposure={result['exposure']}&panel")
         self.assertEqual(self.chromium.open(page + "given.json"), ["ready", ""])
         view = self.chromium.screenshot(self.folder / "view_given.png")
         difference = float(np.mean(np.abs(view - picture(path))))
         print(f"lights of the bake: mean difference {difference:.4f}")
         self.assertLess(difference, TOLERANCE)
         facts = json.loads((self.folder / "given.json").read_text())
-        for fact, other in (("lights", "[]"), ("sky", "0,0,0"), ("exposure", "9")):
+        for fact, other in (("lights", "[]"), ("sky", "0,0,0")):
             changed = {**facts, "metadata": {**facts["metadata"], fact: other}}
             (self.folder / "changed.json").write_text(json.dumps(changed))
             self.assertEqual(self.chromium.open(page + "changed.json"), ["ready", ""])
@@ -236,6 +240,31 @@ class ThreeJs(unittest.TestCase):
         state, message = self.chromium.open(f"{self.url}?scene=scene.gltf&volume=band.json")
         self.assertEqual(state, "failed")
         self.assertIn("--target threejs", message)
+        for what, said in (("volume=volume_atlas.exr", "give the .json that was written with it, volume=volume.json"),
+                           ("volume=scene.gltf", "scene.gltf is no light volume"), ("", "volume= is missing"),
+                           ("volume=volume.json&camera=1,2", "camera=1,2 is none of"),
+                           ("volume=volume.json&camera=orbit:x", "camera=orbit:x is none of")):
+            state, message = self.chromium.open(f"{self.url}?scene=scene.gltf&{what}")
+            self.assertEqual(state, "failed")
+            self.assertIn(said, message)
+        (self.folder / "other.gltf").write_bytes(self.scene.read_bytes())
+        state, message = self.chromium.open(f"{self.url}?scene=other.gltf&volume=volume.json")
+        self.assertEqual(state, "ready")
+        self.assertIn("volume.json was baked of scene.gltf", message)
+
+    def test_the_part_that_the_volume_covers_is_seen(self):
+        for camera, expected in (("inside", lambda x, y, z: max(abs(x), abs(z)) < 1),
+                                 ("orbit:0,0,3", lambda x, y, z: abs(z - 3) < 0.01)):
+            self.assertEqual(self.chromium.open(f"{self.url}?scene=scene.gltf&volume=volume.json&camera={camera}"),
+                             ["ready", ""])
+            eye = [float(x) for x in self.chromium.script("return document.body.dataset.eye").split(",")]
+            self.assertTrue(expected(*eye), (camera, eye))
+        run(LPVBAKE, "bake", self.scene, "-o", self.folder / "part.exr", "--target", "threejs", "--bounds",
+            "-0.6,0.1,-0.4,-0.1,0.6,0", "--resolution", "8", "--sun", "0,60,100")
+        part = f"{self.url}?scene=scene.gltf&volume=part.json&camera=orbit"
+        self.assertEqual(self.chromium.open(part), ["ready", ""])
+        eye = np.array([float(x) for x in self.chromium.script("return document.body.dataset.eye").split(",")])
+        self.assertLess(float(np.linalg.norm(eye - [-0.35, 0.35, -0.2])), 1.5)
 
     def test_probes_are_spheres(self):
         with_spheres = self.chromium.open(

@@ -178,6 +178,13 @@ class Page:
             state, message = self.open(volume, page=page)
             self.assertEqual(state, "failed", page)
             self.assertIn(said, message)
+        for volume, query, said in (("volume.json", "", "volume.json is no light volume"),
+                                    ("volume_atlas.ktx2", "camera=1,2", "camera=1,2 is none of")):
+            state, message = self.open(volume, query)
+            self.assertEqual(state, "failed")
+            self.assertIn(said, message)
+        for camera in ("inside", "orbit", "orbit:20,10,3"):
+            self.assertEqual(self.open("volume_atlas.ktx2", f"camera={camera}"), ["ready", ""])
 
 
 class Babylon(Page, unittest.TestCase):
