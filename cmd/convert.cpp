@@ -74,7 +74,7 @@ void fit(const ConvertOptions& o, const bake::SurfacePoints& to, TerminalProgres
     const bake::SurfaceFit fit =
         bake::fit_to_points(reader, to.points, to.checks, settings, volume);
     volume.metadata["fit_to"] = o.scene.empty() ? "walls" : "surfaces";
-    if (!fit.fit.taken)
+    if (fit.fit.share == 0)
         progress.warn(o.file + ": no fit brings what " + reader.name
                       + " shows nearer to what the volume holds: it is as with --fit none");
 }

@@ -92,7 +92,7 @@ void fit_volume(const Scene& scene, const BakePlan& plan, const Level& level, Su
                       fit.before.energy, two_digits(100 * fit.before.leak).c_str(),
                       counted(fit.fit.points, "point").c_str()));
     warn_of_contested(fit.contested, plan, level.grid, stages);
-    if (!fit.fit.taken)
+    if (fit.fit.share == 0)
         stages.warn(format("no fit brings what %s shows on surfaces nearer to their light: the "
                            "volume is as with `fit` none",
                            reader.name));

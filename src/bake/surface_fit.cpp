@@ -10,28 +10,21 @@ namespace lpvbake::bake {
 
 namespace {
 
-double weight_of(const surface::SidePoints& sides, size_t i) {
-    return double(sides.area[i]) * readers::openness_weight(double(sides.open[i]));
-}
-
-/// Other points than those of the fit, by rays that are shared with none.
+/// Other points than those of the fit, by their area alone and by rays that are shared with none.
 std::vector<readers::FitPoint> check_points(const Scene& scene, const surface::LitSurfaces& lit,
                                             const scene::Frame& frame, bool emitters,
                                             const SurfaceFitSettings& settings,
                                             Progress& progress) {
     const surface::SidePointSettings drawing{.most_points = settings.checks, .seed = 2};
-    surface::SidePoints sides = surface::draw_side_points(lit, glm::vec3(frame.extent), drawing);
-    size_t kept = 0; // what matters
-    for (size_t i = 0; i < sides.points.size(); ++i)
-        if (weight_of(sides, i) > 0) {
-            sides.points[kept] = sides.points[i];
-            sides.area[kept] = sides.area[i];
-            sides.open[kept++] = sides.open[i];
-        }
-    sides.points.resize(kept);
-    return weighed_points(frame, sides,
-                          surface::irradiance_at(scene, lit, sides.points, emitters,
-                                                 settings.check_rays, drawing.seed, progress));
+    const surface::SidePoints sides =
+        surface::draw_side_points(lit, glm::vec3(frame.extent), drawing);
+    auto points =
+        weighed_points(frame, sides,
+                       surface::irradiance_at(scene, lit, sides.points, emitters,
+                                              settings.check_rays, drawing.seed, progress));
+    for (size_t i = 0; i < points.size(); ++i)
+        points[i].weight = double(sides.area[i]);
+    return points;
 }
 
 } // namespace
@@ -41,10 +34,10 @@ std::vector<readers::FitPoint> weighed_points(const scene::Frame& frame,
                                               std::span<const glm::vec3> irradiance) {
     std::vector<readers::FitPoint> points;
     for (size_t i = 0; i < sides.points.size(); ++i)
-        if (const double weight = weight_of(sides, i); weight > 0)
-            points.push_back({frame.to_world(glm::dvec3(sides.points[i].position)),
-                              glm::normalize(glm::dvec3(sides.points[i].normal)), weight,
-                              irradiance.empty() ? glm::dvec3(0.0) : glm::dvec3(irradiance[i])});
+        points.push_back({frame.to_world(glm::dvec3(sides.points[i].position)),
+                          glm::normalize(glm::dvec3(sides.points[i].normal)),
+                          double(sides.area[i]) * readers::openness_weight(double(sides.open[i])),
+                          irradiance.empty() ? glm::dvec3(0.0) : glm::dvec3(irradiance[i])});
     return points;
 }
 

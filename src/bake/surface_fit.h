@@ -36,8 +36,8 @@ struct SurfacePoints {
 
 int rays_a_point(const SurfaceFitSettings& settings, double points);
 
-/// The points that matter, by area and by how open they are (readers::openness_weight), and what
-/// arrives there, lux; nothing where `irradiance` is empty.
+/// All points, by area and by how open they are (readers::openness_weight), and what arrives there,
+/// lux; nothing where `irradiance` is empty.
 std::vector<readers::FitPoint> weighed_points(const scene::Frame& frame,
                                               const surface::SidePoints& sides,
                                               std::span<const glm::vec3> irradiance);

@@ -6,6 +6,8 @@
 
 #include "readers/readers.h"
 
+#include <algorithm>
+
 namespace lpvbake::readers {
 
 /// A point of a surface, and what a reader should show there.
@@ -49,7 +51,9 @@ struct FitReport {
     /// The same sum of the darker ones, over the same sum of E: what lies behind walls takes part
     /// in showing their fronts, and is no longer dark by itself.
     double moved_dark = 0;
-    bool taken = true; ///< false: judges saw no gain, and the volume is what it was
+    /// How far the values went of the way to those fitted: where all of it is too far, half or a
+    /// quarter (of a linear reader). 0: judges saw no gain, and the volume is what it was.
+    double share = 1;
     int steps = 0;
     double residual = 0;    ///< share that is left of the gradient
     std::size_t cells = 0;  ///< that the points are read from; all others keep their values
@@ -80,16 +84,18 @@ SurfaceError error_of(const Reader& reader, const Volume& volume, std::span<cons
 /// negative (order 2; CG in rounds between which the bounds are looked at). For a reader that is
 /// not linear see readers/fit_nonlinear.h. Costs time and memory in proportion to points and cells;
 /// sums have a fixed order, so that the bits do not depend on the number of threads. Other points,
-/// `judges`, have to be shown nearer to what arrives there, by more than chance would do, or the
-/// fit is not taken.
+/// `judges`, have to be shown nearer to what arrives there, by more than chance would do, or only
+/// part of the way is gone (FitReport::share).
 FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitSettings& settings,
               Volume& volume, std::span<const FitPoint> judges = {});
 
 /// How much a point matters by the share of directions (weighted by their cosines) that are free
-/// for a cell from it: crevices, which nobody sees and no cell can tell from what is around them,
-/// have no say. 0 up to 0.1, 1 from 0.5 on.
+/// for a cell from it: crevices, which few see and no cell can tell from what is around them, have
+/// little say, and yet some, or they shine by the light of what lies behind them. 0.05 of what is
+/// closed, 1 from a half on.
 constexpr double openness_weight(double open) {
-    return open < 0.1 ? 0.0 : open > 0.5 ? 1.0 : (open - 0.1) / 0.4;
+    constexpr double closed = 0.05;
+    return std::min(1.0, closed + (1 - closed) * open / 0.5);
 }
 
 } // namespace lpvbake::readers

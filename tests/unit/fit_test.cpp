@@ -316,7 +316,7 @@ TEST(Fit, IsNotTakenWhereOtherPointsSeeNoGain) {
         Volume volume = field;
         const auto report =
             readers::fit(reader("unity"), asking(2, 0.2), {.bright = 0}, volume, judges);
-        taken = report.taken;
+        taken = report.share > 0;
         EXPECT_EQ(report.moved > 0, taken);
         return volume;
     };
@@ -326,6 +326,10 @@ TEST(Fit, IsNotTakenWhereOtherPointsSeeNoGain) {
     const Volume moved = fitted(asking(2, 0.17), taken);
     EXPECT_TRUE(taken);
     EXPECT_GT(readers::error_of(reader("unity"), moved, asking(1, 0.1)).energy, 1.9);
+    // Where all of the way is too far, half of it is gone.
+    const Volume half = fitted(asking(1.4, 0.17), taken);
+    EXPECT_TRUE(taken);
+    EXPECT_NEAR(readers::error_of(reader("unity"), half, asking(1, 0.17)).energy, 1.5, 0.05);
     // One judge of many for it, more than all others are against it: that is chance.
     auto judges = asking(1, 0.17);
     judges[12].irradiance *= 100;
@@ -391,8 +395,8 @@ TEST(Fit, CountsErrorEnergyAndLeakByHand) {
     const double truth = (2 * 0.2126 + 0.7152 + 0.0722) + 3;
     EXPECT_NEAR(error.energy, 5 / truth, 1e-6);
     EXPECT_NEAR(error.leak, 1 / (truth / 5), 1e-6);
-    EXPECT_EQ(readers::openness_weight(0.05), 0.0);
-    EXPECT_NEAR(readers::openness_weight(0.3), 0.5, 1e-12);
+    EXPECT_NEAR(readers::openness_weight(0.0), 0.05, 1e-12); // or it shines by what lies behind
+    EXPECT_NEAR(readers::openness_weight(0.25), 0.525, 1e-12);
     EXPECT_EQ(readers::openness_weight(0.9), 1.0);
 }
 
