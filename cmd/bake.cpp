@@ -3,11 +3,13 @@
 #include "bake/bake.h"
 
 #include "background.h"
+#include "bake/bricks.h"
 #include "bake/pilot.h"
 #include "bake/points.h"
 #include "bake/storage.h"
 #include "commands.h"
 #include "io/boxes.h"
+#include "io/bricks.h"
 #include "io/levels.h"
 #include "io/points.h"
 #include "lpvbake/error.h"
@@ -54,10 +56,26 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::vector<volume::LevelBox> level; ///< of nested ones each
     std::optional<int> levels;           ///< around `focus`
     std::optional<Bounds> focus;
-    std::string adjust; ///< file of boxes
+    std::string adjust;                 ///< file of boxes
+    std::optional<glm::dvec2> adaptive; ///< finest and coarsest cells of bricks, metres
+    std::optional<uint64_t> max_size;   ///< of bricks, bytes
 
     bool nests() const { return !level.empty() || levels; }
 };
+
+/// "FINE..COARSE".
+glm::dvec2 parse_adaptive(const std::string& text) {
+    const std::size_t dots = text.find("..");
+    const auto fine =
+        dots == std::string::npos ? std::nullopt : options::parse_number(text.substr(0, dots));
+    const auto coarse = fine ? options::parse_number(text.substr(dots + 2)) : std::nullopt;
+    if (!coarse || !(*fine > 0) || !(*coarse > 0))
+        options::refuse(text, "is not FINE..COARSE, cells in metres");
+    return {*fine, *coarse};
+}
+
+/// Of --adaptive, where neither error nor size is given.
+constexpr double usual_brick_error = 0.02;
 
 /// "X0,Y0,Z0,X1,Y1,Z1:CELL".
 volume::LevelBox parse_level(const std::string& text) {
@@ -129,6 +147,9 @@ std::vector<const solver::SolverKind*> solvers_of(const BakeOptions& o) {
     };
     if (!o.at.empty())
         keep("at", solvers_with([](const solver::SolverKind& kind) { return kind.at_places; }));
+    if (o.adaptive)
+        keep("adaptive",
+             solvers_with([](const solver::SolverKind& kind) { return kind.at_places; }));
     if (o.nests())
         keep(o.levels ? "levels" : "level", solvers_with([](const solver::SolverKind& kind) {
                  return kind.nesting != solver::Nesting::none;
@@ -211,7 +232,9 @@ void check_options(const BakeOptions& o) {
     check_fit(o.outputs, o.fit, o.sh_order);
     if (!o.adjust.empty())
         check_files({o.adjust}, {}, o.outputs.paths);
-    if (o.nests())
+    if (o.adaptive)
+        check_brick_outputs(o.outputs);
+    if (o.nests() || o.adaptive)
         check_level_outputs(o.outputs.paths, inputs_of(o, o));
     if (o.levels && o.grid.cell == 0)
         throw Error(ErrorKind::argument, "--levels: how large the finest cells are is missing: add "
@@ -246,6 +269,10 @@ bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& read
     settings.isa = o.isa;
     if (!o.adjust.empty())
         settings.adjust = io::read_adjustments(o.adjust);
+    if (o.adaptive)
+        settings.adaptive = {o.adaptive->x, o.adaptive->y,
+                             o.error.value_or(o.max_size ? 0.0 : usual_brick_error), o.max_size,
+                             o.outputs.storage().precision == Precision::half ? 2 : 4};
     return settings;
 }
 
@@ -259,7 +286,8 @@ bake::Wish wish_of(const BakeOptions& o) {
     const io::Target storage = o.outputs.storage();
     wish.kept_order =
         std::min(storage.highest_order, volume::highest_order(storage.encoding.convention));
-    wish.error = o.error;
+    if (!o.adaptive) // then it is the bricks'
+        wish.error = o.error;
     wish.seconds = o.seconds;
     for (const auto& [name, value] : o.parameters)
         wish.given.push_back({name.c_str(), value});
@@ -300,6 +328,11 @@ report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
     if (o.nests())
         for (const Grid& each : bake::grids_in(choice.plan))
             document["levels"].push_back(report::grid_json(each));
+    if (const auto& bricks = choice.plan.bricks) {
+        for (int level = 0; level < bricks->levels.count; ++level)
+            document["levels"].push_back(report::grid_json(bricks->levels.lattice(level)));
+        document["bricks"] = {{"expected", bricks->expected}};
+    }
     if (storage)
         document["storage"] = {{"sh_order", storage->order},
                                {"resolution", storage->resolution},
@@ -319,8 +352,28 @@ void print_level(std::size_t level, const Grid& grid) {
         grid.size());
 }
 
+void print_brick_plan(const bake::BrickPlan& bricks) {
+    const Grid fine = bricks.levels.finest, coarse = bricks.levels.lattice(bricks.levels.count - 1);
+    const glm::dvec3 lo = fine.center(glm::ivec3(0)), hi = fine.center(fine.dims - 1);
+    std::printf(
+        "bricks        of 8 x 8 x 8 cells, %s of %.4g to %.4g m, from (%.5g, %.5g, %.5g) to "
+        "(%.5g, %.5g, %.5g)\n",
+        counted(uint64_t(bricks.levels.count), "level").c_str(), fine.cell, coarse.cell, lo.x, lo.y,
+        lo.z, hi.x, hi.y, hi.z);
+}
+
 /// How large the numbers of each level are in a file, where that is known.
 void print_bytes(const BakeOptions& o, const bake::BakePlan& plan) {
+    if (plan.bricks) {
+        const uint64_t numbers = bake::brick_numbers(plan.settings.solver.order());
+        std::printf("bytes         about %s of numbers in each output: %llu bricks before they are "
+                    "trimmed\n",
+                    bytes_text(std::min(plan.bricks->expected, plan.bricks->most) * numbers
+                               * uint64_t(plan.settings.adaptive->number_bytes))
+                        .c_str(),
+                    (unsigned long long)plan.bricks->expected);
+        return;
+    }
     const std::vector<Grid> grids = bake::grids_in(plan);
     for (const std::string& path : o.outputs.paths)
         for (std::size_t level = 0; level < grids.size() && grids.size() > 1; ++level) {
@@ -346,6 +399,8 @@ void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice,
     if (const uint64_t points = choice.plan.settings.points)
         std::printf("points        %llu, surfaces in patches of at most %.4g m\n",
                     (unsigned long long)points, choice.plan.grid.cell);
+    else if (choice.plan.bricks)
+        print_brick_plan(*choice.plan.bricks);
     else if (const std::vector<Grid> grids = bake::grids_in(choice.plan); grids.size() > 1)
         for (std::size_t i = 0; i < grids.size(); ++i)
             print_level(i, grids[i]);
@@ -371,6 +426,12 @@ std::vector<Written> planned_outputs(const BakeOptions& o, const bake::BakePlan&
         Written& output = outputs.emplace_back(Written{path, {}});
         if (!o.at.empty()) {
             output.files.push_back({path, 0});
+            continue;
+        }
+        if (plan.bricks) {
+            for (const std::string& file : io::brick_files(
+                     path, std::size_t(plan.bricks->levels.count), bake::grids_of(plan)))
+                output.files.push_back({file, 0});
             continue;
         }
         const std::size_t levels = 1 + plan.coarser.size();
@@ -423,12 +484,18 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const bake:
 void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const bake::Choice& choice,
                   const std::optional<bake::Storage>& storage, const Volume& volume,
                   const std::optional<report::Verified>& verified,
-                  const std::vector<Written>& outputs, const Run& run) {
+                  const std::vector<Written>& outputs, const Run& run,
+                  const bake::BakedBricks* bricks = nullptr) {
     const double seconds = run.seconds();
     const std::string reader = reader_of(*o.outputs.target, o.fit).name;
     if (o.format == Format::json) {
         report::Json document =
             describe(o, device, choice, storage, choice.plan.triangles, volume.grid);
+        if (bricks) {
+            document["bricks"]["count"] = bricks->set.levels.size();
+            document["bricks"]["samples"] = bricks->samples;
+            document["bricks"]["error"] = bricks->error;
+        }
         document["outputs"] = outputs_json(outputs);
         document["stages"] = stages_json(run.stages);
         document["warnings"] = run.progress.warnings();
@@ -552,6 +619,30 @@ void run_at(const BakeOptions& o, const std::string& settings, const Scene& scen
     print_result(o, device.info(), choice, {}, baked.lit.light, {}, written, run);
 }
 
+/// Bakes bricks, writes and tells of them.
+void run_bricks(const BakeOptions& o, const std::string& settings, const Scene& scene,
+                const bake::Choice& choice, gpu::Device& device, Run& run) {
+    tell("choice: " + choice.text);
+    bake::BakedBricks baked = bake::bake_bricks(scene, choice.plan, device, run.progress);
+    run.stages.insert(run.stages.end(), baked.stages.begin(), baked.stages.end());
+    run.warn(baked.warnings);
+    Volume& first = baked.set.levels.front();
+    first.metadata["choice"] = choice.text;
+    first.metadata["bricks_error"] = format("%.6g", baked.error);
+    fill_metadata(o, scene, settings, first);
+    add_light(scene, first);
+    baked.set.levels.back().metadata = first.metadata;
+    run.begin_stage();
+    const std::vector<Written> written =
+        write_levels(o.outputs, o.outputs.paths, baked.set, run.progress);
+    run.end_stage("write", counted(written.size(), "output"));
+    device.check_validation();
+    run.progress.end();
+    Volume finest;
+    finest.grid = baked.set.finest();
+    print_result(o, device.info(), choice, {}, finest, {}, written, run, &baked);
+}
+
 /// Sets what of the options --bytes chooses.
 bake::Storage choose_storage(const Scene& scene, const bake::BakeSettings& base,
                              const bake::Wish& wish, BakeOptions& o) {
@@ -631,6 +722,10 @@ void run(BakeOptions o, const std::string& settings) {
 
     if (!o.at.empty()) {
         run_at(o, settings, scene, std::move(points), choice, *device, run);
+        return;
+    }
+    if (o.adaptive) {
+        run_bricks(o, settings, scene, choice, *device, run);
         return;
     }
     Attempt made = bake_until(o, scene, facts, base, wish, std::move(choice), reader, *device, run);
@@ -718,6 +813,26 @@ void add_level_options(options::Options& options, BakeOptions& o) {
                "Box of the finest of --levels, metres")
         .need("levels")
         .record(options::Recorded::if_changed);
+    options
+        .value("--adaptive", o.adaptive, "FINE..COARSE", parse_adaptive,
+               "Bricks of 8 x 8 x 8 cells, small where geometry stands and light changes: cells of "
+               "FINE to COARSE metres, a power of two apart, in all of the scene or --bounds; into "
+                   + io::brick_format_list()
+                   + "; --error: what reading between them may lose, of "
+                     "all irradiance, default 2 %; see below")
+        .exclude({"resolution", "cell-size",  "margin",     "level",         "levels",
+                  "focus",      "at",         "bytes",      "verify",        "rsm-samples",
+                  "rsm-size",   "tolerance",  "target",     "sh-convention", "axes",
+                  "packing",    "dering",     "l1-scale",   "exr-columns",   "dilate",
+                  "fit",        "evaluation", "time-budget"})
+        .record(options::Recorded::if_changed);
+    options
+        .value(
+            "--max-size", o.max_size, "SIZE", options::parse_bytes,
+            "Leave no more bricks of --adaptive than whose numbers fit into SIZE, as 64M, in each "
+            "output: those that cost the least error go first")
+        .need("adaptive")
+        .record(options::Recorded::if_changed);
 }
 
 void add_adjust_option(options::Options& options, BakeOptions& o) {
@@ -725,7 +840,7 @@ void add_adjust_option(options::Options& options, BakeOptions& o) {
         .text("--adjust", o.adjust, "FILE",
               "JSON file of boxes whose cells are valid or not whatever geometry says, or whose "
               "light is multiplied; see below")
-        .exclude({"at"})
+        .exclude({"at", "adaptive"})
         .record(options::Recorded::if_changed);
 }
 

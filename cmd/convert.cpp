@@ -87,11 +87,22 @@ volume::VolumeSet read_levels(const ConvertOptions& o) {
     else
         set.levels.push_back(read_volume(o.file));
     if (o.flatten) {
-        set.levels = {volume::flatten(set, *o.flatten)};
+        set = {{volume::flatten(set, *o.flatten)}};
         for (const char* fact : {"level", "level_set"})
             set.levels.front().metadata.erase(fact);
     }
     return set;
+}
+
+/// Throws Error (argument) for what is not done to bricks.
+void check_bricks(const ConvertOptions& o) {
+    check_brick_outputs(o.outputs);
+    check_level_outputs(o.outputs.paths, {o.file});
+    if (o.fit.fit.value_or(false) || o.fit.dilate > 0 || !o.scene.empty()
+        || o.fit.evaluation != readers::Evaluation::linear)
+        throw Error(ErrorKind::argument, o.file
+                                             + ": bricks are not fitted or filled; first make one "
+                                               "volume of them by --flatten H");
 }
 
 /// Makes of a volume what is asked for.
@@ -123,17 +134,22 @@ void run(const ConvertOptions& o) {
     check_fit(o.outputs, o.fit, o.sh_order.value_or(0));
     TerminalProgress progress(ProgressStyle::none);
     volume::VolumeSet set = read_levels(o);
+    if (set.bricks)
+        check_bricks(o);
     const std::optional<PackedScene> packed =
         o.scene.empty() ? std::nullopt : packed_for(o.outputs.paths, o.scene, {});
     for (Volume& volume : set.levels)
-        change(o, progress, volume);
+        if (set.bricks && o.sh_order)
+            limit_order(volume, *o.sh_order, o.file);
+        else if (!set.bricks)
+            change(o, progress, volume);
     const std::vector<Written> written =
         write_levels(o.outputs, o.outputs.paths, set, progress, packed);
     const Volume& finest = set.levels.front();
     if (o.format == Format::json) {
         report::Json document{{"command", "convert"},
                               {"file", o.file},
-                              {"grid", report::grid_json(finest.grid)},
+                              {"grid", report::grid_json(set.finest())},
                               {"sh_order", finest.sh_order},
                               {"outputs", outputs_json(written)},
                               {"warnings", progress.warnings()}};
@@ -141,8 +157,11 @@ void run(const ConvertOptions& o) {
         print_json(document);
         return;
     }
+    if (set.bricks)
+        print_grid(set.finest());
     for (const Volume& volume : set.levels)
-        print_grid(volume.grid);
+        if (!set.bricks)
+            print_grid(volume.grid);
     print_outputs(written);
 }
 

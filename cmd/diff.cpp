@@ -197,27 +197,8 @@ void judge(const report::Difference& difference) {
         print_warning(a + ": differs from " + b + ": " + *warned);
 }
 
-/// Of nested levels each with its own.
-void run_levels(const DiffOptions& o) {
-    if (!io::is_manifest(o.a) || !io::is_manifest(o.b))
-        throw Error(ErrorKind::argument, o.a + " and " + o.b
-                                             + ": one is a set of levels, the other one volume; "
-                                               "first lpvbake convert --flatten it");
-    if (!o.outputs.empty())
-        throw Error(ErrorKind::argument,
-                    o.outputs.front() + ": no output is made of levels; give the files of one");
-    const volume::VolumeSet a = io::read_levels(o.a), b = io::read_levels(o.b);
-    if (a.levels.size() != b.levels.size())
-        throw Error(ErrorKind::invalid, format("%s has %zu levels, %s %zu", o.a.c_str(),
-                                               a.levels.size(), o.b.c_str(), b.levels.size()));
-    std::vector<report::Difference> differences;
-    for (std::size_t level = 0; level < a.levels.size(); ++level) {
-        DiffOptions own = o;
-        own.a += format(" level %zu", level);
-        own.b += format(" level %zu", level);
-        warn_of_light(own, a.levels[level], b.levels[level]);
-        differences.push_back(compare(own, a.levels[level], b.levels[level]));
-    }
+/// Of nested levels, or of bricks as one volume.
+void tell_of(const DiffOptions& o, const std::vector<report::Difference>& differences) {
     if (o.format == Format::json) {
         report::Json levels = report::Json::array();
         for (const report::Difference& difference : differences) {
@@ -234,6 +215,40 @@ void run_levels(const DiffOptions& o) {
     finish_stdout();
     for (const report::Difference& difference : differences)
         judge(difference);
+}
+
+/// Of nested levels each with its own.
+void run_levels(const DiffOptions& o) {
+    if (!io::is_manifest(o.a) || !io::is_manifest(o.b))
+        throw Error(ErrorKind::argument, o.a + " and " + o.b
+                                             + ": one is a set of levels, the other one volume; "
+                                               "first lpvbake convert --flatten it");
+    if (!o.outputs.empty())
+        throw Error(ErrorKind::argument,
+                    o.outputs.front() + ": no output is made of levels; give the files of one");
+    const volume::VolumeSet a = io::read_levels(o.a), b = io::read_levels(o.b);
+    if (a.bricks || b.bricks) {
+        if (!(a.bricks == b.bricks))
+            throw Error(ErrorKind::invalid, o.a + " and " + o.b
+                                                + " have not the same bricks; first lpvbake "
+                                                  "convert --flatten them");
+        const Volume all_a = volume::stacked(a.levels), all_b = volume::stacked(b.levels);
+        warn_of_light(o, all_a, all_b);
+        tell_of(o, {compare(o, all_a, all_b)});
+        return;
+    }
+    if (a.levels.size() != b.levels.size())
+        throw Error(ErrorKind::invalid, format("%s has %zu levels, %s %zu", o.a.c_str(),
+                                               a.levels.size(), o.b.c_str(), b.levels.size()));
+    std::vector<report::Difference> differences;
+    for (std::size_t level = 0; level < a.levels.size(); ++level) {
+        DiffOptions own = o;
+        own.a += format(" level %zu", level);
+        own.b += format(" level %zu", level);
+        warn_of_light(own, a.levels[level], b.levels[level]);
+        differences.push_back(compare(own, a.levels[level], b.levels[level]));
+    }
+    tell_of(o, differences);
 }
 
 void run(const DiffOptions& o) {

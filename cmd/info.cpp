@@ -61,11 +61,40 @@ struct Told {
     std::string text;
 };
 
+/// All bricks of a level as one volume: what they hold, and not where.
+Told tell_of_bricks(const InfoOptions& o, const volume::VolumeSet& set) {
+    const volume::BrickTree& tree = *set.bricks;
+    Told told{{{"command", "info"},
+               {"file", o.file},
+               {"kind", "bricks"},
+               {"bricks", report::Json::array()}},
+              "bricks     " + o.file + format(", %zu of 8 x 8 x 8 cells\n", set.levels.size())};
+    for (int level = 0; level < tree.levels().count; ++level) {
+        const Grid grid = tree.levels().lattice(level);
+        const auto bricks = std::ranges::count(tree.bricks(), level, &volume::Brick::level);
+        const glm::ivec3 places = tree.levels().places(level);
+        const double all = double(places.x) * places.y * places.z;
+        told.json["bricks"].push_back({{"grid", report::grid_json(grid)}, {"count", bricks}});
+        told.text +=
+            format("level %d    %td bricks, %.3g %% of its lattice of %d x %d x %d samples "
+                   "every %.4g m\n",
+                   level, bricks, 100 * double(bricks) / all, grid.dims.x, grid.dims.y, grid.dims.z,
+                   grid.cell);
+    }
+    const Volume all = volume::stacked(set.levels);
+    told.json["volume"] = report::volume_json("all bricks", all);
+    told.json["volume"]["slice"] = nullptr;
+    told.text += report::volume_text("all bricks", all);
+    return told;
+}
+
 Told tell_of_levels(const InfoOptions& o) {
     if (o.slice)
         throw Error(ErrorKind::argument,
                     "--slice: " + o.file + " is a set of levels; give the file of one");
     const volume::VolumeSet set = io::read_levels(o.file);
+    if (set.bricks)
+        return tell_of_bricks(o, set);
     Told told{{{"command", "info"},
                {"file", o.file},
                {"kind", "levels"},

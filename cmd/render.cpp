@@ -358,7 +358,7 @@ void run(const RenderOptions& o) {
     run.end_stage("load");
 
     run.progress.begin("prepare", 0);
-    const scene::Frame frame = scene::frame_of(volume.grid);
+    const scene::Frame frame = scene::frame_of(levels.finest());
     const visibility::Visibility visibility(scene, frame);
     reference::PathRules rules = rules_of(volume);
     rules.emitters = rules.emitters && !o.no_emitters;
@@ -366,7 +366,7 @@ void run(const RenderOptions& o) {
     render::ViewSettings view;
     const std::optional<visibility::Visibility> eye = render::eye_of(scene, frame);
     const visibility::Visibility& seen = eye ? *eye : visibility;
-    view.camera = choose_camera(o, scene, levels.levels.back().grid, seen, frame, view.size);
+    view.camera = choose_camera(o, scene, levels.outermost(), seen, frame, view.size);
     view.samples = o.samples;
     view.show = o.show;
     RenderResult result{

@@ -2,6 +2,7 @@
 
 #include "file_error.h"
 #include "io/atomic_file.h"
+#include "io/bricks.h"
 #include "io/glb.h"
 #include "io/levels.h"
 #include "io/points.h"
@@ -635,9 +636,47 @@ void check_level_outputs(const std::vector<std::string>& paths,
     }
 }
 
+void check_brick_outputs(const OutputOptions& o) {
+    for (const std::string& path : o.paths)
+        if (!io::takes_bricks(path))
+            throw Error(ErrorKind::argument,
+                        path + ": bricks are written as " + io::brick_format_list());
+    const io::Target storage = o.storage();
+    const volume::Encoding usual;
+    if (o.target != io::target_named("generic") || o.packing
+        || storage.encoding.convention != usual.convention || storage.encoding.axes != usual.axes
+        || (storage.precision != Precision::full && storage.precision != Precision::half))
+        throw Error(ErrorKind::argument,
+                    "bricks are written as they are, in float or half: --target, --packing, "
+                    "--sh-convention and --axes are of one volume; first convert --flatten");
+}
+
+namespace {
+
+std::vector<Written> write_bricks(const OutputOptions& o, const std::vector<std::string>& paths,
+                                  const volume::VolumeSet& set, TerminalProgress& progress) {
+    check_brick_outputs(o);
+    std::vector<Written> written;
+    progress.begin("write", paths.size());
+    for (const std::string& path : paths) {
+        progress.advance(written.size());
+        WriteReport report = io::write_bricks(path, set, o.storage().precision);
+        for (const std::string& warning : report.warnings)
+            progress.warn(warning);
+        for (const WriteReport::File& file : report.files)
+            tell("wrote " + file.path);
+        written.push_back({path, std::move(report.files)});
+    }
+    return written;
+}
+
+} // namespace
+
 std::vector<Written> write_levels(const OutputOptions& o, const std::vector<std::string>& paths,
                                   volume::VolumeSet& set, TerminalProgress& progress,
                                   const std::optional<PackedScene>& scene) {
+    if (set.bricks)
+        return write_bricks(o, paths, set, progress);
     if (set.levels.size() == 1)
         return write_outputs(o, paths, set.levels.front(), progress, scene);
     check_level_outputs(paths, {});

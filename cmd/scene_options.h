@@ -188,6 +188,8 @@ std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std
 std::vector<Written> write_levels(const OutputOptions& o, const std::vector<std::string>& paths,
                                   volume::VolumeSet& set, TerminalProgress& progress,
                                   const std::optional<PackedScene>& scene = {});
+/// Throws Error (argument) for outputs, or forms of them, that bricks have not.
+void check_brick_outputs(const OutputOptions& o);
 /// Throws Error (argument) for outputs that have no form for levels, or whose files would be each
 /// other's or an input.
 void check_level_outputs(const std::vector<std::string>& paths,

@@ -206,6 +206,11 @@ options::Action declare(options::Options& options) {
             fields->scene = fields->volume;
         }
         const volume::VolumeSet levels = read_levels(fields->volume);
+        if (levels.bricks)
+            throw Error(ErrorKind::unsupported,
+                        fields->volume
+                            + ": bricks are not verified; make one volume of them by "
+                              "convert --flatten H");
         take_light(fields->volume, levels.levels.front(), options);
         tell("settings: " + options.recorded());
         run(*fields, levels);

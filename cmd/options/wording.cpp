@@ -9,6 +9,7 @@ constexpr Wording table[] = {
     {"`lights` or a `sky`", "--default-light or light with --sun AZIMUTH,ELEVATION,LUX, --point "
                             "X,Y,Z,CD, --sky COLOUR,NITS or --lights FILE"},
     {"`adjust`", "--adjust"},
+    {"`adaptive`", "--adaptive"},
     {"`allow_external`", "--allow-external"},
     {"`animation`", "--animation"},
     {"`bounces`", "--bounces"},
@@ -31,6 +32,7 @@ constexpr Wording table[] = {
     {"`lights_only`", "--lights-only"},
     {"`max_albedo`", "--max-albedo"},
     {"`max_memory`", "--max-memory"},
+    {"`max_size`", "--max-size"},
     {"`no_peer`", "--no-peer"},
     {"`occlusion`", "--occlusion"},
     {"`packing`", "--packing"},

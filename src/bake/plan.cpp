@@ -16,6 +16,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace lpvbake::bake {
 namespace {
@@ -75,6 +76,44 @@ void plan_levels(const std::vector<volume::LevelBox>& levels, BakePlan& plan) {
     }
 }
 
+/// Bricks that stand on a unit of their area (a face of 8 x 8 cells), measured: surfaces cross the
+/// places of more bricks than their area has, and around them are coarser ones.
+constexpr double bricks_a_face = 3.5;
+
+void plan_bricks(const SceneFacts& scene, BakePlan& plan) {
+    const AdaptiveSettings& adaptive = *plan.settings.adaptive;
+    BrickPlan& bricks = plan.bricks.emplace();
+    bricks.box = plan.settings.bounds.value_or(
+        Bounds{scene.bounds.lo - adaptive.fine, scene.bounds.hi + adaptive.fine});
+    const auto& [lo, hi] = bricks.box;
+    bricks.levels = volume::brick_levels(adaptive.fine, adaptive.coarse, lo, hi);
+    plan.grid = bricks.levels.finest;
+    plan.frame = scene::frame_of(plan.grid);
+    // What is beyond the box is not refined.
+    plan.frame.extent = glm::min(plan.frame.extent, glm::ceil((hi - lo) / adaptive.fine) + 1.0);
+    const double inside = surface::count_patches(scene.surfaces, plan.frame, 1.0f).inside;
+    const auto count = [&](int level) {
+        const glm::dvec3 places(bricks.levels.places(level));
+        return places.x * places.y * places.z;
+    };
+    const double roots = count(bricks.levels.count - 1);
+    bricks.expected = uint64_t(std::min(count(0) * 8 / 7, roots + bricks_a_face * inside / 64) + 1);
+    const int order = plan.settings.solver.order();
+    const uint64_t bytes = brick_numbers(order) * uint64_t(adaptive.number_bytes);
+    bricks.most = adaptive.size ? *adaptive.size / bytes : std::numeric_limits<uint32_t>::max();
+    if (double(bricks.most) < roots)
+        throw Error(ErrorKind::argument,
+                    format("`max_size`: the %.0f coarsest bricks alone are %.1f MiB of numbers; "
+                           "use %.0f or more bytes, or larger coarsest cells",
+                           roots, roots * double(bytes) / 0x1p20, roots * double(bytes)));
+    bricks.expected = std::max(bricks.expected, uint64_t(roots));
+}
+
+/// How many places the solver is given; 0: it is a grid.
+uint64_t places_of(const BakePlan& plan) {
+    return plan.bricks ? plan.bricks->expected * volume::brick_samples : plan.settings.points;
+}
+
 /// Begins what is told of a stage of one of several levels.
 std::string of_level(std::size_t level, const BakePlan& plan) {
     return plan.coarser.empty() ? "" : format("level %zu: ", level);
@@ -86,6 +125,8 @@ void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan)
     const auto& [lo, hi] = scene.bounds;
     if (!settings.levels.empty())
         plan_levels(settings.levels, plan);
+    if (settings.adaptive)
+        plan_bricks(scene, plan);
     const Bounds box =
         plan.coarser.empty() ? settings.bounds.value_or(scene.bounds) : box_of(plan.coarser.back());
     if (!settings.bounds && settings.points == 0 && settings.levels.empty())
@@ -95,7 +136,7 @@ void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan)
             about(scene.path, format("`bounds` do not meet the scene's, %.6g,%.6g,%.6g to "
                                      "%.6g,%.6g,%.6g",
                                      lo.x, lo.y, lo.z, hi.x, hi.y, hi.z)));
-    if (settings.levels.empty()) {
+    if (settings.levels.empty() && !settings.adaptive) {
         plan.grid = volume::fit_grid(box.lo, box.hi, settings.grid);
         plan.frame = scene::frame_of(plan.grid);
     }
@@ -218,6 +259,14 @@ void check_host_memory(const BakePlan& plan) {
     const uint64_t memory = machine_memory();
     if (plan.host_bytes <= memory)
         return;
+    if (plan.bricks)
+        throw Error(ErrorKind::memory,
+                    format("`adaptive` %.6g..%.6g: about %llu bricks need about %.1f GiB of this "
+                           "machine's %.1f GiB of memory; use larger finest cells or a smaller "
+                           "`bounds`",
+                           plan.settings.adaptive->fine, plan.settings.adaptive->coarse,
+                           (unsigned long long)plan.bricks->expected,
+                           double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30));
     if (plan.settings.points > 0)
         throw Error(ErrorKind::memory,
                     counted(plan.settings.points, "point")
@@ -241,6 +290,18 @@ void check_host_memory(const BakePlan& plan) {
 }
 
 } // namespace
+
+uint64_t brick_numbers(int order) { // light, validity, walls, and density for viewers
+    return volume::brick_samples * (3 * uint64_t(volume::sh_count(order) + most_walls) + 2);
+}
+
+uint64_t brick_bytes(int order) {
+    return volume::brick_samples * (12 * uint64_t(volume::sh_count(order) + most_walls) + 4) + 4096;
+}
+
+uint64_t sample_bytes(int order) {
+    return 12 * uint64_t(volume::sh_count(order)) + 64;
+}
 
 BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                    const gpu::DeviceInfo& device) {
@@ -283,8 +344,12 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     for (std::size_t level = 0; level < grids.size(); ++level) {
         const Grid& grid = grids[level];
         solver::Cost cost = solver.kind().cost(
-            {grid, patches, plan.lit, plan.maps, settings.points, device.type != "cpu"}, solver);
-        if (settings.points == 0)
+            {grid, patches, plan.lit, plan.maps, places_of(plan), device.type != "cpu"}, solver);
+        if (plan.bricks)
+            cost.stages.push_back(
+                {"walls", seconds::brick_place * double(places_of(plan)),
+                 format("of about %llu bricks", (unsigned long long)plan.bricks->expected)});
+        else if (places_of(plan) == 0)
             cost.stages.push_back({"walls", seconds::walls_cell * double(grid.size()),
                                    "what stands between cells and the points around them"});
         for (StageReport& stage : cost.stages)
@@ -292,7 +357,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
         plan.stages.insert(plan.stages.end(), cost.stages.begin(), cost.stages.end());
         if (level == 0)
             plan.skipped.insert(plan.skipped.end(), cost.skipped.begin(), cost.skipped.end());
-        if (settings.points == 0)
+        if (places_of(plan) == 0)
             plan_fit(level == 0
                          ? surfaces
                          : surface::count_patches(scene.surfaces, scene::frame_of(grid), 1.0f),
@@ -312,7 +377,12 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     // written more than once.
     plan.host_bytes += solver::models::bytes::triangle * plan.triangles
                        + solver::models::bytes::fixed + solver_bytes;
-    plan.host_bytes += settings.points > 0
+    if (plan.bricks)
+        plan.bricks->other_bytes = plan.host_bytes;
+    plan.host_bytes += plan.bricks ? plan.bricks->expected
+                                         * (brick_bytes(solver.order())
+                                            + volume::brick_samples * sample_bytes(solver.order()))
+                       : settings.points > 0
                            ? settings.points * volume::point_bytes(solver.order())
                            : all_cells
                                  * (solver::models::bytes::cell

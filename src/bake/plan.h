@@ -12,13 +12,29 @@
 
 namespace lpvbake::bake {
 
+/// What is known of bricks before they are baked.
+struct BrickPlan {
+    volume::BrickLevels levels;
+    Bounds box;               ///< that is asked for
+    uint64_t expected = 0;    ///< bricks, an estimate
+    uint64_t most = 0;        ///< that are left at most
+    uint64_t other_bytes = 0; ///< of memory, beside bricks and samples
+};
+
+/// Memory that a brick, and a sample beside those, takes while it is baked.
+uint64_t brick_bytes(int order);
+uint64_t sample_bytes(int order);
+/// Numbers that a brick has in a file.
+uint64_t brick_numbers(int order);
+
 struct BakePlan {
     BakeSettings settings;
-    Grid grid;                 ///< of nested ones the finest
-    std::vector<Grid> coarser; ///< the levels around it; mostly none
-    scene::Frame frame;        ///< the grid's, with the boxes of the levels around it
-    bool emitters = false;     ///< some surface emits, and is wanted to
-    bool lit = false;          ///< surfaces are lit as a whole, not by reflective shadow maps alone
+    Grid grid;                       ///< of nested ones the finest
+    std::vector<Grid> coarser;       ///< the levels around it; mostly none
+    std::optional<BrickPlan> bricks; ///< instead; the grid is all of the finest level
+    scene::Frame frame;              ///< the grid's, with the boxes of the levels around it
+    bool emitters = false;           ///< some surface emits, and is wanted to
+    bool lit = false; ///< surfaces are lit as a whole, not by reflective shadow maps alone
     solver::ReflectiveMaps maps;
     uint64_t triangles = 0;
     uint64_t device_bytes = 0; ///< peak of the solver's device memory

@@ -18,6 +18,14 @@ struct Reader;
 
 namespace lpvbake::bake {
 
+/// Bricks instead of a grid (volume/bricks.h).
+struct AdaptiveSettings {
+    double fine = 0, coarse = 0;  ///< cells of the finest and the coarsest level, metres
+    double error = 0;             ///< volume::TrimGoal::error
+    std::optional<uint64_t> size; ///< bytes of all their numbers at most
+    int number_bytes = 4;         ///< of a number
+};
+
 /// Defaults are those of the program: sn, order 2, all reflections.
 struct BakeSettings {
     BakeSettings() : BakeSettings(*solver_kinds().front()) {}
@@ -31,6 +39,8 @@ struct BakeSettings {
     /// Nested grids instead (volume/levels.h), by a solver of lit surfaces and without its
     /// reflective shadow maps; empty: one grid, by the two above.
     std::vector<volume::LevelBox> levels;
+    /// By a solver that is SolverKind::at_places, in `bounds`, or a cell around the scene.
+    std::optional<AdaptiveSettings> adaptive;
     bool emitters = true;       ///< emissive surfaces give light
     std::optional<int> bounces; ///< reflections at most; none: all
     /// Whose picture of the surfaces the volume is fitted to (bake/surface_fit.h); null: nobody's,

@@ -1,6 +1,7 @@
 #include "io/levels.h"
 
 #include "io/atomic_file.h"
+#include "io/bricks.h"
 #include "io/described.h"
 #include "io/io.h"
 #include "lpvbake/error.h"
@@ -19,7 +20,7 @@ namespace fs = std::filesystem;
 constexpr const char* end_of_name = ".levels.json";
 constexpr const char* format_name = "lpvbake levels";
 constexpr int version = 1;
-constexpr uint64_t most_bytes = 1 << 20;
+constexpr uint64_t most_bytes = 64 << 20; // of many bricks
 
 Json array_of(glm::dvec3 v) {
     return {v.x, v.y, v.z};
@@ -34,7 +35,9 @@ double number_in(const std::string& path, const Json& json, const char* name) {
 
 Json parse(const std::string& path) {
     const Json json = Json::parse(read_file(path, most_bytes), nullptr, false);
-    if (!json.is_object() || json.value("format", Json()) != format_name)
+    if (!json.is_object()
+        || (json.value("format", Json()) != format_name
+            && json.value("format", Json()) != bricks_format_name))
         reject(path, "is no manifest of levels, or damaged; bake the levels again");
     if (json.value("version", Json()) != version)
         reject(path, "has another \"version\" than " + std::to_string(version)
@@ -91,23 +94,6 @@ Volume read_level(const std::string& manifest, const std::string& file) {
     }
 }
 
-/// What all levels of a bake have alike.
-void check_alike(const std::string& path, const std::string& file, const Volume& first,
-                 const Volume& other) {
-    const auto differ = [&](const std::string& what) {
-        reject(path, file + " is of another bake than the finest level: they differ in " + what
-                         + "; bake all levels together");
-    };
-    for (const char* fact : {"scene_hash", "settings"}) {
-        const auto a = first.metadata.find(fact), b = other.metadata.find(fact);
-        if ((a == first.metadata.end()) != (b == other.metadata.end())
-            || (a != first.metadata.end() && a->second != b->second))
-            differ(fact);
-    }
-    if (first.sh_order != other.sh_order)
-        differ("the order of the harmonics");
-}
-
 /// The samples of a level nest in those of the next.
 void check_nested(const std::string& path, const std::string& file, const Grid& fine,
                   const Grid& coarse) {
@@ -143,6 +129,22 @@ bool is_manifest(const std::string& path) {
     return path.ends_with(end_of_name);
 }
 
+void check_alike(const std::string& path, const std::string& file, const Volume& first,
+                 const Volume& other) {
+    const auto differ = [&](const std::string& what) {
+        reject(path, file + " is of another bake than the finest level: they differ in " + what
+                         + "; bake all levels together");
+    };
+    for (const char* fact : {"scene_hash", "settings"}) {
+        const auto a = first.metadata.find(fact), b = other.metadata.find(fact);
+        if ((a == first.metadata.end()) != (b == other.metadata.end())
+            || (a != first.metadata.end() && a->second != b->second))
+            differ(fact);
+    }
+    if (first.sh_order != other.sh_order)
+        differ("the order of the harmonics");
+}
+
 WriteReport::File write_manifest(const std::string& path, const std::vector<Grid>& grids,
                                  volume::Axes axes, double blend) {
     Json levels = Json::array();
@@ -172,6 +174,8 @@ WriteReport::File write_manifest(const std::string& path, const std::vector<Grid
 
 std::vector<std::string> level_files(const std::string& manifest) {
     const Json json = parse(manifest);
+    if (json["format"] == bricks_format_name)
+        return files_of_bricks(manifest, json);
     std::vector<std::string> files;
     for (const Json& level : json["levels"])
         files.push_back((fs::path(manifest).parent_path() / file_in(manifest, level)).string());
@@ -180,6 +184,8 @@ std::vector<std::string> level_files(const std::string& manifest) {
 
 volume::VolumeSet read_levels(const std::string& path) {
     const Json json = parse(path);
+    if (json["format"] == bricks_format_name)
+        return read_bricks(path, json);
     volume::VolumeSet set;
     set.blend = number_in(path, json, "blend");
     if (!(set.blend > 0))

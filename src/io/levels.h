@@ -31,9 +31,14 @@ std::vector<std::string> level_files(const std::string& manifest);
 WriteReport::File write_manifest(const std::string& path, const std::vector<Grid>& grids,
                                  volume::Axes axes, double blend);
 
-/// Reads a manifest and the levels that it lists. Throws Error: file (the manifest or a level is
-/// not there), invalid (what it says is wrong, or levels are of different bakes), and as
-/// read_volume.
+/// Throws Error (invalid), for the manifest `path`, unless a file's volume is of the same bake as
+/// the finest level.
+void check_alike(const std::string& path, const std::string& file, const Volume& first,
+                 const Volume& other);
+
+/// Reads a manifest and the levels, or bricks (io/bricks.h), that it lists. Throws Error: file (the
+/// manifest or a level is not there), invalid (what it says is wrong, or levels are of different
+/// bakes), and as read_volume.
 volume::VolumeSet read_levels(const std::string& path);
 
 } // namespace lpvbake::io

@@ -237,8 +237,9 @@ void insert_text(MetaMap& metadata, const std::string& key, const std::string& v
 }
 
 /// What a reader must know to make sense of any of the grids.
-void insert_lattice(MetaMap& metadata, const Volume& volume, const volume::Encoding& encoding) {
-    const Grid& grid = volume.grid;
+void insert_lattice(MetaMap& metadata, const Volume& volume, const volume::Encoding& encoding,
+                    const BrickPlaces* bricks = nullptr) {
+    const Grid& grid = bricks ? bricks->lattice : volume.grid;
     for (const auto& [key, value] : field_facts(encoding))
         insert_text(metadata, key, value);
     insert_text(metadata, "index_position", encoding.corner_index ? "corner" : "center");
@@ -274,35 +275,38 @@ Value required(const MetaMap& metadata, const char* key, const std::string& path
 }
 
 /// Copies a grid's active values into cells; those without stay as they are. convert(value, cell)
-/// puts a value where the cell's floats begin.
+/// puts a value where the cell's floats begin. Of bricks the cells are those of their stack.
 template <typename GridType, typename Convert>
-void copy_cells(const openvdb::GridBase::Ptr& base, const Grid& lattice, const std::string& path,
-                const volume::GridView& view, const Convert& convert) {
+void copy_cells(const openvdb::GridBase::Ptr& base, const Grid& cells, const BrickPlaces* bricks,
+                const std::string& path, const volume::GridView& view, const Convert& convert) {
     const auto grid = openvdb::gridPtrCast<GridType>(base);
     if (!grid)
         reject(path, "grid " + base->getName() + " has the wrong type, " + base->type());
-    const glm::ivec3 dims = lattice.dims;
-    const openvdb::CoordBBox whole(Coord(0), Coord(dims.x - 1, dims.y - 1, dims.z - 1));
+    const glm::ivec3 last = (bricks ? bricks->lattice : cells).dims - 1;
+    const openvdb::CoordBBox whole(Coord(0), Coord(last.x, last.y, last.z));
     const openvdb::CoordBBox active = grid->evalActiveVoxelBoundingBox();
     if (!active.empty() && !whole.isInside(active))
         reject(path, "grid " + base->getName() + " has values outside lpv:grid_dims");
     const int width = view.kind->width();
-    tbb::parallel_for(0, dims.z, [&](int z) {
+    tbb::parallel_for(0, cells.dims.z, [&](int z) {
         const auto accessor = grid->getConstAccessor();
-        float* cell = view.data + lattice.index({0, 0, z}) * size_t(width);
-        for (int y = 0; y < dims.y; ++y)
-            for (int x = 0; x < dims.x; ++x, cell += width)
-                convert(accessor.getValue(Coord(x, y, z)), cell);
+        float* cell = view.data + cells.index({0, 0, z}) * size_t(width);
+        for (int y = 0; y < cells.dims.y; ++y)
+            for (int x = 0; x < cells.dims.x; ++x, cell += width) {
+                const glm::ivec3 own(x, y, z);
+                if (const auto at = bricks ? bricks->of_cell(own) : std::optional(own))
+                    convert(accessor.getValue(Coord(at->x, at->y, at->z)), cell);
+            }
     });
 }
 
-void copy_grid(const openvdb::GridBase::Ptr& base, const Grid& lattice, const std::string& path,
-               const volume::GridView& view) {
+void copy_grid(const openvdb::GridBase::Ptr& base, const Grid& lattice, const BrickPlaces* bricks,
+               const std::string& path, const volume::GridView& view) {
     if (view.kind->width() == 1)
-        copy_cells<FloatGrid>(base, lattice, path, view,
+        copy_cells<FloatGrid>(base, lattice, bricks, path, view,
                               [](float value, float* cell) { *cell = value; });
     else
-        copy_cells<Vec3SGrid>(base, lattice, path, view,
+        copy_cells<Vec3SGrid>(base, lattice, bricks, path, view,
                               [](const openvdb::Vec3s& value, float* cell) {
                                   std::copy_n(value.asPointer(), 3, cell);
                               });
@@ -310,7 +314,8 @@ void copy_grid(const openvdb::GridBase::Ptr& base, const Grid& lattice, const st
 
 } // namespace
 
-Volume volume_of(const VdbContent& content, const std::string& path, volume::GridKinds kinds) {
+Volume volume_of(const VdbContent& content, const std::string& path, volume::GridKinds kinds,
+                 const BrickPlaces* bricks) {
     Volume volume;
     const MetaMap::Ptr& metadata = content.metadata;
     const auto dims = required<openvdb::Vec3i>(*metadata, "lpv:grid_dims", path);
@@ -318,6 +323,15 @@ Volume volume_of(const VdbContent& content, const std::string& path, volume::Gri
     volume.grid = {{origin.x(), origin.y(), origin.z()},
                    required<double>(*metadata, "lpv:cell_size", path),
                    {dims.x(), dims.y(), dims.z()}};
+    if (bricks) {
+        const Grid& listed = bricks->lattice;
+        if (listed.dims != volume.grid.dims
+            || !(glm::length(listed.origin - volume.grid.origin) < 1e-3 * listed.cell)
+            || !(std::abs(listed.cell - volume.grid.cell) < 1e-6 * listed.cell))
+            reject(path, "has another lattice than its manifest lists: of another bake; bake all "
+                         "levels together");
+        volume.grid = {{}, 1, volume::BrickStack(bricks->first.size()).dims()};
+    }
     volume.sh_order = required<int32_t>(*metadata, "lpv:sh_order", path);
     if (volume.sh_order < 0 || volume.sh_order > volume::sh_max_order)
         reject(path, "lpv:sh_order is " + std::to_string(volume.sh_order) + ", not 0 to "
@@ -328,6 +342,8 @@ Volume volume_of(const VdbContent& content, const std::string& path, volume::Gri
             return required<std::string>(*metadata, (std::string("lpv:") + key).c_str(), path);
         },
         path);
+    if (bricks && encoding.axes != volume::Axes::gltf)
+        reject(path, "has turned axes, which bricks have not; bake them again");
 
     for (const GridKind* kind : kinds) {
         int count = kind == &volume::light_kind() ? volume::sh_count(volume.sh_order) : 0;
@@ -340,7 +356,7 @@ Volume volume_of(const VdbContent& content, const std::string& path, volume::Gri
             const openvdb::GridBase::Ptr found = content.grid(view.name());
             if (!found)
                 reject(path, "has no grid " + view.name());
-            copy_grid(found, volume.grid, path, view);
+            copy_grid(found, volume.grid, bricks, path, view);
         }
     }
 
@@ -359,9 +375,10 @@ constexpr VolumeFormat vdb_format{
     .help = "NAME.vdb",
     .write = [](const std::string& path, const Stored& stored, Precision precision,
                 const Pictures&) { return write_vdb(path, stored, precision); },
-    .read = read_vdb};
+    .read = [](const std::string& path, volume::GridKinds kinds) { return read_vdb(path, kinds); }};
 
-WriteReport write_vdb(const std::string& path, const Stored& stored, Precision wanted) {
+WriteReport write_vdb(const std::string& path, const Stored& stored, Precision wanted,
+                      const BrickPlaces* bricks) {
     initialise_vdb();
     const Volume& volume = stored.volume();
     const volume::Encoding& encoding = stored.encoding();
@@ -369,9 +386,9 @@ WriteReport write_vdb(const std::string& path, const Stored& stored, Precision w
     const bool half = stored.precision(wanted, path, report) == Precision::half;
     const std::vector<uint8_t> active = active_cells(volume);
     const auto make = [&](const volume::ConstGridView& view, const volume::Quantity& quantity) {
-        const openvdb::GridBase::Ptr grid = make_grid(view, stored, active);
+        const openvdb::GridBase::Ptr grid = make_grid(view, stored, active, bricks);
         grid->setSaveFloatAsHalf(half);
-        insert_lattice(*grid, volume, encoding);
+        insert_lattice(*grid, volume, encoding, bricks);
         insert_text(*grid, "quantity", quantity.name);
         insert_text(*grid, "units", quantity.units);
         return grid;
@@ -381,7 +398,7 @@ WriteReport write_vdb(const std::string& path, const Stored& stored, Precision w
     for (const auto& [key, value] : volume.metadata)
         insert_text(metadata, key, value);
     insert_text(metadata, "precision", half ? "half" : "float");
-    insert_lattice(metadata, volume, encoding);
+    insert_lattice(metadata, volume, encoding, bricks);
 
     const std::vector<volume::ConstGridView> views = grids_to_write(stored);
     AtomicFile file(path);
@@ -414,7 +431,9 @@ WriteReport write_vdb(const std::string& path, const Stored& stored, Precision w
     return report;
 }
 
-Volume read_vdb(const std::string& path, volume::GridKinds kinds) {
+namespace {
+
+Volume read(const std::string& path, volume::GridKinds kinds, const BrickPlaces* bricks) {
     initialise_vdb();
     // OpenVDB trusts what it reads, so damage has to be found before.
     const Identity identity = identify(path, path);
@@ -432,12 +451,22 @@ Volume read_vdb(const std::string& path, volume::GridKinds kinds) {
                             [&](const std::string& name) {
                                 return file.hasGrid(name) ? file.readGrid(name) : nullptr;
                             }},
-                           path, kinds);
+                           path, kinds, bricks);
     } catch (const openvdb::Exception& error) {
         reject(path, one_line(error.what()));
     }
     check_volume(volume, path, ErrorKind::invalid);
     return volume;
+}
+
+} // namespace
+
+Volume read_vdb(const std::string& path, volume::GridKinds kinds) {
+    return read(path, kinds, nullptr);
+}
+
+Volume read_vdb(const std::string& path, const BrickPlaces& bricks) {
+    return read(path, volume::grid_kinds(), &bricks);
 }
 
 } // namespace lpvbake::io

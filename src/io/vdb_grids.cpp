@@ -21,20 +21,31 @@ openvdb::math::Transform::Ptr transform_of(const Grid& grid, bool corner_index) 
 /// Fills a grid with value(cell) where active. Uniform blocks become tiles, which cost nothing.
 template <typename GridType, typename Value>
 typename GridType::Ptr make_grid(const Grid& lattice, const std::vector<uint8_t>& active,
-                                 const Value& value) {
+                                 const BrickPlaces* bricks, const Value& value) {
     auto grid = GridType::create();
     auto accessor = grid->getAccessor();
     size_t i = 0;
     for (int z = 0; z < lattice.dims.z; ++z)
         for (int y = 0; y < lattice.dims.y; ++y)
-            for (int x = 0; x < lattice.dims.x; ++x, ++i)
-                if (active[i])
+            for (int x = 0; x < lattice.dims.x; ++x, ++i) {
+                if (!bricks && active[i])
                     accessor.setValueOn(Coord(x, y, z), value(i));
+                if (bricks)
+                    if (const auto at = bricks->of_cell({x, y, z}))
+                        accessor.setValueOn(Coord(at->x, at->y, at->z), value(i));
+            }
     grid->tree().prune();
     return grid;
 }
 
 } // namespace
+
+std::optional<glm::ivec3> BrickPlaces::of_cell(glm::ivec3 cell) const {
+    constexpr int edge = volume::brick_edge;
+    const volume::BrickStack stack(first.size());
+    const std::size_t brick = Grid{{}, 1, stack.slots}.index(cell / edge);
+    return brick < first.size() ? std::optional(first[brick] + cell % edge) : std::nullopt;
+}
 
 void initialise_vdb() {
     static std::once_flag once;
@@ -58,17 +69,18 @@ std::vector<uint8_t> active_cells(const Volume& volume) {
 }
 
 openvdb::GridBase::Ptr make_grid(const volume::ConstGridView& view, const Stored& stored,
-                                 const std::vector<uint8_t>& active) {
+                                 const std::vector<uint8_t>& active, const BrickPlaces* bricks) {
     const Grid& lattice = stored.volume().grid;
     openvdb::GridBase::Ptr grid;
     if (view.kind->width() == 1)
-        grid =
-            make_grid<openvdb::FloatGrid>(lattice, active, [&](size_t i) { return view.data[i]; });
+        grid = make_grid<openvdb::FloatGrid>(lattice, active, bricks,
+                                             [&](size_t i) { return view.data[i]; });
     else
         grid = make_grid<openvdb::Vec3SGrid>(
-            lattice, active, [&](size_t i) { return openvdb::Vec3s(view.data + 3 * i); });
+            lattice, active, bricks, [&](size_t i) { return openvdb::Vec3s(view.data + 3 * i); });
     grid->setName(view.name());
-    grid->setTransform(transform_of(lattice, stored.encoding().corner_index));
+    grid->setTransform(
+        transform_of(bricks ? bricks->lattice : lattice, stored.encoding().corner_index));
     grid->setVectorType(openvdb::VEC_INVARIANT); // colours do not turn with the transform
     grid->setGridClass(view.kind == &density_kind ? openvdb::GRID_FOG_VOLUME
                                                   : openvdb::GRID_UNKNOWN);

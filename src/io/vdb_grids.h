@@ -3,6 +3,7 @@
 #pragma once
 
 #include "io/stored.h"
+#include "io/vdb.h"
 #include "volume/grids.h"
 
 // What its library registers of its templates is what we instantiate: one and the same, though all
@@ -26,9 +27,11 @@ std::vector<volume::ConstGridView> grids_to_write(const Stored& stored);
 /// 1 where a cell carries meaning: where any grid has a value that is not 0.
 std::vector<uint8_t> active_cells(const Volume& volume);
 
-/// A grid as Vec3S or float, with name, transform and class. Uniform blocks are tiles.
+/// A grid as Vec3S or float, with name, transform and class. Uniform blocks are tiles. Of bricks
+/// where those stand.
 openvdb::GridBase::Ptr make_grid(const volume::ConstGridView& view, const Stored& stored,
-                                 const std::vector<uint8_t>& active);
+                                 const std::vector<uint8_t>& active,
+                                 const BrickPlaces* bricks = nullptr);
 
 struct VdbContent {
     openvdb::MetaMap::Ptr metadata;              ///< of the file
@@ -40,6 +43,7 @@ struct VdbContent {
 /// The volume that the grids hold; its values may be anything. Throws Error (invalid, memory) that
 /// begins with `path`, and openvdb::Exception.
 Volume volume_of(const VdbContent& content, const std::string& path,
-                 volume::GridKinds kinds = volume::grid_kinds());
+                 volume::GridKinds kinds = volume::grid_kinds(),
+                 const BrickPlaces* bricks = nullptr);
 
 } // namespace lpvbake::io

@@ -48,6 +48,7 @@ inline constexpr double gather_patch = 3e-6;
 inline constexpr double gather_place = 1.5e-5; ///< that is given: all that its own rays see
 inline constexpr double gather_ray = 2e-7;     ///< for each cluster, with those to the sky
 inline constexpr double look_place = 2.5e-5;   ///< what lies around it
+inline constexpr double brick_place = 8e-6;    ///< its walls, and what trimming asks of it
 inline constexpr double gather_above_2 = 1.35; ///< as long for a solved cell above order 2
 inline constexpr double discs_texel = 4e-7;    ///< of each map, for each cell
 

@@ -11,6 +11,18 @@ constexpr float own_share = 0.75f;
 
 } // namespace
 
+size_t walls_around(const Visibility& visibility, glm::vec3 place, float reach,
+                    std::span<glm::vec3> walls) {
+    size_t found = 0;
+    while (found < walls.size()) {
+        const auto way = visibility.nearest_point(place, reach, walls.first(found), own_share);
+        if (!way)
+            break;
+        walls[found++] = *way;
+    }
+    return found;
+}
+
 std::vector<std::vector<glm::vec3>> find_walls(const Visibility& visibility, glm::ivec3 dims,
                                                std::span<const float> validity, int count,
                                                float reach) {
@@ -18,7 +30,7 @@ std::vector<std::vector<glm::vec3>> find_walls(const Visibility& visibility, glm
         static_cast<size_t>(count),
         std::vector<glm::vec3>(size_t(dims.x) * size_t(dims.y) * size_t(dims.z), glm::vec3(0.0f)));
     tbb::parallel_for(0, dims.z, [&](int z) {
-        std::vector<glm::vec3> own;
+        std::vector<glm::vec3> own(walls.size());
         size_t cell = size_t(z) * size_t(dims.y) * size_t(dims.x);
         for (int y = 0; y < dims.y; ++y)
             for (int x = 0; x < dims.x; ++x, ++cell) {
@@ -27,14 +39,9 @@ std::vector<std::vector<glm::vec3>> find_walls(const Visibility& visibility, glm
                 const auto [from, open] = visibility.capture({x, y, z});
                 if (!open)
                     continue;
-                own.clear();
-                while (own.size() < walls.size()) {
-                    const auto way = visibility.nearest_point(from, reach, own, own_share);
-                    if (!way)
-                        break;
-                    walls[own.size()][cell] = *way;
-                    own.push_back(*way);
-                }
+                const size_t found = walls_around(visibility, from, reach, own);
+                for (size_t i = 0; i < found; ++i)
+                    walls[i][cell] = own[i];
             }
     });
     return walls;

@@ -20,4 +20,9 @@ std::vector<std::vector<glm::vec3>> find_walls(const Visibility& visibility, glm
                                                std::span<const float> validity, int count,
                                                float reach);
 
+/// The same around one place, where light is taken: fills at most walls.size() of them, and returns
+/// how many.
+size_t walls_around(const Visibility& visibility, glm::vec3 place, float reach,
+                    std::span<glm::vec3> walls);
+
 } // namespace lpvbake::visibility

@@ -154,7 +154,7 @@ std::vector<LevelBox> levels_around(const LevelBox& focus, glm::dvec3 lo, glm::d
 }
 
 double share_of(const Levels& levels, std::size_t level, glm::dvec3 point) {
-    if (level + 1 == levels.volumes.size())
+    if (levels.bricks || level + 1 == levels.volumes.size())
         return 1;
     const Grid& grid = levels.volumes[level].grid;
     const Hull own = hull_of(grid), outermost = hull_of(levels.volumes.back().grid);
@@ -171,6 +171,8 @@ double share_of(const Levels& levels, std::size_t level, glm::dvec3 point) {
 }
 
 std::size_t level_at(const Levels& levels, glm::dvec3 point) {
+    if (levels.bricks)
+        return levels.bricks->at(point);
     std::size_t level = 0;
     while (!(share_of(levels, level, point) > 0))
         ++level;
@@ -179,13 +181,6 @@ std::size_t level_at(const Levels& levels, glm::dvec3 point) {
 
 namespace {
 
-/// What of a level's cells a sample of a flattened volume is made of.
-struct Taps {
-    CellWeights cells;
-    std::size_t nearest = 0; ///< of those, or of all eight where none counts
-    bool valid = false;
-};
-
 /// Whether a point (cells, from the centre) lies before all walls of a cell.
 bool is_before(const Volume& volume, std::size_t cell, glm::dvec3 x) {
     return std::ranges::all_of(volume.walls, [&](const auto& wall) {
@@ -193,6 +188,8 @@ bool is_before(const Volume& volume, std::size_t cell, glm::dvec3 x) {
         return !(glm::dot(w, w) > 0) || glm::dot(w, x) < glm::dot(w, w);
     });
 }
+
+} // namespace
 
 Taps taps_at(const Volume& volume, glm::dvec3 point) {
     Taps taps{weights_at(volume, point, glm::dvec3(0, 1, 0), Reading::trilinear)};
@@ -223,6 +220,8 @@ Taps taps_at(const Volume& volume, glm::dvec3 point) {
     taps.cells.clear = taps.valid;
     return taps;
 }
+
+namespace {
 
 /// All coefficients of a sample.
 struct Sample {
@@ -283,7 +282,7 @@ std::vector<glm::dvec3> field_at(const Levels& levels, glm::dvec3 point) {
 
 Volume flatten(const Levels& levels, double cell) {
     const Volume& outermost = levels.volumes.back();
-    const Hull hull = hull_of(outermost.grid);
+    const Hull hull = hull_of(levels.bricks ? levels.bricks->levels().finest : outermost.grid);
     const glm::dvec3 dims = (hull.hi - hull.lo) / cell + 1.0;
     if (dims.x * dims.y * dims.z > std::numeric_limits<int32_t>::max())
         throw Error(ErrorKind::argument,

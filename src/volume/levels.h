@@ -6,8 +6,10 @@
 // of samples of the next.
 #pragma once
 
+#include "volume/bricks.h"
 #include "volume/sampler.h"
 
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -34,28 +36,41 @@ std::vector<Grid> nest_grids(std::vector<LevelBox> levels);
 std::vector<LevelBox> levels_around(const LevelBox& focus, glm::dvec3 lo, glm::dvec3 hi,
                                     std::size_t count);
 
-/// Volumes of levels.
+/// Volumes of levels, or of bricks.
 struct VolumeSet {
     std::vector<Volume> levels; ///< finest first; at least one
     /// Cells of the next level, inside of a hull, over which a level takes over from that.
     double blend = 1;
+    /// There are bricks instead of levels: `levels` are those of the tree, of which the first and
+    /// the last have the metadata.
+    std::optional<BrickTree> bricks = {};
+
+    /// All samples of the finest, and of the outermost level.
+    Grid finest() const { return bricks ? bricks->levels().finest : levels.front().grid; }
+    Grid outermost() const {
+        return bricks ? bricks->levels().lattice(bricks->levels().count - 1) : levels.back().grid;
+    }
 };
 
-/// The levels of a set, or a volume that is alone. Refers to them.
+/// The levels or bricks of a set, or a volume that is alone. Refers to them.
 struct Levels {
     std::span<const Volume> volumes;
     double blend = 1;
+    const BrickTree* bricks = nullptr; ///< the volumes are its; null: they are levels
 
     Levels(const Volume& alone) : volumes(&alone, 1) {}
-    Levels(const VolumeSet& set) : volumes(set.levels), blend(set.blend) {}
+    Levels(const VolumeSet& set)
+        : volumes(set.levels),
+          blend(set.blend),
+          bricks(set.bricks ? &*set.bricks : nullptr) {}
 };
 
 /// What a level weighs at a point (metres) against the coarser ones: 0 outside of its hull, rising
 /// to 1 (smoothstep) over `blend` cells of the next level. At faces that it has in common with the
-/// outermost level it stays what it is beside them. The outermost level's is 1.
+/// outermost level it stays what it is beside them. The outermost level's is 1, and a brick's.
 double share_of(const Levels& levels, std::size_t level, glm::dvec3 point);
 
-/// The finest level that has a share at the point.
+/// The finest level that has a share at the point; the finest brick there.
 std::size_t level_at(const Levels& levels, glm::dvec3 point);
 
 /// What is read of a level.
@@ -66,11 +81,19 @@ struct LevelReading {
 };
 
 /// The mean of what `read(level)`, a LevelReading, finds at a point, by the levels' shares of what
-/// finer ones leave. What is not clear does not count, unless nothing is; then the finest does.
+/// finer ones leave. What is not clear does not count, unless nothing is; then the finest does. Of
+/// bricks the finest that is clear counts alone.
 template <class Read>
 auto blend(const Levels& levels, glm::dvec3 point, const Read& read) {
     const std::size_t finest = level_at(levels, point);
     const auto first = read(finest);
+    if (levels.bricks) {
+        auto found = first;
+        for (auto up = levels.bricks->parent(finest); up && !found.clear;
+             up = levels.bricks->parent(*up))
+            found = read(*up);
+        return found.clear ? found.value : first.value;
+    }
     auto sum = 0.0 * first.value;
     double total = 0, left = 1;
     for (std::size_t level = finest; level < levels.volumes.size() && left > 0; ++level) {
@@ -86,6 +109,14 @@ auto blend(const Levels& levels, glm::dvec3 point, const Read& read) {
     }
     return total > 0 ? sum / total : first.value;
 }
+
+/// What of a level's cells a sample of a flattened volume is made of.
+struct Taps {
+    CellWeights cells;       ///< the valid ones before all of whose walls it lies
+    std::size_t nearest = 0; ///< of those, or of all eight where none counts
+    bool valid = false;      ///< there are some
+};
+Taps taps_at(const Volume& volume, glm::dvec3 point);
 
 /// Coefficients at a point (metres), of the valid cells around before whose walls it lies, as
 /// blend() mixes levels.

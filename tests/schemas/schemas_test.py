@@ -23,7 +23,8 @@ SMALL = ["--threads", "1", "--resolution", "8"]
 # Members that are there after one option alone.
 OPTIONAL = [("bake", "fit"), ("convert", "fit"), ("bake", "verified"), ("bake", "points"),
             ("bake_dry_run", "points"), ("bake", "storage"), ("bake_dry_run", "storage"),
-            ("bake", "levels"), ("bake_dry_run", "levels")]
+            ("bake", "levels"), ("bake_dry_run", "levels"), ("bake", "bricks"),
+            ("bake_dry_run", "bricks"), ("bricks", "atlas"), ("bricks", "file")]
 TARGETS = ["generic", "unity", "threejs", "vrc", "bevy"]  # each packing once
 
 
@@ -96,6 +97,14 @@ class Documents(unittest.TestCase):
         run("convert", "convert", "set.levels.json", "flat.vdb", "--flatten", "0.2")
         cls.documents.append(("levels", "set.levels.json",
                               json.loads((cls.folder / "set.levels.json").read_text())))
+        bricks = ["bake", "box.gltf", "--threads", "1", "--adaptive", "0.25..0.25", "-o", "bricks.exr"]
+        run("bake", *bricks, "-o", "sparse.vdb")
+        run("bake_dry_run", *bricks, "--dry-run")
+        run("info_bricks", "info", "bricks.levels.json")
+        run("diff_levels", "diff", "bricks.levels.json", "sparse.levels.json")
+        for name in ("bricks", "sparse"):
+            cls.documents.append(("bricks", f"{name}.levels.json",
+                                  json.loads((cls.folder / f"{name}.levels.json").read_text())))
         run("bake_dry_run", *bake, "-o", "none.vdb", "--dry-run")
         run("bake_dry_run", *bake, "-o", "none.vdb", "--dry-run", "--solver", "lpv")
         reference = ["reference", "box.gltf", *SMALL, "--rays", "16", "--noise", "1"]

@@ -150,7 +150,7 @@ private:
     }
 
     int rsm_samples_;
-    std::future<GatherProgram> program_;
+    std::shared_future<GatherProgram> program_; ///< asked for again by bricks
 };
 
 } // namespace

@@ -1,0 +1,475 @@
+#include "bake/bricks.h"
+
+#include "lpvbake/error.h"
+#include "machine_memory.h"
+#include "scene/lights.h"
+#include "text.h"
+#include "visibility/capture.h"
+#include "visibility/walls.h"
+#include "volume/compare.h"
+#include "volume/sh.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <tuple>
+
+namespace lpvbake::bake {
+namespace {
+
+using volume::Brick;
+using volume::brick_cells;
+using volume::brick_edge;
+using volume::brick_samples;
+
+/// How much nearer than it is a surface is taken to be to a brick, cells of level 0.
+constexpr float occupied_margin = 0.1f;
+/// What decides where to refine if no error is asked for.
+constexpr double usual_error = 0.02;
+
+/// A sample, by its place in the lattice of level 0.
+using Key = uint64_t;
+
+Key key_of(glm::ivec3 at) {
+    return Key(at.z) << 42 | Key(at.y) << 21 | Key(at.x);
+}
+
+/// Frame units.
+glm::vec3 place_of(Key key) {
+    constexpr Key mask = (Key(1) << 21) - 1;
+    return glm::vec3(float(key & mask), float(key >> 21 & mask), float(key >> 42)) + 0.5f;
+}
+
+/// Coarse ones first.
+auto order_of(const Brick& brick) {
+    return std::tuple(-brick.level, brick.at.z, brick.at.y, brick.at.x);
+}
+
+struct CoarseFirst {
+    bool operator()(const Brick& a, const Brick& b) const { return order_of(a) < order_of(b); }
+};
+
+glm::ivec3 eighth(int i) {
+    return {i & 1, i >> 1 & 1, i >> 2};
+}
+
+/// Calls `each` for all places from lo to hi, both included.
+void for_box(glm::ivec3 lo, glm::ivec3 hi, const auto& each) {
+    glm::ivec3 at;
+    for (at.z = lo.z; at.z <= hi.z; ++at.z)
+        for (at.y = lo.y; at.y <= hi.y; ++at.y)
+            for (at.x = lo.x; at.x <= hi.x; ++at.x)
+                each(at);
+}
+
+/// All samples that are solved, or are going to be.
+class Samples {
+public:
+    Volume light; ///< a row
+
+    std::size_t size() const { return known_.size(); }
+    uint32_t find(Key key) const { return lower(key)->sample; }
+    bool is_valid(uint32_t sample) const { return light.validity[sample] > 0; }
+
+    /// Adds those that are new.
+    void add(std::vector<Key> keys) {
+        std::ranges::sort(keys);
+        keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
+        std::erase_if(keys, [&](Key key) {
+            const auto found = lower(key);
+            return found != known_.end() && found->key == key;
+        });
+        const auto before = std::ptrdiff_t(size());
+        for (const Key key : keys) {
+            known_.push_back({key, uint32_t(known_.size())});
+            places_.push_back(place_of(key));
+        }
+        std::inplace_merge(known_.begin(), known_.begin() + before, known_.end(),
+                           [](const Known& a, const Known& b) { return a.key < b.key; });
+    }
+
+    /// Finds which of those that are added lie outside of geometry.
+    void look(const visibility::Visibility& visibility) {
+        const std::size_t before = light.validity.size();
+        light.validity.resize(size());
+        tbb::parallel_for(before, size(), [&](std::size_t i) {
+            const visibility::Capture capture =
+                visibility.capture_at(places_[i - (size() - places_.size())]);
+            light.validity[i] =
+                capture.open && visibility::backs_around(visibility, capture.point, 0) <= 0 ? 1.0f
+                                                                                            : 0.0f;
+        });
+    }
+
+    /// Solves those that are not.
+    void solve(solver::Solver& solver, const solver::Inputs& inputs, solver::Stages& stages) {
+        if (places_.empty())
+            return;
+        const std::size_t before = size() - places_.size();
+        const auto first = light.validity.begin() + std::ptrdiff_t(before);
+        if (!light.sh.empty()
+            && std::find(first, light.validity.end(), 1.0f) == light.validity.end()) {
+            for (std::vector<glm::vec3>& c : light.sh)
+                c.resize(size(), glm::vec3(0)); // in the dark
+            places_.clear();
+            return;
+        }
+        Volume one;
+        one.grid.dims = {int(places_.size()), 1, 1};
+        one.validity.assign(first, light.validity.end());
+        solver.solve_at(places_, inputs, stages, one);
+        light.sh_order = one.sh_order;
+        light.sh.resize(one.sh.size());
+        for (std::size_t k = 0; k < light.sh.size(); ++k)
+            light.sh[k].insert(light.sh[k].end(), one.sh[k].begin(), one.sh[k].end());
+        for (std::size_t i = before; i < size(); ++i)
+            if (is_valid(uint32_t(i))) {
+                sum_ += volume::mean_irradiance(light, i);
+                ++valid_;
+            }
+        places_.clear();
+    }
+
+    /// Mean irradiance of those that are solved and valid, lux.
+    double mean() const { return valid_ > 0 ? sum_ / double(valid_) : 0; }
+
+private:
+    struct Known {
+        Key key;
+        uint32_t sample;
+    };
+    std::vector<Known>::const_iterator lower(Key key) const {
+        return std::ranges::lower_bound(known_, key, {}, &Known::key);
+    }
+
+    std::vector<Known> known_;      ///< by key
+    std::vector<glm::vec3> places_; ///< of those at the end of the row that are not solved
+    double sum_ = 0;
+    std::size_t valid_ = 0;
+};
+
+/// Where surfaces may be: a place of a level is that of a brick.
+class Occupied {
+public:
+    Occupied(const std::vector<surface::Patch>& patches, const volume::BrickLevels& levels) {
+        for (int level = 0; level < levels.count; ++level) {
+            grids_.push_back({{}, 1, levels.places(level)});
+            there_.emplace_back(grids_.back().size());
+        }
+        for (const surface::Patch& patch : patches)
+            add(patch);
+        for (std::size_t level = 1; level < grids_.size(); ++level)
+            for (std::size_t i = 0; i < there_[level - 1].size(); ++i)
+                there_[level][grids_[level].index(grids_[level - 1].cell_at(i) >> 1)] |=
+                    there_[level - 1][i];
+    }
+
+    bool operator()(const Brick& brick) const {
+        const auto level = std::size_t(brick.level);
+        return there_[level][grids_[level].index(brick.at)] != 0;
+    }
+
+private:
+    void add(const surface::Patch& patch) {
+        const glm::vec3 a = patch.at({0, 0}), b = patch.at({1, 0}), c = patch.at({0, 1});
+        const auto place = [](glm::vec3 p) {
+            // Those far outside have no int.
+            return glm::ivec3(glm::floor(glm::clamp((p - 0.5f) / float(brick_cells), -1e6f, 1e6f)));
+        };
+        for_box(glm::max(place(glm::min(glm::min(a, b), c) - occupied_margin), 0),
+                glm::min(place(glm::max(glm::max(a, b), c) + occupied_margin), grids_[0].dims - 1),
+                [&](glm::ivec3 at) { there_[0][grids_[0].index(at)] = 1; });
+    }
+
+    std::vector<Grid> grids_;
+    std::vector<std::vector<uint8_t>> there_;
+};
+
+/// Bricks being made.
+class Refining {
+public:
+    Refining(const BakePlan& plan, const surface::LitSurfaces& surfaces, solver::Solver& solver,
+             const solver::Inputs& inputs, solver::Stages& stages)
+        : plan_(plan),
+          levels_(plan.bricks->levels),
+          occupied_(surfaces.patches, levels_),
+          solver_(solver),
+          inputs_(inputs),
+          stages_(stages),
+          error_(plan.settings.adaptive->error > 0 ? plan.settings.adaptive->error : usual_error) {}
+
+    void run() {
+        const int root = levels_.count - 1;
+        for_box(glm::ivec3(0), levels_.places(root) - 1, [&](glm::ivec3 at) { add({root, at}); });
+        while (!untested_.empty()) {
+            std::vector<Brick> same;
+            const int level = untested_.begin()->first.level;
+            while (!untested_.empty() && untested_.begin()->first.level == level)
+                same.push_back(untested_.extract(untested_.begin()).key());
+            stages_.set_of(format("cells of %.4g m: ", levels_.lattice(level).cell));
+            refine(same);
+        }
+        stages_.set_of("");
+    }
+
+    std::size_t samples() const { return samples_.size(); }
+
+    volume::VolumeSet take() {
+        std::vector<Brick> bricks;
+        for (const auto& each : bricks_)
+            bricks.push_back(each.first);
+        volume::VolumeSet set;
+        set.bricks.emplace(levels_, std::move(bricks));
+        set.levels.resize(set.bricks->bricks().size());
+        Volume& light = samples_.light;
+        each_brick(set, [&](const Brick& brick, Volume& volume) {
+            volume.grid = levels_.grid_of(brick);
+            volume.sh_order = light.sh_order;
+            volume.sh.resize(light.sh.size());
+            volume.validity = of_brick(brick, light.validity);
+        });
+        for (std::size_t k = 0; k < light.sh.size(); ++k) {
+            each_brick(set, [&](const Brick& brick, Volume& volume) {
+                volume.sh[k] = of_brick(brick, light.sh[k]);
+            });
+            light.sh[k] = {}; // so that it is there once
+        }
+        return set;
+    }
+
+private:
+    /// With those around that it asks for.
+    void add(const Brick& brick) {
+        if (!bricks_.emplace(brick, 0).second)
+            return;
+        untested_.emplace(brick, 0);
+        if (brick.level + 1 == levels_.count)
+            return;
+        const glm::ivec3 last = levels_.places(brick.level) - 1;
+        for_box(glm::max(brick.at - 1, 0), glm::min(brick.at + 1, last), [&](glm::ivec3 at) {
+            add({brick.level + 1, at >> 1});
+        });
+    }
+
+    /// The samples of a brick, in its volume's order.
+    std::array<Key, brick_samples> keys_of(const Brick& brick) const {
+        std::array<Key, brick_samples> keys;
+        std::size_t i = 0;
+        for_box(glm::ivec3(0), glm::ivec3(brick_cells), [&](glm::ivec3 s) {
+            keys[i++] = key_of((brick_cells * brick.at + s) << brick.level);
+        });
+        return keys;
+    }
+
+    template <class T>
+    std::vector<T> of_brick(const Brick& brick, const std::vector<T>& values) const {
+        std::vector<T> own;
+        own.reserve(brick_samples);
+        for (const Key key : keys_of(brick))
+            own.push_back(values[samples_.find(key)]);
+        return own;
+    }
+
+    void each_brick(volume::VolumeSet& set, const auto& each) const {
+        tbb::parallel_for(std::size_t(0), set.levels.size(),
+                          [&](std::size_t i) { each(set.bricks->bricks()[i], set.levels[i]); });
+    }
+
+    /// Whether the place of a brick meets the box that is asked for.
+    bool is_wanted(const Brick& brick) const {
+        const Grid own = levels_.grid_of(brick);
+        const glm::dvec3 lo = own.center(glm::ivec3(0)), hi = own.center(own.dims - 1);
+        return glm::all(glm::lessThan(lo, plan_.bricks->box.hi))
+               && glm::all(glm::greaterThan(hi, plan_.bricks->box.lo));
+    }
+
+    /// Refuses what does not fit before it is there.
+    void check_memory(std::size_t samples) const {
+        const uint64_t bytes = plan_.bricks->other_bytes
+                               + brick_bytes(plan_.settings.solver.order()) * bricks_.size()
+                               + sample_bytes(plan_.settings.solver.order()) * samples;
+        if (const uint64_t memory = machine_memory(); bytes > memory)
+            throw Error(ErrorKind::memory,
+                        format("`adaptive` %.6g..%.6g: %zu bricks and more need about %.1f GiB of "
+                               "this machine's %.1f GiB of memory; use larger finest cells, a "
+                               "smaller `bounds` or a larger `error`",
+                               levels_.finest.cell, levels_.lattice(levels_.count - 1).cell,
+                               bricks_.size(), double(bytes) / 0x1p30, double(memory) / 0x1p30));
+    }
+
+    /// Adds samples, and looks where they are.
+    void look(std::vector<Key> keys) {
+        check_memory(samples_.size() + keys.size());
+        samples_.add(std::move(keys));
+        samples_.look(inputs_.visibility);
+    }
+
+    /// Solves bricks of one level, and adds those of the next that they ask for.
+    void refine(const std::vector<Brick>& bricks) {
+        std::vector<Key> keys;
+        for (const Brick& brick : bricks)
+            for (const Key key : keys_of(brick))
+                keys.push_back(key);
+        look(std::move(keys));
+        std::vector<Brick> wanted, open;
+        for (const Brick& brick : bricks)
+            for (int i = 0; i < 8 && brick.level > 0; ++i)
+                sort_out({brick.level - 1, 2 * brick.at + eighth(i)}, wanted, open);
+        keys.clear();
+        for (const Brick& each : open)
+            for_box(glm::ivec3(0), glm::ivec3(brick_cells / 2 - 1),
+                    [&](glm::ivec3 cell) { keys.push_back(middle_of(each, cell)); });
+        look(std::move(keys));
+        samples_.solve(solver_, inputs_, stages_);
+        std::vector<uint8_t> rough(open.size());
+        tbb::parallel_for(std::size_t(0), open.size(),
+                          [&](std::size_t i) { rough[i] = is_rough(open[i]); });
+        for (std::size_t i = 0; i < open.size(); ++i)
+            if (rough[i])
+                wanted.push_back(open[i]);
+        for (const Brick& each : wanted)
+            add(each);
+    }
+
+    /// An eighth of a brick, as the brick that it would be: wanted by what is known before its
+    /// light is, or open.
+    void sort_out(const Brick& part, std::vector<Brick>& wanted, std::vector<Brick>& open) const {
+        if (bricks_.contains(part) || !is_wanted(part))
+            return;
+        std::size_t valid = 0;
+        for_box(glm::ivec3(0), glm::ivec3(brick_cells / 2), [&](glm::ivec3 s) {
+            valid += samples_.is_valid(samples_.find(corner_of(part, s)));
+        });
+        constexpr std::size_t edge = brick_cells / 2 + 1;
+        if (occupied_(part) || (valid > 0 && valid < edge * edge * edge))
+            wanted.push_back(part);
+        else if (valid > 0)
+            open.push_back(part);
+    }
+
+    /// Of the cells of the next coarser level in the place of a brick.
+    static Key corner_of(const Brick& part, glm::ivec3 cell) {
+        return key_of((brick_cells * part.at + 2 * cell) << part.level);
+    }
+    static Key middle_of(const Brick& part, glm::ivec3 cell) {
+        return key_of((brick_cells * part.at + 2 * cell + 1) << part.level);
+    }
+
+    /// Whether one of these cells has another light in its middle than its corners tell.
+    bool is_rough(const Brick& part) const {
+        const Volume& light = samples_.light;
+        const double most = error_ * samples_.mean();
+        bool rough = false;
+        for_box(glm::ivec3(0), glm::ivec3(brick_cells / 2 - 1), [&](glm::ivec3 cell) {
+            const uint32_t middle = samples_.find(middle_of(part, cell));
+            if (rough || !samples_.is_valid(middle)) {
+                rough = true;
+                return;
+            }
+            std::array<glm::dvec3, volume::sh_count(volume::sh_max_order)> off{};
+            for (std::size_t k = 0; k < light.sh.size(); ++k)
+                off[k] = glm::dvec3(light.sh[k][middle]);
+            for (int i = 0; i < 8; ++i) {
+                const uint32_t corner = samples_.find(corner_of(part, cell + eighth(i)));
+                for (std::size_t k = 0; k < light.sh.size(); ++k)
+                    off[k] -= 0.125 * glm::dvec3(light.sh[k][corner]);
+            }
+            rough =
+                volume::mean_square_irradiance(std::span(off).first(light.sh.size())) > most * most;
+        });
+        return rough;
+    }
+
+    const BakePlan& plan_;
+    const volume::BrickLevels& levels_;
+    Occupied occupied_;
+    solver::Solver& solver_;
+    const solver::Inputs& inputs_;
+    solver::Stages& stages_;
+    double error_;
+    Samples samples_;
+    std::map<Brick, char, CoarseFirst> bricks_, untested_;
+};
+
+/// As visibility::find_walls, in cells of each brick's level.
+void find_walls(const visibility::Visibility& visibility, const scene::Frame& frame,
+                volume::VolumeSet& set) {
+    tbb::parallel_for(std::size_t(0), set.levels.size(), [&](std::size_t i) {
+        Volume& volume = set.levels[i];
+        const auto cell = float(1 << set.bricks->bricks()[i].level);
+        volume.walls.assign(std::size_t(most_walls),
+                            std::vector<glm::vec3>(brick_samples, glm::vec3(0)));
+        std::array<glm::vec3, std::size_t(most_walls)> own;
+        for (std::size_t sample = 0; sample < brick_samples; ++sample) {
+            if (!volume.is_valid(sample))
+                continue;
+            const glm::vec3 place(
+                frame.from_world(volume.grid.center(volume.grid.cell_at(sample))));
+            const std::size_t found = visibility::walls_around(
+                visibility, visibility.capture_at(place).point, walls_reach * cell, own);
+            for (std::size_t k = 0; k < found; ++k)
+                volume.walls[k][sample] = own[k] / cell;
+        }
+    });
+}
+
+/// Leaves the bricks that are told.
+void keep(std::vector<Brick> bricks, volume::VolumeSet& set) {
+    volume::BrickTree tree(set.bricks->levels(), std::move(bricks));
+    std::vector<Volume> left;
+    for (const Brick& brick : tree.bricks())
+        left.push_back(std::move(set.levels[*set.bricks->find(brick)]));
+    set.levels = std::move(left);
+    set.bricks = std::move(tree);
+}
+
+} // namespace
+
+BakedBricks bake_bricks(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
+                        Progress& progress) {
+    BakedBricks baked;
+    baked.warnings = plan.warnings;
+    solver::Stages stages(progress, baked.warnings, scene.path);
+    const std::unique_ptr<solver::Solver> solver =
+        plan.settings.solver.kind().make(device, plan.grid, plan.settings.solver);
+    const visibility::Visibility visibility = open_scene(scene, plan, stages);
+    const surface::LitSurfaces surfaces = light_scene(scene, plan, visibility, stages);
+    const solver::Inputs inputs{scene,      device,    plan.grid, plan.frame,
+                                visibility, &surfaces, plan.maps};
+    volume::VolumeSet& set = baked.set;
+    {
+        Refining refining(plan, surfaces, *solver, inputs, stages);
+        refining.run();
+        baked.samples = refining.samples();
+        set = refining.take();
+    }
+    stages.begin("walls");
+    find_walls(visibility, plan.frame, set);
+    stages.end("of " + counted(set.levels.size(), "brick"));
+    stages.begin("trim");
+    const std::size_t before = set.levels.size();
+    const volume::Trimmed trimmed = volume::trim(
+        *set.bricks, set.levels, {plan.settings.adaptive->error, std::size_t(plan.bricks->most)});
+    baked.error = trimmed.error;
+    keep(trimmed.bricks, set);
+    volume::stitch(*set.bricks, set.levels);
+    stages.end(format("%zu of %s left, %s %% of irradiance lost by it", set.levels.size(),
+                      counted(before, "brick").c_str(), two_digits(100 * trimmed.error).c_str()));
+    if (const double wanted = plan.settings.adaptive->error; wanted > 0 && trimmed.error > wanted)
+        stages.warn(
+            format("bricks of `max_size` lose %s %% of irradiance, more than the `error` of "
+                   "%.3g %%",
+                   two_digits(100 * trimmed.error).c_str(), 100 * wanted));
+    describe_light(scene, plan, device, visibility, set.levels.front());
+    set.levels.back().metadata = set.levels.front().metadata;
+    const auto is_dark = [](const Volume& volume) { return volume::total_energy(volume) == 0.0; };
+    if (std::ranges::all_of(set.levels, is_dark))
+        stages.warn(scene::why_dark(scene));
+    baked.stages = stages.reports();
+    return baked;
+}
+
+} // namespace lpvbake::bake
