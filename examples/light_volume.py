@@ -1,6 +1,6 @@
 """A light volume as numpy arrays: where its cells are, and the irradiance that it gives a surface.
 
-load_vdb.py and load_exr.py make one of a file, and LightLevels of the manifest of nested ones.
+load_vdb.py and load_exr.py make one of a file, and LightLevels or LightBricks of a manifest.
 """
 
 import json
@@ -87,6 +87,8 @@ class LightLevels:
         """Of NAME.levels.json, each file of it by `load`."""
         with open(path, encoding="utf-8") as file:
             manifest = json.load(file)
+        if manifest["format"] == "lpvbake bricks":
+            return LightBricks.load(path, manifest, load)
         folder = os.path.dirname(path)
         return LightLevels([load(os.path.join(folder, level["file"])) for level in manifest["levels"]],
                            manifest["blend"])
@@ -120,6 +122,50 @@ class LightLevels:
                 total += left * share
                 left *= 1 - share
         return light / total if total > 0 else fallback
+
+
+@dataclass
+class LightBricks:
+    bricks: dict  # LightVolume of 9 x 9 x 9 samples by (level, i, j, k), level 0 the finest
+    lo: np.ndarray  # the first sample, metres
+    hi: np.ndarray  # the last
+    edge: float     # of a brick of level 0, metres
+
+    @staticmethod
+    def load(path, manifest, load):
+        """Of NAME.levels.json; load(path, firsts) are the bricks whose first samples these are."""
+        folder, levels = os.path.dirname(path), manifest["levels"]
+        keys = [(level, *place) for level, of in enumerate(levels)
+                for place in np.reshape(of["bricks"], (-1, 3)).tolist()]
+        if "atlas" in manifest:  # all bricks beside each other, x fastest
+            nx, ny, _ = manifest["atlas"]["slots"]
+            firsts = [(9 * (n % nx), 9 * (n // nx % ny), 9 * (n // (nx * ny))) for n in range(len(keys))]
+            volumes = load(os.path.join(folder, manifest["atlas"]["file"]), firsts)
+        else:
+            volumes = []
+            for level, of in enumerate(levels):
+                firsts = [tuple(8 * i for i in place) for l, *place in keys if l == level]
+                volumes += load(os.path.join(folder, of["file"]), firsts)
+        lo, cell = np.array(levels[0]["box"][:3]), levels[0]["cell"]
+        for (level, *place), volume in zip(keys, volumes):
+            volume.cell = cell * 2 ** level
+            volume.origin = lo + volume.cell * (8 * np.array(place) - 0.5)
+        return LightBricks(dict(zip(keys, volumes)), lo, np.array(levels[0]["box"][3:]), 8 * cell)
+
+    def irradiance(self, point, normal):
+        """Of the finest brick around the point; where it sees no sample of that, of the next coarser
+        one, unless it sees none at all."""
+        inside = np.clip(np.asarray(point, float), self.lo, self.hi - 1e-6 * self.edge) - self.lo
+        first = None
+        for level in range(1 + max(key[0] for key in self.bricks)):
+            key = (level, *(int(i) for i in inside // (self.edge * 2 ** level)))
+            if key not in self.bricks:
+                continue
+            value, clear = self.bricks[key].read(point, normal)
+            if clear:
+                return value
+            first = value if first is None else first
+        return first
 
 
 def cosine_basis(n):
@@ -160,7 +206,9 @@ def main(load):
     except OSError as error:
         sys.exit(f"{sys.argv[1]}: cannot be read: {error}")
     numbers = [float(text) for text in sys.argv[2:]]
-    for volume in getattr(light, "levels", [light]):
+    if isinstance(light, LightBricks):
+        print(f"bricks      {len(light.bricks)} of 8 x 8 x 8 cells, the finest of {light.edge / 8:g} m")
+    for volume in getattr(light, "levels", [] if isinstance(light, LightBricks) else [light]):
         dims = " x ".join(str(n) for n in volume.validity.shape)
         origin = " ".join(f"{x:g}" for x in volume.origin)
         print(f"grid        {dims} cells of {volume.cell:g} m from {origin}")

@@ -16,7 +16,8 @@ import OpenImageIO
 import light_volume
 
 
-def load(path):
+def load(path, firsts=None):
+    """The volume, or of each of these cells the block of 9 x 9 x 9 from it on."""
     path = pathlib.Path(path).with_suffix(".json")
     facts = json.loads(path.read_text())
     light_volume.check_canonical(path, facts["convention"], facts["axes"], facts["packing"])
@@ -34,13 +35,21 @@ def load(path):
     walls = [np.stack([grids[f"wall_{k}.{axis}"] for axis in "xyz"], -1)
              for k in range(3) if f"wall_{k}.x" in grids]
     names = light_volume.NAMES[: (facts["sh_order"] + 1) ** 2]
-    return light_volume.LightVolume(
+    volume = light_volume.LightVolume(
         sh=np.stack([np.stack([grids[f"sh_{name}.{c}"] for c in "rgb"], -1) for name in names]),
         validity=grids.get("validity", np.ones(dims, np.float32)),
         walls=np.reshape(walls, (-1, *dims, 3)),
         origin=np.array(facts["grid"]["origin"]),
         cell=facts["grid"]["cell"],
     )
+    if firsts is None:
+        return volume
+
+    def part(first):
+        x, y, z = (slice(i, i + 9) for i in first)
+        return light_volume.LightVolume(volume.sh[:, x, y, z], volume.validity[x, y, z],
+                                        volume.walls[:, x, y, z], volume.origin, volume.cell)
+    return [part(first) for first in firsts]
 
 
 if __name__ == "__main__":

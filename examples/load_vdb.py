@@ -12,17 +12,25 @@ import pyopenvdb
 import light_volume
 
 
-def load(path):
+def load(path, firsts=None):
+    """The volume, or of each of these samples the block of 9 x 9 x 9 from it on."""
     facts = pyopenvdb.readMetadata(path)
     light_volume.check_canonical(path, facts["lpv:convention"], facts["lpv:axes"])
-    dims = tuple(facts["lpv:grid_dims"])
+    stored = [grid.name for grid in pyopenvdb.readAllGridMetadata(path)]
+    grids = {name: pyopenvdb.read(path, name) for name in stored}
+    if firsts is not None:
+        return [part(facts, grids, first, (9, 9, 9)) for first in firsts]
+    return part(facts, grids, (0, 0, 0), tuple(facts["lpv:grid_dims"]))
 
+
+def part(facts, grids, first, dims):
+    """The cells from `first` on."""
     def array(name, *colours):
         values = np.zeros(dims + colours, np.float32)
-        pyopenvdb.read(path, name).copyToArray(values)
+        grids[name].copyToArray(values, ijk=first)
         return values
 
-    stored = [grid.name for grid in pyopenvdb.readAllGridMetadata(path)]
+    stored = grids
     walls = [array(f"wall_{k}", 3) for k in range(3) if f"wall_{k}" in stored]
     names = light_volume.NAMES[: (facts["lpv:sh_order"] + 1) ** 2]
     return light_volume.LightVolume(

@@ -30,6 +30,13 @@
 //
 //     #define LPV_LEVELS 3
 //
+// Of bricks (`lpvbake bake --adaptive`, of .exr, .ktx2 or .dds) the textures are those of NAME_atlas, and
+// NAME_bricks.exr is a 3D texture, too, that is not filtered. lpv_bricks_trilinear() reads it once and the
+// textures once; lpv_bricks_facing() is lpv_facing() in the finest brick:
+//
+//     #define LPV_BRICKS
+//     uniform sampler3D lpv_brick_places;
+//
 // Coefficients are canonical, as `lpvbake bake` writes them unless --sh-convention says otherwise,
 // in whatever --axes. A Lambert surface's luminance is albedo / pi times its irradiance.
 
@@ -68,6 +75,11 @@ ivec3 lpv_dims = ivec3(0);
 #define LPV_DIMS lpv_dims
 #define LPV_CELL(cell) ((cell) + ivec3(0, 0, lpv_slice))
 #define LPV_RANGE(i) lpv_level * LPV_TEXTURES + i
+#elif defined(LPV_BRICKS)
+ivec3 lpv_first = ivec3(0); // the texel where the brick begins that is read
+#define LPV_DIMS ivec3(9)
+#define LPV_CELL(cell) ((cell) + lpv_first)
+#define LPV_RANGE(i) i
 #else
 #define LPV_DIMS textureSize(lpv_validity, 0)
 #define LPV_CELL(cell) cell
@@ -311,6 +323,37 @@ LpvSh lpv_levels(LpvLevel levels[LPV_LEVELS], vec3 point, vec3 n) {
         return first;
     LPV_EACH(LPV_DIVIDE)
     return sh;
+}
+#endif
+
+#ifdef LPV_BRICKS
+// ---- bricks ----
+
+// As the manifest, NAME.levels.json, has them.
+struct LpvBricks {
+    vec3 lo;    // of the box of level 0, metres
+    float cell; // of level 0, metres
+};
+
+// The finest brick around a point: its first sample and cells as a volume, and lpv_first.
+LpvVolume lpv_brick(LpvBricks bricks, vec3 point) {
+    ivec3 places = textureSize(lpv_brick_places, 0);
+    ivec3 place = clamp(ivec3(floor((point - bricks.lo) / (8.0 * bricks.cell))), ivec3(0), places - 1);
+    vec4 entry = texelFetch(lpv_brick_places, place, 0);
+    lpv_first = ivec3(entry.xyz);
+    float cell = bricks.cell * entry.w;
+    vec3 first = bricks.lo + 8.0 * cell * floor(vec3(place) / entry.w);
+    return LpvVolume(first - 0.5 * cell, cell);
+}
+
+// By the texture unit, without a step between bricks.
+LpvSh lpv_bricks_trilinear(LpvBricks bricks, vec3 point) {
+    vec3 at = clamp(lpv_to_lattice(lpv_brick(bricks, point), point), 0.0, 8.0);
+    return lpv_filtered((vec3(lpv_first) + at + 0.5) / vec3(textureSize(lpv_sh[0], 0)));
+}
+
+LpvSh lpv_bricks_facing(LpvBricks bricks, vec3 point, vec3 n) {
+    return lpv_facing(lpv_brick(bricks, point), point, n);
 }
 #endif
 

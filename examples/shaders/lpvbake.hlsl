@@ -31,6 +31,13 @@
 //
 //     #define LPV_LEVELS 3
 //
+// Of bricks (`lpvbake bake --adaptive`, of .exr, .ktx2 or .dds) the textures are those of NAME_atlas, and
+// NAME_bricks.exr is a 3D texture, too, that is not filtered. lpv_bricks_trilinear() reads it once and the
+// textures once; lpv_bricks_facing() is lpv_facing() in the finest brick:
+//
+//     #define LPV_BRICKS
+//     Texture3D lpv_brick_places;
+//
 // Coefficients are canonical, as `lpvbake bake` writes them unless --sh-convention says otherwise,
 // in whatever --axes. A Lambert surface's luminance is albedo / pi times its irradiance.
 
@@ -68,6 +75,10 @@ static int lpv_level = 0, lpv_slice = 0;
 static int3 lpv_level_dims = int3(0, 0, 0);
 #define LPV_CELL(cell) ((cell) + int3(0, 0, lpv_slice))
 #define LPV_RANGE(i) lpv_level * LPV_TEXTURES + i
+#elif defined(LPV_BRICKS)
+static int3 lpv_first = int3(0, 0, 0); // the texel where the brick begins that is read
+#define LPV_CELL(cell) ((cell) + lpv_first)
+#define LPV_RANGE(i) i
 #else
 #define LPV_CELL(cell) cell
 #define LPV_RANGE(i) i
@@ -81,6 +92,8 @@ float3 lpv_to_lattice(LpvVolume volume, float3 position) {
 int3 lpv_dims() {
 #ifdef LPV_LEVELS
     return lpv_level_dims;
+#elif defined(LPV_BRICKS)
+    return int3(9, 9, 9);
 #else
     uint3 dims;
     lpv_validity.GetDimensions(dims.x, dims.y, dims.z);
@@ -321,6 +334,41 @@ LpvSh lpv_levels(LpvLevel levels[LPV_LEVELS], float3 position, float3 n) {
         return first;
     LPV_EACH(LPV_DIVIDE)
     return sh;
+}
+#endif
+
+#ifdef LPV_BRICKS
+// ---- bricks ----
+
+// As the manifest, NAME.levels.json, has them.
+struct LpvBricks {
+    float3 lo;  // of the box of level 0, metres
+    float cell; // of level 0, metres
+};
+
+// The finest brick around a point: its first sample and cells as a volume, and lpv_first.
+LpvVolume lpv_brick(LpvBricks bricks, float3 position) {
+    uint3 size;
+    lpv_brick_places.GetDimensions(size.x, size.y, size.z);
+    int3 place = clamp(int3(floor((position - bricks.lo) / (8.0 * bricks.cell))), int3(0, 0, 0), int3(size) - 1);
+    float4 entry = lpv_brick_places.Load(int4(place, 0));
+    lpv_first = int3(entry.xyz);
+    LpvVolume volume;
+    volume.cell = bricks.cell * entry.w;
+    volume.origin = bricks.lo + volume.cell * (8.0 * floor(float3(place) / entry.w) - 0.5);
+    return volume;
+}
+
+// By the texture unit, without a step between bricks.
+LpvSh lpv_bricks_trilinear(LpvBricks bricks, float3 position) {
+    uint3 texels;
+    lpv_sh[0].GetDimensions(texels.x, texels.y, texels.z);
+    float3 at = clamp(lpv_to_lattice(lpv_brick(bricks, position), position), 0.0, 8.0);
+    return lpv_filtered((float3(lpv_first) + at + 0.5) / float3(texels));
+}
+
+LpvSh lpv_bricks_facing(LpvBricks bricks, float3 position, float3 n) {
+    return lpv_facing(lpv_brick(bricks, position), position, n);
 }
 #endif
 

@@ -1,5 +1,7 @@
 // examples/shaders on the device, from 3D textures, against the sampler of src/volume.
 #include "device.h"
+#include "gpu/read_bricks.comp.h"
+#include "gpu/read_bricks.hlsl.h"
 #include "gpu/read_levels.comp.h"
 #include "gpu/read_levels.hlsl.h"
 #include "gpu/read_volume_bc6h_l1.comp.h"
@@ -591,6 +593,83 @@ TEST_F(ShadersTest, NestedLevelsAreReadAsTheLibraryReadsThem) {
             EXPECT_GT(blended, 1000);
             EXPECT_GT(coarse, 1000);
         }
+}
+
+TEST_F(ShadersTest, BricksAreReadFromTheirAtlas) {
+    const volume::BrickLevels levels = volume::brick_levels(0.25, 1, {-3, 0.5, 7}, {5, 8.5, 23});
+    std::vector<volume::Brick> places{{2, {0, 0, 0}}, {2, {0, 0, 1}}};
+    for (int i = 0; i < 8; ++i)
+        places.push_back({1, {i & 1, i >> 1 & 1, i >> 2}});
+    for (const int z : {0, 1})
+        for (const int y : {0, 1})
+            places.push_back({1, {0, y, 2 + z}});
+    places.push_back({0, {0, 0, 0}});
+    places.push_back({0, {1, 2, 1}});
+    volume::VolumeSet set;
+    set.bricks.emplace(levels, places);
+    std::mt19937 random(3);
+    std::normal_distribution<float> normal;
+    for (const volume::Brick& brick : set.bricks->bricks()) {
+        Volume& own = set.levels.emplace_back(random_volume(glm::ivec3(9), 1, false, random()));
+        own.grid = levels.grid_of(brick);
+        own.walls.resize(3, std::vector<glm::vec3>(own.grid.size(), glm::vec3(0)));
+        for (std::size_t i = 0; i < own.grid.size(); ++i) {
+            own.validity[i] = random() % 10 != 0;
+            for (auto& c : own.sh)
+                c[i] = glm::vec3(normal(random), normal(random), normal(random));
+        }
+        for (auto& c : own.sh[0])
+            c += glm::vec3(5);
+    }
+    volume::stitch(*set.bricks, set.levels);
+    const Volume atlas = volume::stacked(set.levels);
+    std::vector<Texture> textures;
+    for (std::size_t k = 0; k < 4; ++k)
+        textures.push_back(
+            texture(atlas.grid, [&](std::size_t i) { return glm::vec4(atlas.sh[k][i], 1.0f); }));
+    textures.push_back(
+        texture(atlas.grid, [&](std::size_t i) { return glm::vec4(atlas.validity[i]); }));
+    for (std::size_t k = 0; k < 3; ++k)
+        textures.push_back(
+            texture(atlas.grid, [&](std::size_t i) { return glm::vec4(atlas.walls[k][i], 0.0f); }));
+    const volume::BrickStack stack(set.levels.size());
+    const Texture index = texture(Grid{{}, 1, levels.places(0)}, [&](std::size_t i) {
+        const uint32_t brick = set.bricks->finest()[i];
+        return glm::vec4(stack.first(brick), 1 << set.bricks->bricks()[brick].level);
+    });
+    Grid box = levels.finest;
+    std::vector<Surface> surfaces = random_surfaces(box, 8000, 8);
+    struct {
+        glm::vec3 lo;
+        float cell;
+    } const push{glm::vec3(box.center({0, 0, 0})), float(box.cell)};
+    const readers::Reader trilinear{.name = "trilinear", .clamped = true};
+    const readers::Reader& facing = *readers::reader_named("lpvbake");
+    for (const Shader& shader : {Shader{"GLSL of bricks", 1, false, shaders::read_bricks_comp},
+                                 Shader{"HLSL of bricks", 1, true, shaders::read_bricks_hlsl}}) {
+        SCOPED_TRACE(shader.name);
+        const std::vector<Irradiances> found = run(shader, push, textures, surfaces, {{}}, &index);
+        std::array<int, 3> met{};
+        double coarser = 0; // what the brick around would show instead
+        for (std::size_t i = 0; i < surfaces.size(); ++i) {
+            const glm::dvec3 p(surfaces[i].point), n(surfaces[i].normal);
+            const glm::dvec3 plain = readers::irradiance(trilinear, set, p, n);
+            const std::size_t brick = set.bricks->at(p);
+            const glm::dvec3 faced = readers::irradiance(facing, set.levels[brick], p, n);
+            const double filtering = device().is_cpu() ? 2e-3 : 0.5; // GPUs weight by 1/256
+            for (int axis = 0; axis < 3; ++axis) {
+                ASSERT_NEAR(found[i].trilinear_l1[axis], plain[axis], filtering) << i;
+                ASSERT_NEAR(found[i].l1[axis], faced[axis], 2e-3) << i;
+            }
+            ++met[std::size_t(set.bricks->bricks()[brick].level)];
+            if (const auto up = set.bricks->parent(brick))
+                coarser = std::max(
+                    coarser,
+                    std::abs(readers::irradiance(trilinear, set.levels[*up], p, n).x - plain.x));
+        }
+        EXPECT_GT(*std::ranges::min_element(met), 100);
+        EXPECT_GT(coarser, 1.0);
+    }
 }
 
 // Light from everywhere, from one point, and between: mean and extremes in closed form.
