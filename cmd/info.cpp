@@ -163,6 +163,11 @@ void run(const InfoOptions& o, const options::Options& options) {
         throw Error(ErrorKind::argument, o.output + ": the name of a picture ends in .png");
     const bool is_scene = o.file == standard_input || options::has_extension(o.file, ".gltf")
                           || options::has_extension(o.file, ".glb");
+    if (!is_scene && !io::readable_format(o.file)) {
+        SceneOptions file;
+        file.scene = o.file;
+        probe_scene(file); // where there is none, that is what is wrong
+    }
     if (!is_scene && !io::readable_format(o.file))
         throw Error(ErrorKind::argument, o.file + ": neither a scene (.gltf, .glb) nor a volume ("
                                              + io::format_list(", ", true) + ")");

@@ -1,5 +1,6 @@
 #include "read_light.h"
 
+#include "io/glb.h"
 #include "io/levels.h"
 #include "io/target.h"
 #include "lpvbake/error.h"
@@ -46,6 +47,20 @@ volume::VolumeSet read_levels(const std::string& path) {
     for (Volume& level : set.levels)
         level = checked(path, std::move(level));
     return set;
+}
+
+void check_order(const std::string& scene, const std::string& volume, const char* usage) {
+    const auto is_volume = [](const std::string& path) {
+        return io::is_manifest(path)
+               || (io::readable_format(path) && io::readable_format(path) != &io::glb_format);
+    };
+    if (is_volume(scene))
+        throw Error(ErrorKind::argument,
+                    scene
+                        + (is_volume(volume) || volume.empty()
+                               ? ": is a volume, where the scene belongs: "
+                               : ": scene and volume are the other way round: ")
+                        + usage);
 }
 
 bool holds(const Volume& volume, std::optional<volume::Reflections> volume::LightContent::*source) {

@@ -20,6 +20,10 @@ Volume read_light(const std::string& path);
 /// The same of nested levels (io/levels.h); of any other file a set of one.
 volume::VolumeSet read_levels(const std::string& path);
 
+/// Throws Error (argument) for a scene that is named where the volume belongs; `usage` is how it is
+/// right.
+void check_order(const std::string& scene, const std::string& volume, const char* usage);
+
 /// Whether the volume holds light of a kind of source; where that is unknown it is taken to.
 bool holds(const Volume& volume, std::optional<volume::Reflections> volume::LightContent::*source);
 /// Which light the volume holds, as its metadata say; all where they do not.

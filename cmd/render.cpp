@@ -139,6 +139,8 @@ render::CameraChoice parse_camera(const std::string& text) {
         camera.own = parse_orbit(text);
     else if (const std::optional<Camera> eye = parse_eye(text))
         camera.own = *eye;
+    else if (const auto place = options::parse_numbers(text); place && place->size() == 3)
+        reject_camera(text, "has a place and no target: it would be " + text + ":TX,TY,TZ");
     return camera;
 }
 
@@ -161,6 +163,8 @@ void check_options(const RenderOptions& o) {
     if (o.scene.empty() || o.volume.empty())
         throw Error(ErrorKind::argument, "no scene or no volume: lpvbake render SCENE VOLUME -o "
                                          "OUTPUT (see lpvbake render --help)");
+    check_order(o.scene, o.volume,
+                "lpvbake render SCENE VOLUME -o OUTPUT (see lpvbake render --help)");
     if (o.outputs.empty() && !o.dry_run)
         throw Error(ErrorKind::argument, "no output: add -o FILE.png or -o FILE.exr");
     if (o.reference > 0

@@ -147,6 +147,11 @@ void add_grid_options(options::Options& options, SceneOptions& o) {
     options::Option& cell = options.number("--cell-size", o.grid.cell, 1e-9, 1e9,
                                            "Edge of a cell, metres; replaces --resolution");
     cell.usual.clear();
+    cell.read = [read = cell.read](const std::string& text) {
+        if (!options::parse_number(text))
+            options::refuse(text, "is no number of metres, such as 0.25");
+        return read(text);
+    };
     cell.exclude({"resolution"}).record(options::Recorded::if_changed);
     add_bounds_options(options, o);
 }
@@ -504,6 +509,10 @@ void check_paths(const char* command, const SceneOptions& scene, const RunOption
         throw Error(ErrorKind::argument, std::string("no scene: lpvbake ") + command
                                              + " SCENE -o OUTPUT (see lpvbake " + command
                                              + " --help)");
+    if (const io::VolumeFormat* volume = io::volume_format(scene.scene);
+        volume && volume != &io::glb_format)
+        throw Error(ErrorKind::argument, scene.scene + ": is a volume; lpvbake " + command
+                                             + " takes a scene, a .gltf or .glb");
     const bool at_points = !points.empty();
     for (const std::string& output : outputs)
         if (at_points ? !io::is_lit_point_format(output) : !io::volume_format(output))

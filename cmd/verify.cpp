@@ -172,11 +172,9 @@ void run(const VerifyOptions& o, const volume::VolumeSet& levels) {
 options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<VerifyOptions>();
     VerifyOptions& o = *fields;
-    options
-        .text("volume", o.volume, "VOLUME",
-              "Volume of bake or reference, " + io::format_list(", ", true)
-                  + ", or the .levels.json of nested ones")
-        .require();
+    options.text("volume", o.volume, "VOLUME",
+                 "Volume of bake or reference, " + io::format_list(", ", true)
+                     + ", or the .levels.json of nested ones");
     add_scene_option(options, o);
     add_light_options(options, o);
 
@@ -199,10 +197,13 @@ options::Action declare(options::Options& options) {
     add_isa_option(options, o);
     add_run_options(options, o);
     return [fields, &options] {
+        constexpr const char* usage = "lpvbake verify VOLUME SCENE (see lpvbake verify --help)";
+        if (fields->volume.empty())
+            throw Error(ErrorKind::argument, std::string("no volume: ") + usage);
+        check_order(fields->scene, fields->volume, usage);
         if (fields->scene.empty()) {
             if (io::volume_format(fields->volume) != &io::glb_format)
-                throw Error(ErrorKind::argument,
-                            "no scene: lpvbake verify VOLUME SCENE (see lpvbake verify --help)");
+                throw Error(ErrorKind::argument, std::string("no scene: ") + usage);
             fields->scene = fields->volume;
         }
         const volume::VolumeSet levels = read_levels(fields->volume);

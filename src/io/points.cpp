@@ -185,6 +185,8 @@ void read_csv(const std::string& path, std::istream& in, Collected& to) {
         std::string_view left(text);
         if (left.ends_with('\r'))
             left.remove_suffix(1);
+        if (line == 1 && left.starts_with("\xEF\xBB\xBF")) // UTF-8, as spreadsheets say
+            left.remove_prefix(3);
         if (left.empty())
             continue;
         if (line == 1 && (left == "x,y,z" || left == "x,y,z,nx,ny,nz")) {
@@ -197,7 +199,9 @@ void read_csv(const std::string& path, std::istream& in, Collected& to) {
             const std::size_t comma = left.find(',');
             more = comma != left.npos;
             if (count == 6 || !read_number(left.substr(0, comma), numbers[count]))
-                reject(path, where() + ": is not x,y,z or x,y,z,nx,ny,nz in numbers");
+                reject(path, where()
+                                 + ": is not x,y,z or x,y,z,nx,ny,nz in numbers "
+                                   "with decimal points, separated by commas");
             left.remove_prefix(more ? comma + 1 : 0);
         }
         if (columns == 0)

@@ -251,7 +251,7 @@ TEST_F(Cli, TextsOfTheLibraryNameOptions) {
     EXPECT_EQ(cmd::options::in_options("`a`: `resolution`, `max_albedo`; `resolution"),
               "`a`: --resolution, --max-albedo; `resolution");
     std::string help;
-    for (const char* command : {"bake", "reference", "render"})
+    for (const char* command : {"bake", "reference", "render", "report"})
         help += run({command, "--help"}).out;
     std::ranges::replace(help, ',', ' '); // between names of one option
     for (const auto& [setting, option] : cmd::options::wordings())
@@ -384,7 +384,9 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
     refused({"info", "room.gltf", "--white", "-1"}, "--white: '-1' is not a number from");
     refused({"diff", "a.vdb"}, "diff: B is missing: lpvbake diff A B");
     refused({"devices", "--format", "xml"}, "'xml' is none of text|json");
-    refused({"info", "room.txt"}, "room.txt");
+    spill(folder_ / "room.txt", "neither");
+    refused({"info", "room.txt"}, "room.txt: neither a scene");
+    expect_error({"info", "room.tx"}, cmd::ExitCode::file, "room.tx: No such file");
     refused({"info", "room.gltf", "--slice", "z=1"}, "belong together");
     refused({"info", "room.gltf", "--slice", "z=1", "-o", "a.png"}, "is a scene");
     EXPECT_FALSE(fs::exists(folder_ / "a.vdb"));

@@ -249,5 +249,28 @@ TEST_F(SceneCli, ASceneWithoutLightHasOneByDefaultWhereItIsAsked) {
     EXPECT_EQ(own.sh, bake("\"$ROOM\"").sh);
 }
 
+TEST_F(SceneCli, SaysWhatWasMixedUp) {
+    const auto usage = cmd::ExitCode::usage;
+    expect_error("bake out.vdb -o a.vdb", usage,
+                 "out.vdb: is a volume; lpvbake bake takes a scene");
+    expect_error("verify \"$ROOM\" v.vdb", usage,
+                 "v.vdb: scene and volume are the other way round: lpvbake verify VOLUME SCENE");
+    expect_error("render v.vdb \"$ROOM\" -o a.png", usage,
+                 "v.vdb: scene and volume are the other way round: lpvbake render SCENE VOLUME");
+    expect_error("verify", usage, "no volume: lpvbake verify VOLUME SCENE");
+    EXPECT_NE(run("verify --print-config").out.find("[verify]"), std::string::npos);
+    expect_error("info none", cmd::ExitCode::file, "none: No such file or directory");
+    expect_error("inof v.vdb", usage, "did you mean info?");
+    expect_error("render \"$ROOM\" v.vdb -o a.png --camera 0,2,-3", usage,
+                 "it would be 0,2,-3:TX,TY,TZ");
+    expect_error("bake \"$ROOM\" -o a.vdb --cell-size 10cm", usage,
+                 "'10cm' is no number of metres, such as 0.25");
+    spill(folder_ / "p.csv", "\xEF\xBB\xBFx,y,z\n0,1,0\n");
+    run("bake \"$ROOM\" --at p.csv -o p.json --dry-run");
+    spill(folder_ / "p.csv", "0;1;0\n");
+    expect_error("bake \"$ROOM\" --at p.csv -o p.json", cmd::ExitCode::invalid,
+                 "separated by commas");
+}
+
 } // namespace
 } // namespace lpvbake
