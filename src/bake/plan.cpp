@@ -63,6 +63,23 @@ Bounds box_of(const Grid& grid) {
     return {grid.origin, grid.origin + grid.cell * glm::dvec3(grid.dims)};
 }
 
+/// Warns of lights so far outside of the scene that hardly any of their light arrives, as one has
+/// that was placed in centimetres.
+void warn_of_far_lights(const SceneFacts& scene, std::vector<std::string>& warnings) {
+    const auto& [lo, hi] = scene.bounds;
+    const double size = glm::length(hi - lo);
+    for (const Light& light : scene.lights) {
+        const glm::dvec3 at(light.position);
+        const double away = glm::length(at - glm::clamp(at, lo, hi));
+        if (light.type != LightType::directional && away > 10 * size)
+            warnings.push_back(
+                about(scene.path,
+                      format("the light \"%s\" is %.3g m outside of the scene, which is %.3g m "
+                             "large: hardly any of its light arrives; are these metres?",
+                             light.name.c_str(), away, size)));
+    }
+}
+
 void plan_levels(const std::vector<volume::LevelBox>& levels, BakePlan& plan) {
     std::vector<Grid> grids = volume::nest_grids(levels);
     plan.grid = grids.front();
@@ -317,6 +334,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                                             .sky = scene.sky,
                                             .bounces = settings.bounces});
     fit(scene, device, plan);
+    warn_of_far_lights(scene, plan.warnings);
     for (const Light& light : scene.lights) // its square is a float
         if (light.type != LightType::directional
             && glm::length(light.position - plan.grid.origin) > 1e18 * plan.grid.cell)

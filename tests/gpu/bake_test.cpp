@@ -497,6 +497,15 @@ TEST_F(Bake, ThePlanSaysWhatIsNotNeeded) {
     EXPECT_FALSE(skips(planned(glowing, "sn", {}), "emitters"));
 }
 
+TEST_F(Bake, LightsThatAreFarOutsideAreTold) {
+    Scene scene = scenes::cornell_box_with_point();
+    EXPECT_TRUE(plan_of(scene, coarse()).warnings.empty());
+    scene.lights[0].position *= 100.0; // in centimetres
+    const bake::BakePlan plan = plan_of(scene, coarse());
+    ASSERT_EQ(plan.warnings.size(), 1u);
+    EXPECT_NE(plan.warnings[0].find("\"" + scene.lights[0].name + "\" is "), std::string::npos);
+}
+
 TEST_F(Bake, TimeIsThatOfTheThreadsAndTheKindOfDevice) {
     const Scene scene = scenes::cornell_box_with_point();
     const bake::SceneFacts facts = bake::survey(scene);
