@@ -167,10 +167,9 @@ void run(const InfoOptions& o, const options::Options& options) {
         SceneOptions file;
         file.scene = o.file;
         probe_scene(file); // where there is none, that is what is wrong
-    }
-    if (!is_scene && !io::readable_format(o.file))
         throw Error(ErrorKind::argument, o.file + ": neither a scene (.gltf, .glb) nor a volume ("
                                              + io::format_list(", ", true) + ")");
+    }
     if (!is_scene)
         refuse_scene_options(o.file, options);
     const Told told = is_scene ? tell_of_scene(o) : tell_of_volume(o);

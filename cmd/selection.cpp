@@ -6,14 +6,8 @@
 
 #include <algorithm>
 
-#include <fnmatch.h>
-
 namespace lpvbake::cmd {
 namespace {
-
-bool fits(const std::string& names, const std::string& name) {
-    return fnmatch(names.c_str(), name.c_str(), 0) == 0;
-}
 
 [[noreturn]] void fail_to_find(const std::string& what, const std::string& names,
                                std::vector<std::string> known) {
@@ -42,7 +36,7 @@ void scale_lights(const std::vector<LightScale>& scales, Scene& scene) {
         std::vector<std::string> known;
         const auto is_one = [&known, &pattern = names](const std::string& name) {
             known.push_back(name);
-            return fits(pattern, name);
+            return scene::fits_pattern(name, pattern);
         };
         std::size_t found = 0;
         for (Light& light : scene.lights)
@@ -68,7 +62,7 @@ Bounds box_of_nodes(const std::string& names, const Scene& scene) {
     std::vector<std::string> known;
     for (const SceneFile::Node& node : scene.file.nodes) {
         known.push_back(node.name);
-        if (fits(names, node.name))
+        if (scene::fits_pattern(node.name, names))
             found.push_back(
                 scene::union_of(std::span(boxes).subspan(node.begin, node.end - node.begin)));
     }

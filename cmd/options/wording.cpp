@@ -8,8 +8,8 @@ namespace {
 constexpr Wording table[] = {
     {"`lights` or a `sky`", "--default-light or light with --sun AZIMUTH,ELEVATION,LUX, --point "
                             "X,Y,Z,CD, --sky COLOUR,NITS or --lights FILE"},
-    {"`adjust`", "--adjust"},
     {"`adaptive`", "--adaptive"},
+    {"`adjust`", "--adjust"},
     {"`allow_external`", "--allow-external"},
     {"`animation`", "--animation"},
     {"`bounces`", "--bounces"},

@@ -2,12 +2,10 @@
 
 #include "bake/lighting.h"
 #include "bake/surface_fit.h"
-#include "scene/lights.h"
 #include "surface/lit_surfaces.h"
 #include "text.h"
 #include "visibility/visibility.h"
 #include "visibility/walls.h"
-#include "volume/compare.h"
 
 #include <algorithm>
 #include <cmath>
@@ -173,9 +171,7 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
             solvers[l].reset();
         finish_level(scene, plan, device, level, surfaces, stages, volume);
     }
-    const auto is_dark = [](const Volume& volume) { return volume::total_energy(volume) == 0.0; };
-    if (std::ranges::all_of(baked.levels, is_dark))
-        stages.warn(scene::why_dark(scene));
+    warn_of_dark(scene, baked.levels, stages);
     baked.stages = stages.reports();
     return baked;
 }

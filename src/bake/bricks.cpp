@@ -2,7 +2,6 @@
 
 #include "lpvbake/error.h"
 #include "machine_memory.h"
-#include "scene/lights.h"
 #include "text.h"
 #include "visibility/capture.h"
 #include "visibility/walls.h"
@@ -465,9 +464,7 @@ BakedBricks bake_bricks(const Scene& scene, const BakePlan& plan, const gpu::Dev
                    two_digits(100 * trimmed.error).c_str(), 100 * wanted));
     describe_light(scene, plan, device, visibility, set.levels.front());
     set.levels.back().metadata = set.levels.front().metadata;
-    const auto is_dark = [](const Volume& volume) { return volume::total_energy(volume) == 0.0; };
-    if (std::ranges::all_of(set.levels, is_dark))
-        stages.warn(scene::why_dark(scene));
+    warn_of_dark(scene, set.levels, stages);
     baked.stages = stages.reports();
     return baked;
 }

@@ -5,6 +5,9 @@
 #include "text.h"
 #include "visibility/backs.h"
 #include "volume/light_content.h"
+#include "volume/volume.h"
+
+#include <algorithm>
 
 namespace lpvbake::bake {
 namespace {
@@ -77,6 +80,12 @@ void describe_light(const Scene& scene, const BakePlan& plan, const gpu::Device&
         plan.settings.bounces ? std::to_string(*plan.settings.bounces) : "inf";
     volume.metadata["device"] = device.info().name;
     volume.metadata["tracer"] = visibility.tracer();
+}
+
+void warn_of_dark(const Scene& scene, std::span<const Volume> volumes, solver::Stages& stages) {
+    const auto is_dark = [](const Volume& volume) { return volume::total_energy(volume) == 0.0; };
+    if (std::ranges::all_of(volumes, is_dark))
+        stages.warn(scene::why_dark(scene));
 }
 
 } // namespace lpvbake::bake

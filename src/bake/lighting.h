@@ -5,6 +5,8 @@
 #include "surface/lit_surfaces.h"
 #include "visibility/visibility.h"
 
+#include <span>
+
 namespace lpvbake::bake {
 
 /// How a bake of the plan lights surfaces.
@@ -21,5 +23,8 @@ surface::LitSurfaces light_scene(const Scene& scene, const BakePlan& plan,
 /// Adds to the metadata what light it is, and by what it was computed.
 void describe_light(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
                     const visibility::Visibility& visibility, Volume& volume);
+
+/// Warns where none of the volumes of a bake holds light, and says why.
+void warn_of_dark(const Scene& scene, std::span<const Volume> volumes, solver::Stages& stages);
 
 } // namespace lpvbake::bake

@@ -19,6 +19,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr const VolumeFormat* brick_formats[] = {&vdb_format, &exr_format, &ktx2_format,
+                                                 &dds_format};
+
 bool is_sparse(const std::string& path) {
     return volume_format(path) == &vdb_format;
 }
@@ -146,22 +149,11 @@ void add(WriteReport more, WriteReport& report) {
 } // namespace
 
 bool takes_bricks(const std::string& path) {
-    const VolumeFormat* format = volume_format(path);
-    for (const VolumeFormat* with : {&vdb_format, &exr_format, &ktx2_format, &dds_format})
-        if (format == with)
-            return true;
-    return false;
+    return volume_format(path, brick_formats) != nullptr;
 }
 
 std::string brick_format_list() {
-    std::vector<std::string> ends;
-    for (const VolumeFormat* format : volume_formats())
-        if (takes_bricks(std::string("x") + format->extension))
-            ends.push_back(format->extension);
-    std::string list = ends.front();
-    for (std::size_t i = 1; i < ends.size(); ++i)
-        list += (i + 1 == ends.size() ? " or " : ", ") + ends[i];
-    return list;
+    return format_list(" or ", false, brick_formats);
 }
 
 std::vector<std::string> brick_files(const std::string& path, std::size_t levels,
@@ -289,10 +281,6 @@ volume::VolumeSet read_bricks(const std::string& path, const Json& manifest) {
     std::vector<Grid> grids;
     for (const volume::Brick& brick : tree.bricks())
         grids.push_back(tree.levels().grid_of(brick));
-    const auto check = [&](const std::string& file, const Volume& read) {
-        if (!set.levels.empty())
-            check_alike(path, printable(name_of(file)), set.levels.front(), read);
-    };
     if (manifest.contains("atlas")) {
         const std::string file = file_beside(path, manifest["atlas"]);
         const Volume atlas = lpvbake::read_volume(file);
@@ -309,7 +297,8 @@ volume::VolumeSet read_bricks(const std::string& path, const Json& manifest) {
             reject(path, "lists " + printable(name_of(file)) + " for a level of bricks, no .vdb");
         const BrickPlaces places = places_of(tree.levels(), level, tree.bricks());
         const Volume stack = read_vdb(file, places);
-        check(file, stack);
+        if (!set.levels.empty())
+            check_alike(path, printable(name_of(file)), set.levels.front(), stack);
         std::vector<Volume> bricks = volume::unstacked(
             stack, std::span(grids).subspan(set.levels.size(), places.first.size()));
         std::ranges::move(bricks, std::back_inserter(set.levels));

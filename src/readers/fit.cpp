@@ -197,12 +197,11 @@ Values shown_at(const Reader& reader, const Volume& volume, std::span<const FitP
 
 constexpr double least_share = 0.25; ///< of the way to what was fitted; next to it is none
 
-/// A share of the way from some values to others; none of it is what was given, to the bit.
-void go(const Coefficients& from, const Coefficients& to, float share, Coefficients& sh) {
+/// Half of the way back to values that were given.
+void go_back(const Coefficients& given, Coefficients& sh) {
     for (std::size_t k = 0; k < sh.size(); ++k)
         for (std::size_t cell = 0; cell < sh[k].size(); ++cell)
-            sh[k][cell] =
-                share == 0 ? from[k][cell] : from[k][cell] + share * (to[k][cell] - from[k][cell]);
+            sh[k][cell] = 0.5f * (given[k][cell] + sh[k][cell]);
 }
 
 /// Whether the points say so, by more than the standard error of what they say together.
@@ -305,16 +304,16 @@ FitReport fit(const Reader& reader, std::span<const FitPoint> points, const FitS
     const bool linear = is_linear(reader);
     FitReport report = linear ? fit_linear(reader, points, settings, volume)
                               : fit_nonlinear(reader, points, settings, volume);
-    const Coefficients fitted = volume.sh;
     while (!is_nearer(judges, before, shown_at(reader, volume, judges))) {
-        report.share = linear && report.share > least_share ? report.share / 2 : 0;
-        go(given, fitted, float(report.share), volume.sh);
-        if (report.share == 0)
-            break;
+        if (!linear || report.share <= least_share) {
+            volume.sh = given;
+            report.share = report.moved = report.moved_dark = 0;
+            return report;
+        }
+        go_back(given, volume.sh);
+        report.share /= 2;
     }
-    if (report.share == 0)
-        report.moved = report.moved_dark = 0;
-    else if (linear)
+    if (linear)
         tell_moved(reader, given, volume, report);
     return report;
 }

@@ -7,6 +7,8 @@
 
 #include <algorithm>
 
+#include <fnmatch.h>
+
 namespace lpvbake::scene {
 namespace {
 
@@ -156,6 +158,10 @@ bool has_reflectors(const Scene& scene) {
             return true;
     }
     return false;
+}
+
+bool fits_pattern(const std::string& name, const std::string& pattern) {
+    return fnmatch(pattern.c_str(), name.c_str(), 0) == 0;
 }
 
 const char* name_of(Role role) {

@@ -8,6 +8,9 @@
 
 namespace lpvbake::scene {
 
+/// Whether a name fits a pattern of the shell (fnmatch without flags).
+bool fits_pattern(const std::string& name, const std::string& pattern);
+
 /// Throws Error: argument where an index leads nowhere, sizes do not fit or a number is none;
 /// invalid for a light (see check_light). What load_gltf gives holds.
 void check_scene(const Scene& scene);

@@ -67,6 +67,10 @@ inline constexpr Device on_cpu{2e-4, 7e-8, 0.05, 7.5e-8, 0.9e-5, 5e-8};
 /// 2026-11-29 (d0ef345).
 inline constexpr Device on_gpu{5e-5, 1.3e-10, 0.2, 1.05e-8, 0.6e-5, 3.3e-8};
 
+constexpr const Device& of_device(bool gpu) {
+    return gpu ? on_gpu : on_cpu;
+}
+
 /// Of the work, what more threads do not share: 2, 4, 8 and 16 of them in the same bakes.
 inline constexpr double serial = 0.3;
 

@@ -1,18 +1,13 @@
 #include "scene/gltf/roles.h"
 
 #include "quoted.h"
+#include "scene/scene.h"
 #include "text.h"
 
 #include <utility>
 
-#include <fnmatch.h>
-
 namespace lpvbake::scene::gltf {
 namespace {
-
-bool fits(const std::string& glob, const std::string& text) {
-    return fnmatch(glob.c_str(), text.c_str(), 0) == 0;
-}
 
 /// A value of extras as patterns see it; none where it is no text, number or truth.
 std::optional<std::string> text_of(const tinygltf::Value& value) {
@@ -78,10 +73,10 @@ RoleFit Roles::fit(Of what, const std::string& name, const tinygltf::Value& extr
             if (!extras.IsObject() || !extras.Has(pattern.key))
                 continue;
             const std::optional<std::string> text = text_of(extras.Get(pattern.key));
-            is_fit = pattern.of == Of::any || (text && fits(pattern.glob, *text));
+            is_fit = pattern.of == Of::any || (text && fits_pattern(*text, pattern.glob));
         } else {
             is_fit = (pattern.of == Of::any || pattern.of == what) && !name.empty()
-                     && fits(pattern.glob, name);
+                     && fits_pattern(name, pattern.glob);
         }
         if (!is_fit)
             continue;

@@ -151,7 +151,7 @@ double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& 
                       bool gpu) {
     // What lies near surfaces is solved, the rest is mostly interpolated.
     namespace seconds = models::seconds;
-    const seconds::Device& device = gpu ? seconds::on_gpu : seconds::on_cpu;
+    const seconds::Device& device = seconds::of_device(gpu);
     const double share =
         models::solved_patch
         + models::solved_tolerance / std::max(double(settings.tolerance), models::least_tolerance);

@@ -79,7 +79,7 @@ double expected_error(const SolverSettings&, const Pilot&) {
 Cost cost(const Workload& work, const SolverSettings& settings) {
     const LpvSettings lpv = settings_of(settings);
     namespace seconds = models::seconds;
-    const seconds::Device& device = work.gpu ? seconds::on_gpu : seconds::on_cpu;
+    const seconds::Device& device = seconds::of_device(work.gpu);
     // What is left falls like the slowest mode of a diffusion.
     const glm::dvec3 dims(work.grid.dims);
     const double decay = models::diffusion * 9.87 * glm::dot(1.0 / dims, 1.0 / dims);

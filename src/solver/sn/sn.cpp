@@ -70,7 +70,7 @@ uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& set
 }
 
 double sn_seconds(const Grid& grid, const SnSettings& settings, bool gpu) {
-    const models::seconds::Device& device = gpu ? models::seconds::on_gpu : models::seconds::on_cpu;
+    const models::seconds::Device& device = models::seconds::of_device(gpu);
     return device.sweep + device.sweep_cell * double(grid.size()) * settings.directions;
 }
 
