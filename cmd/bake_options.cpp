@@ -1,0 +1,397 @@
+#include "bake_options.h"
+
+#include "bake/bake.h"
+#include "io/boxes.h"
+#include "io/bricks.h"
+#include "io/points.h"
+#include "lpvbake/error.h"
+#include "text.h"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+
+namespace lpvbake::cmd {
+namespace {
+
+/// "FINE..COARSE".
+glm::dvec2 parse_adaptive(const std::string& text) {
+    const std::size_t dots = text.find("..");
+    const auto fine =
+        dots == std::string::npos ? std::nullopt : options::parse_number(text.substr(0, dots));
+    const auto coarse = fine ? options::parse_number(text.substr(dots + 2)) : std::nullopt;
+    if (!coarse || !(*fine > 0) || !(*coarse > 0))
+        options::refuse(text, "is not FINE..COARSE, cells in metres");
+    return {*fine, *coarse};
+}
+
+/// Of --adaptive, where neither error nor size is given.
+constexpr double usual_brick_error = 0.02;
+
+/// "X0,Y0,Z0,X1,Y1,Z1:CELL".
+volume::LevelBox parse_level(const std::string& text) {
+    const std::size_t colon = text.rfind(':');
+    const auto cell =
+        colon == std::string::npos ? std::nullopt : options::parse_number(text.substr(colon + 1));
+    if (!cell || !(*cell > 0))
+        options::refuse(text, "is not X0,Y0,Z0,X1,Y1,Z1:CELL, in metres");
+    const Bounds box = options::parse_bounds(text.substr(0, colon));
+    return {box.lo, box.hi, *cell};
+}
+
+// ---------------------------------------------------------------- options of solvers
+
+/// "sn", "sn or gather".
+std::string names_of(const std::vector<const solver::SolverKind*>& solvers,
+                     const char* last = " or ") {
+    std::string names;
+    for (const solver::SolverKind* solver : solvers)
+        names += (names.empty() ? "" : last) + std::string(solver->name);
+    return names;
+}
+
+std::vector<const solver::SolverKind*> solvers_with(const auto& has) {
+    std::vector<const solver::SolverKind*> solvers;
+    std::ranges::copy_if(bake::solver_kinds(), std::back_inserter(solvers),
+                         [&](const solver::SolverKind* kind) { return has(*kind); });
+    return solvers;
+}
+
+/// Whether a quality makes a difference.
+bool has_presets(const solver::SolverKind& kind) {
+    return std::ranges::count_if(kind.ladder,
+                                 [](const solver::Rung& rung) { return bool(rung.preset); })
+           > 1;
+}
+
+/// The solvers for which the parameter, beside the others that are given, means something.
+std::vector<const solver::SolverKind*> solvers_with_parameter(const BakeOptions& o,
+                                                              const std::string& name) {
+    return solvers_with([&](const solver::SolverKind& kind) {
+        const solver::Parameter* own = solver::find_parameter(kind, name);
+        if (!own || !own->needs)
+            return own != nullptr;
+        const auto needed = o.parameters.find(own->needs);
+        return needed != o.parameters.end() && needed->second > 0;
+    });
+}
+
+/// The solvers that may be taken, best first: --solver, or those that have all options that are
+/// given. Throws Error (argument) that names the option that none of them has.
+std::vector<const solver::SolverKind*> solvers_of(const BakeOptions& o) {
+    std::vector<const solver::SolverKind*> solvers =
+        o.solver ? std::vector{o.solver} : bake::Wish().solvers;
+    std::string why = o.solver ? std::string("--solver ") + o.solver->name : "";
+    const auto keep = [&](const std::string& option,
+                          const std::vector<const solver::SolverKind*>& with) {
+        std::vector<const solver::SolverKind*> left = solvers;
+        std::erase_if(left, [&](const solver::SolverKind* solver) {
+            return !std::ranges::count(with, solver);
+        });
+        if (left.empty())
+            throw Error(ErrorKind::argument, "--" + option + " is an option of " + names_of(with)
+                                                 + ", not of " + names_of(solvers) + " (" + why
+                                                 + ")");
+        if (left.size() < solvers.size())
+            why = "--" + option;
+        solvers = left;
+    };
+    if (!o.at.empty())
+        keep("at", solvers_with([](const solver::SolverKind& kind) { return kind.at_places; }));
+    if (o.adaptive)
+        keep("adaptive",
+             solvers_with([](const solver::SolverKind& kind) { return kind.at_places; }));
+    if (o.nests())
+        keep(o.levels ? "levels" : "level", solvers_with([](const solver::SolverKind& kind) {
+                 return kind.nesting != solver::Nesting::none;
+             }));
+    if (o.quality)
+        keep("quality", solvers_with(has_presets));
+    for (const auto& [name, value] : o.parameters)
+        keep(name, solvers_with_parameter(o, name));
+    if (o.sh_order > 0)
+        keep("sh-order " + std::to_string(o.sh_order),
+             solvers_with([&](const solver::SolverKind& kind) {
+                 return std::ranges::count(kind.orders, o.sh_order) > 0;
+             }));
+    return solvers;
+}
+
+/// A row for each parameter of a solver; those that several have share one.
+void add_parameters(options::Options& options, BakeOptions& o) {
+    std::vector<std::string> names;
+    for (const solver::SolverKind* kind : bake::solver_kinds())
+        for (const solver::Parameter& parameter : kind->parameters)
+            if (std::ranges::find(names, parameter.name) == names.end())
+                names.push_back(parameter.name);
+    for (const std::string& name : names) {
+        std::string help, ranges;
+        std::vector<const solver::Parameter*> all;
+        for (const solver::SolverKind* kind : bake::solver_kinds()) {
+            const solver::Parameter* own = solver::find_parameter(*kind, name);
+            if (!own)
+                continue;
+            const bool again = !all.empty() && std::string(own->help) == all.back()->help;
+            all.push_back(own);
+            std::string whose = kind->name;
+            if (own->needs)
+                whose += " with --" + std::string(own->needs);
+            const std::string usual = " (" + solver::value_text(*own, own->usual) + ")";
+            help += again ? "" : (help.empty() ? "" : "; ") + whose + ": " + own->help + usual;
+            if (again) // "gather with --rsm-samples, lpv: ..."
+                help.insert(help.rfind(all.front()->help) - 2, ", " + whose);
+        }
+        const bool is_choice = all.front()->kind == solver::ValueKind::choice;
+        std::string type = all.front()->kind == solver::ValueKind::whole ? "N" : "X";
+        if (is_choice) {
+            type.clear();
+            for (const char* choice : all.front()->choices)
+                type.append(type.empty() ? "" : "|").append(choice);
+        }
+        options::Option& option = options.add("--" + name, type, help);
+        option.quoted = is_choice;
+        option.read = [&o, name, all](const std::string& text) {
+            for (const solver::Parameter* each : all)
+                if (const std::optional<double> value = solver::parse_value(*each, text)) {
+                    o.parameters[name] = *value;
+                    return solver::value_text(*each, *value);
+                }
+            options::refuse(text, "is none of its values, " + solver::values_of(*all.front()));
+        };
+        option.implies(solver::value_text(*all.front(), all.front()->usual))
+            .record(options::Recorded::if_changed);
+    }
+}
+
+void add_solver_options(options::Options& options, BakeOptions& o) {
+    options.group("Solver");
+    options::Choices<const solver::SolverKind*> solvers{{"auto", nullptr}};
+    std::string help;
+    for (const solver::SolverKind* kind : bake::solver_kinds()) {
+        solvers.emplace_back(kind->name, kind);
+        help += std::string(kind->name) + ": " + kind->help + "; ";
+    }
+    options
+        .choice("--solver", o.solver, solvers,
+                help + "auto: by what is wanted (--error, --time-budget) and given, else "
+                    + bake::solver_kinds().front()->name)
+        .record();
+    options
+        .share("--error", o.error, 1e-6, 1, "Error of irradiance that is wanted at most; see below")
+        .implies("0.04")
+        .record(options::Recorded::if_changed);
+    options
+        .value("--time-budget", o.seconds, "TIME", options::parse_seconds,
+               "Time that a bake may take, as 2s, 500ms or 1.5min (--time is the animation's)")
+        .implies("2s")
+        .record(options::Recorded::if_changed);
+    options
+        .value("--bounces", o.bounces, "N|inf", options::parse_bounces,
+               "Reflections of light at most, 0 to 10000, or all; default: 1 for lpv, inf for the "
+               "others")
+        .implies("inf")
+        .record(options::Recorded::if_changed);
+    options
+        .number("--sh-order", o.sh_order, 0, 4,
+                "Highest band of the spherical harmonics; 0: 1 for lpv, 2 for the others")
+        .record();
+    options
+        .choice("--quality", o.quality,
+                options::choices_named<solver::Quality>(solver::quality_names),
+                names_of(solvers_with(has_presets), " and ")
+                    + ": time against error (directions, clusters, rays, tolerance); default: "
+                      "balanced")
+        .implies("balanced")
+        .exclude({"error", "time-budget"})
+        .record(options::Recorded::if_changed);
+    add_parameters(options, o);
+}
+
+void add_level_options(options::Options& options, BakeOptions& o) {
+    options
+        .values("--level", o.level, "X0,Y0,Z0,X1,Y1,Z1:CELL", parse_level,
+                "Box, metres, with cells of this size; repeated: nested levels of one scene, cells "
+                "powers of two of the finest, into a file each; see below")
+        .exclude({"resolution", "cell-size", "bounds", "margin", "levels", "focus", "at", "bytes",
+                  "rsm-samples"})
+        .record(options::Recorded::if_changed);
+    options
+        .number("--levels", o.levels, 2, double(volume::most_levels),
+                "Nested levels around --focus: cells of --cell-size there, then twice as large in "
+                "boxes twice as large, the last over all of the scene or --bounds")
+        .exclude({"at", "bytes", "rsm-samples"})
+        .need("focus")
+        .record(options::Recorded::if_changed);
+    options
+        .value("--focus", o.focus, "X0,Y0,Z0,X1,Y1,Z1", options::parse_bounds,
+               "Box of the finest of --levels, metres")
+        .need("levels")
+        .record(options::Recorded::if_changed);
+    options
+        .value("--adaptive", o.adaptive, "FINE..COARSE", parse_adaptive,
+               "Bricks of 8 x 8 x 8 cells, small where geometry stands and light changes: cells of "
+               "FINE to COARSE metres, a power of two apart, in all of the scene or --bounds; into "
+                   + io::brick_format_list()
+                   + "; --error: what reading between them may lose, of "
+                     "all irradiance, default 2 %; see below")
+        .exclude({"resolution", "cell-size",  "margin",     "level",         "levels",
+                  "focus",      "at",         "bytes",      "verify",        "rsm-samples",
+                  "rsm-size",   "tolerance",  "target",     "sh-convention", "axes",
+                  "packing",    "dering",     "l1-scale",   "exr-columns",   "dilate",
+                  "fit",        "evaluation", "time-budget"})
+        .record(options::Recorded::if_changed);
+    options
+        .value(
+            "--max-size", o.max_size, "SIZE", options::parse_bytes,
+            "Leave no more bricks of --adaptive than whose numbers fit into SIZE, as 64M, in each "
+            "output: those that cost the least error go first")
+        .need("adaptive")
+        .record(options::Recorded::if_changed);
+}
+
+void add_adjust_option(options::Options& options, BakeOptions& o) {
+    options
+        .text("--adjust", o.adjust, "FILE",
+              "JSON file of boxes whose cells are valid or not whatever geometry says, or whose "
+              "light is multiplied; see below")
+        .exclude({"at", "adaptive"})
+        .record(options::Recorded::if_changed);
+}
+
+} // namespace
+
+void add_bake_options(options::Options& options, BakeOptions& o) {
+    add_scene_option(options, o);
+    options.texts("-o,--output", o.outputs.paths, "FILE", outputs_help()).keep_to_one_run();
+    add_grid_options(options, o);
+    options
+        .text("--at", o.at, "FILE",
+              "Bake the light at the points of a file (" + io::point_format_list()
+                  + ") instead of a grid, into " + io::lit_point_format_list()
+                  + "; --cell-size is how large patches of surfaces are at most then; see below")
+        .exclude({"resolution", "bounds",        "margin",   "level",     "levels",
+                  "focus",      "rsm-samples",   "rsm-size", "tolerance", "target",
+                  "precision",  "sh-convention", "axes",     "packing",   "dering",
+                  "l1-scale",   "exr-columns",   "dilate",   "fit",       "evaluation",
+                  "verify",     "bytes"})
+        .keep_to_one_run();
+    add_level_options(options, o);
+    add_adjust_option(options, o);
+    add_light_options(options, o);
+    add_solver_options(options, o);
+    add_output_options(options, o.outputs);
+    options
+        .value(
+            "--bytes", o.bytes, "SIZE", options::parse_bytes,
+            "Of the order, resolution and precision that are not given, take those with the least "
+            "expected error whose numbers fit into SIZE, as 8M, in each output; see below")
+        .implies("8M")
+        .record(options::Recorded::if_changed);
+    options
+        .number("--dilate", o.fit.dilate, 0, 1024,
+                "Rings of cells inside geometry to fill from cells around them; the validity "
+                "stays as it is")
+        .record();
+    options
+        .choice(
+            "--fit", o.fit.fit, options::Choices<bool>{{"none", false}, {"surfaces", true}},
+            "surfaces: values with which the target's program shows on surfaces the light that "
+            "arrives there, though it reads cells beyond walls; generic: our own sampler. none: "
+            "the field at the cells' centres. Default: surfaces for programs that shade surfaces "
+            "by the volume, none for generic, blender and houdini, and with --dilate")
+        .implies([&o] { return fits(o.outputs, o.fit) ? "surfaces" : "none"; })
+        .record(options::Recorded::if_changed);
+    add_evaluation_option(options, o.fit);
+    options
+        .number(
+            "--verify", o.verify, 2, 1e6,
+            "Measure the error in this scene: by paths at N places, half of them cells, half on "
+            "surfaces; with --error bake on until the measured one is below it")
+        .bare("256");
+    add_device_option(options, o);
+    options.flag("--validation", o.validation,
+                 "Load Vulkan's validation layer; messages are errors");
+    add_isa_option(options, o);
+    add_dry_run_option(options, o,
+                       "Print grid, memory, the files that will exist and an estimate of the time");
+    add_run_options(options, o);
+}
+
+void check_options(const BakeOptions& o) {
+    check_paths("bake", o, o, o.outputs.paths, o.at);
+    if (o.outputs.paths.empty() && !o.dry_run)
+        throw Error(ErrorKind::argument,
+                    o.at.empty() ? "no output: add -o FILE" + io::format_list(" or -o FILE")
+                                 : "no output: add -o FILE, " + io::lit_point_format_list());
+    if (o.bytes && o.outputs.paths.empty())
+        throw Error(ErrorKind::argument, "--bytes is of outputs: add -o FILE");
+    const solver::SolverKind& solver = *solvers_of(o).front();
+    for (const auto& [name, value] : o.parameters)
+        if (const solver::Parameter* own = solver::find_parameter(solver, name);
+            own && !solver::is_value(*own, value))
+            throw Error(ErrorKind::argument, "--" + name + ": the " + solver.name + " solver takes "
+                                                 + solver::values_of(*own));
+    check_fit(o.outputs, o.fit, o.sh_order);
+    if (!o.adjust.empty())
+        check_files({o.adjust}, {}, o.outputs.paths);
+    if (o.adaptive)
+        check_brick_outputs(o.outputs);
+    if (o.nests() || o.adaptive)
+        check_level_outputs(o.outputs.paths, inputs_of(o, o));
+    if (o.levels && o.grid.cell == 0)
+        throw Error(ErrorKind::argument, "--levels: how large the finest cells are is missing: add "
+                                         "--cell-size H");
+}
+
+std::vector<volume::LevelBox> levels_of(const BakeOptions& o, const Scene& scene) {
+    if (!o.levels)
+        return o.level;
+    const std::optional<Bounds> given = o.box_in(scene);
+    const Bounds box = given.value_or(bounds_of(scene));
+    volume::GridSettings settings = o.grid_settings();
+    settings.cell *= std::exp2(*o.levels - 1);
+    // Samples on the faces of a box that is given, and around the scene as one grid has them.
+    const double out = (settings.margin - (given ? 0.0 : 0.5)) * settings.cell;
+    return volume::levels_around({o.focus->lo, o.focus->hi, o.grid.cell}, box.lo - out,
+                                 box.hi + out, std::size_t(*o.levels));
+}
+
+bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& reader) {
+    bake::BakeSettings settings(*solvers_of(o).front());
+    settings.grid = o.grid_settings();
+    settings.emitters = !o.no_emitters;
+    settings.solver.set(o.quality.value_or(solver::Quality::balanced));
+    if (o.bounces)
+        settings.bounces = o.bounces->most;
+    if (fits(o.outputs, o.fit))
+        settings.fit = &reader;
+    settings.dering = o.outputs.storage().dering;
+    settings.isa = o.isa;
+    if (!o.adjust.empty())
+        settings.adjust = io::read_adjustments(o.adjust);
+    if (o.adaptive)
+        settings.adaptive = {o.adaptive->x, o.adaptive->y,
+                             o.error.value_or(o.max_size ? 0.0 : usual_brick_error), o.max_size,
+                             o.outputs.storage().precision == Precision::half ? 2 : 4};
+    return settings;
+}
+
+bake::Wish wish_of(const BakeOptions& o) {
+    bake::Wish wish;
+    wish.solvers = solvers_of(o);
+    if (o.sh_order > 0)
+        wish.order = o.sh_order;
+    else if (o.fit.evaluation != readers::Evaluation::linear)
+        wish.order = 1;
+    const io::Target storage = o.outputs.storage();
+    wish.kept_order =
+        std::min(storage.highest_order, volume::highest_order(storage.encoding.convention));
+    if (!o.adaptive) // then it is the bricks'
+        wish.error = o.error;
+    wish.seconds = o.seconds;
+    for (const auto& [name, value] : o.parameters)
+        wish.given.push_back({name.c_str(), value});
+    return wish;
+}
+
+} // namespace lpvbake::cmd

@@ -1,0 +1,59 @@
+// The options of `bake`, and what they ask of the driver.
+#pragma once
+
+#include "bake/choose.h"
+#include "bake/settings.h"
+#include "io/target.h"
+#include "options/option.h"
+#include "options/values.h"
+#include "readers/readers.h"
+#include "scene_options.h"
+#include "solver/solver.h"
+#include "volume/levels.h"
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace lpvbake::cmd {
+
+struct BakeOptions : SceneOptions, RunOptions {
+    OutputOptions outputs;
+    const solver::SolverKind* solver = nullptr; ///< null: what else is given, and the wish, decide
+    std::optional<double> error;                ///< a share
+    std::optional<double> seconds;              ///< of a bake
+    std::optional<options::Bounces> bounces;    ///< none: the solver's
+    int sh_order = 0;                           ///< 0: the solver's
+    std::optional<solver::Quality> quality;
+    std::map<std::string, double> parameters; ///< of solvers
+    FitOptions fit;
+    std::optional<uint64_t> verify;      ///< points
+    std::optional<uint64_t> bytes;       ///< of each output
+    bool any_resolution = true;          ///< with `bytes`
+    std::string at;                      ///< file of points; empty: a grid is baked
+    std::vector<volume::LevelBox> level; ///< of nested ones each
+    std::optional<int> levels;           ///< around `focus`
+    std::optional<Bounds> focus;
+    std::string adjust;                 ///< file of boxes
+    std::optional<glm::dvec2> adaptive; ///< finest and coarsest cells of bricks, metres
+    std::optional<uint64_t> max_size;   ///< of bricks, bytes
+
+    bool nests() const { return !level.empty() || levels; }
+};
+
+void add_bake_options(options::Options& options, BakeOptions& o);
+
+/// All that can be known to be wrong before any work is done. Throws Error (argument).
+void check_options(const BakeOptions& o);
+
+/// What nested grids are asked for by; nothing where there is but one.
+std::vector<volume::LevelBox> levels_of(const BakeOptions& o, const Scene& scene);
+
+/// All but what choose_settings chooses; refers to the reader.
+bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& reader);
+
+bake::Wish wish_of(const BakeOptions& o);
+
+} // namespace lpvbake::cmd

@@ -1,0 +1,240 @@
+#include "bake_result.h"
+
+#include "bake/bake.h"
+#include "bake/bricks.h"
+#include "io/bricks.h"
+#include "io/levels.h"
+#include "options/wording.h"
+#include "report/describe.h"
+#include "text.h"
+#include "verification.h"
+
+#include <algorithm>
+#include <cstdio>
+
+namespace lpvbake::cmd {
+namespace {
+
+/// The document of --format json, as far as a dry run shares it.
+report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
+                      const bake::Choice& choice, const std::optional<bake::Storage>& storage,
+                      uint64_t triangles, const Grid& grid) {
+    report::Json chosen{{"solver", choice.solver().kind().name},
+                        {"sh_order", choice.solver().order()},
+                        {"text", choice.text},
+                        {"error", choice.foretold() ? report::Json(choice.error) : report::Json()},
+                        {"seconds", choice.plan.seconds}};
+    for (const solver::Parameter& parameter : choice.solver().kind().parameters)
+        if (solver::is_on_ladder(choice.solver().kind(), parameter.name)) {
+            const double value = choice.solver()[parameter.name];
+            chosen[parameter.name] = parameter.kind == solver::ValueKind::whole
+                                         ? report::Json(int64_t(value))
+                                         : report::Json(value);
+        }
+    if (const std::optional<solver::Pilot>& pilot = choice.pilot)
+        chosen["pilot"] = {{"bands", pilot->bands}, {"clusters", pilot->clusters}};
+    report::Json document{{"command", "bake"},
+                          {"version", LPVBAKE_VERSION},
+                          {"scene", o.scene},
+                          {"triangles", triangles},
+                          {"device", device_json(device)},
+                          {"isa", visibility::name_of(choice.plan.settings.isa)},
+                          {"grid", report::grid_json(grid)},
+                          {"dry_run", o.dry_run},
+                          {"choice", chosen}};
+    if (choice.plan.settings.points > 0)
+        document["points"] = choice.plan.settings.points;
+    if (o.nests())
+        for (const Grid& each : bake::grids_in(choice.plan))
+            document["levels"].push_back(report::grid_json(each));
+    if (const auto& bricks = choice.plan.bricks) {
+        for (int level = 0; level < bricks->levels.count; ++level)
+            document["levels"].push_back(report::grid_json(bricks->levels.lattice(level)));
+        document["bricks"] = {{"expected", bricks->expected}};
+    }
+    if (storage)
+        document["storage"] = {{"sh_order", storage->order},
+                               {"resolution", storage->resolution},
+                               {"precision", io::name_of(storage->precision)},
+                               {"bytes", storage->bytes},
+                               {"error", storage->error},
+                               {"text", storage->text}};
+    return document;
+}
+
+void print_level(std::size_t level, const Grid& grid) {
+    const glm::dvec3 lo = grid.center(glm::ivec3(0)), hi = grid.center(grid.dims - 1);
+    std::printf(
+        "level %zu       %d x %d x %d samples every %.4g m from (%.5g, %.5g, %.5g) to (%.5g, "
+        "%.5g, %.5g), %zu in all\n",
+        level, grid.dims.x, grid.dims.y, grid.dims.z, grid.cell, lo.x, lo.y, lo.z, hi.x, hi.y, hi.z,
+        grid.size());
+}
+
+void print_brick_plan(const bake::BrickPlan& bricks) {
+    const Grid fine = bricks.levels.finest, coarse = bricks.levels.lattice(bricks.levels.count - 1);
+    const glm::dvec3 lo = fine.center(glm::ivec3(0)), hi = fine.center(fine.dims - 1);
+    std::printf(
+        "bricks        of 8 x 8 x 8 cells, %s of %.4g to %.4g m, from (%.5g, %.5g, %.5g) to "
+        "(%.5g, %.5g, %.5g)\n",
+        counted(uint64_t(bricks.levels.count), "level").c_str(), fine.cell, coarse.cell, lo.x, lo.y,
+        lo.z, hi.x, hi.y, hi.z);
+}
+
+/// How large the numbers of each level are in a file, where that is known.
+void print_bytes(const BakeOptions& o, const bake::BakePlan& plan) {
+    if (plan.bricks) {
+        const uint64_t numbers = bake::brick_numbers(plan.settings.solver.order());
+        std::printf("bytes         about %s of numbers in each output: %llu bricks before they are "
+                    "trimmed\n",
+                    bytes_text(std::min(plan.bricks->expected, plan.bricks->most) * numbers
+                               * uint64_t(plan.settings.adaptive->number_bytes))
+                        .c_str(),
+                    (unsigned long long)plan.bricks->expected);
+        return;
+    }
+    const std::vector<Grid> grids = bake::grids_in(plan);
+    for (const std::string& path : o.outputs.paths)
+        for (std::size_t level = 0; level < grids.size() && grids.size() > 1; ++level) {
+            try {
+                const uint64_t bytes = io::stored_bytes(o.outputs.storage(), path,
+                                                        bake::grids_of(plan), grids[level].dims);
+                std::printf("bytes         %s of numbers in %s\n", bytes_text(bytes).c_str(),
+                            io::level_path(path, level).c_str());
+            } catch (const Error&) { // of nodes of their own
+            }
+        }
+}
+
+/// What a bake is expected to take, and of whom.
+std::string time_text(const bake::BakePlan& plan, const gpu::DeviceInfo& device) {
+    return two_digits(plan.seconds) + " s on " + counted(uint64_t(plan.threads), "CPU thread")
+           + (device.type == "cpu" ? "" : " and " + device.name);
+}
+
+void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice,
+                const std::optional<bake::Storage>& storage) {
+    std::printf("device        %s\n", device.name.c_str());
+    if (const uint64_t points = choice.plan.settings.points)
+        std::printf("points        %llu, surfaces in patches of at most %.4g m\n",
+                    (unsigned long long)points, choice.plan.grid.cell);
+    else if (choice.plan.bricks)
+        print_brick_plan(*choice.plan.bricks);
+    else if (const std::vector<Grid> grids = bake::grids_in(choice.plan); grids.size() > 1)
+        for (std::size_t i = 0; i < grids.size(); ++i)
+            print_level(i, grids[i]);
+    else
+        print_grid(choice.plan.grid);
+    const std::string error =
+        choice.foretold() ? format("up to %s %% error%s", two_digits(100 * choice.error).c_str(),
+                                   choice.pilot ? "" : " in a Cornell box")
+                          : "an error that cannot be foretold";
+    std::printf("choice        %s: %s, about %s\n", choice.text.c_str(), error.c_str(),
+                time_text(choice.plan, device).c_str());
+    if (storage)
+        std::printf("storage       %s: %s of numbers, with the bake's and that of cells about %s "
+                    "%% error in a Cornell box\n",
+                    storage->text.c_str(), bytes_text(storage->bytes).c_str(),
+                    two_digits(100 * storage->error).c_str());
+}
+
+/// The files that the bake will leave.
+std::vector<Written> planned_outputs(const BakeOptions& o, const bake::BakePlan& plan) {
+    std::vector<Written> outputs;
+    for (const std::string& path : o.outputs.paths) {
+        Written& output = outputs.emplace_back(Written{path, {}});
+        if (!o.at.empty()) {
+            output.files.push_back({path, 0});
+            continue;
+        }
+        if (plan.bricks) {
+            for (const std::string& file : io::brick_files(
+                     path, std::size_t(plan.bricks->levels.count), bake::grids_of(plan)))
+                output.files.push_back({file, 0});
+            continue;
+        }
+        const std::size_t levels = 1 + plan.coarser.size();
+        for (std::size_t level = 0; level < levels; ++level)
+            for (const std::string& file : io::files_for(
+                     o.outputs.storage(), io::level_path(path, level), bake::grids_of(plan)))
+                output.files.push_back({file, 0});
+        if (levels > 1)
+            output.files.push_back({io::manifest_path(path), 0});
+    }
+    return outputs;
+}
+
+} // namespace
+
+void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const bake::Choice& choice,
+                const std::optional<bake::Storage>& storage,
+                const std::vector<std::string>& warnings) {
+    const bake::BakePlan& plan = choice.plan;
+    if (o.format == Format::json) {
+        report::Json document = describe(o, device, choice, storage, plan.triangles, plan.grid);
+        document["outputs"] = planned_json(planned_outputs(o, plan));
+        document["stages"] = stages_json(plan.stages);
+        document["warnings"] = warnings;
+        document["seconds"] = plan.seconds;
+        document["skipped"] = report::Json::array();
+        for (const solver::SkippedStage& skipped : plan.skipped)
+            document["skipped"].push_back(
+                {{"name", skipped.name}, {"why", options::in_options(skipped.why)}});
+        document["rsm"] = {{"maps", plan.maps.count}, {"size", plan.maps.size}};
+        document["device_bytes"] = plan.device_bytes;
+        document["host_bytes"] = plan.host_bytes;
+        print_json(document);
+        return;
+    }
+    print_head(device, choice, storage);
+    std::printf("scene         %s\n", counted(plan.triangles, "triangle").c_str());
+    std::printf("memory        %s on the device, about %s beside it\n",
+                bytes_text(plan.device_bytes).c_str(), bytes_text(plan.host_bytes).c_str());
+    std::printf("time          about %s, without loading and writing\n",
+                time_text(plan, device).c_str());
+    print_stages(plan.stages);
+    for (const solver::SkippedStage& skipped : plan.skipped)
+        std::printf("skipped       %s: %s\n", skipped.name.c_str(),
+                    options::in_options(skipped.why).c_str());
+    print_bytes(o, plan);
+    for (const Written& output : planned_outputs(o, plan))
+        for (const WriteReport::File& file : output.files)
+            std::printf("writes        %s\n", file.path.c_str());
+}
+
+void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const BakeResult& result,
+                  const Run& run) {
+    const double seconds = run.seconds();
+    const std::string reader = reader_of(*o.outputs.target, o.fit).name;
+    const bake::BakePlan& plan = result.choice.plan;
+    if (o.format == Format::json) {
+        const Grid grid = result.bricks   ? result.bricks->set.finest()
+                          : result.volume ? result.volume->grid
+                                          : plan.grid;
+        report::Json document =
+            describe(o, device, result.choice, result.storage, plan.triangles, grid);
+        if (result.bricks) {
+            document["bricks"]["count"] = result.bricks->set.levels.size();
+            document["bricks"]["samples"] = result.bricks->samples;
+            document["bricks"]["error"] = result.bricks->error;
+        }
+        document["outputs"] = outputs_json(result.outputs);
+        document["stages"] = stages_json(run.stages);
+        document["warnings"] = run.progress.warnings();
+        if (result.volume)
+            add_fit(*result.volume, document);
+        if (result.verified)
+            document["verified"] = verified_json(*result.verified, reader);
+        document["seconds"] = seconds;
+        document["peak_memory"] = peak_memory();
+        print_json(document);
+        return;
+    }
+    print_head(device, result.choice, result.storage);
+    print_stages(run.stages);
+    print_total(seconds);
+    if (result.verified)
+        print_verified(*result.verified, reader);
+    print_outputs(result.outputs);
+}
+} // namespace lpvbake::cmd
