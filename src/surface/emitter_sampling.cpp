@@ -20,6 +20,7 @@ EmitterSampling::EmitterSampling(const std::vector<Patch>& patches,
             continue;
         total_ += power;
         emitters_.push_back(patches[i]);
+        given_.push_back(uint32_t(i));
         if (!favours.empty())
             favours_.push_back(favour);
         cumulative_.push_back(total_);
@@ -34,7 +35,8 @@ EmitterSampling::Sample EmitterSampling::sample(float pick, glm::vec2 weights) c
     const Patch& patch = emitters_[at];
     return {patch.at(weights),  patch.normal,
             patch.double_sided, patch.met,
-            patch.emission,     density(patch, favours_.empty() ? 1.0 : favours_[at])};
+            patch.emission,     density(patch, favours_.empty() ? 1.0 : favours_[at]),
+            given_[at]};
 }
 
 float EmitterSampling::density(const Patch& patch, double favour) const {

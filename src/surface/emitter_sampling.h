@@ -28,6 +28,7 @@ public:
         bool met;            ///< rays may meet it by chance
         glm::vec3 luminance; ///< mean of the patch, nits
         float density;       ///< of the point, per unit of area
+        uint32_t patch;      ///< its place among those that were given
     };
     /// `pick` in [0, 1) chooses the patch, `weights` (of its second and third corner) the point.
     Sample sample(float pick, glm::vec2 weights) const;
@@ -36,6 +37,7 @@ public:
 
 private:
     std::vector<Patch> emitters_;
+    std::vector<uint32_t> given_;    ///< place of each among all patches
     std::vector<double> favours_;    ///< of each; empty: 1
     std::vector<double> cumulative_; ///< power up to and with each, over the total
     double total_ = 0.0;

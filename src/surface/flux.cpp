@@ -130,8 +130,9 @@ double brightness_of(const Light& light) {
     return glm::dot(glm::dvec3(light.color), colour::rec709_luminance);
 }
 
+/// `weights`: what layers have of it.
 void add_light(const Source& source, const LightMap& map, const LitSurfaces& lit, bool veils,
-               PunctualLight& result) {
+               std::span<const glm::vec3> weights, PunctualLight& result) {
     std::vector<double> exact(map.sides.size());
     tbb::parallel_for(size_t(0), exact.size(),
                       [&](size_t i) { exact[i] = closed_form(source, lit, map.sides[i], veils); });
@@ -153,20 +154,26 @@ void add_light(const Source& source, const LightMap& map, const LitSurfaces& lit
         const double share = flux / (double(patch.area) * double(patch.alpha) * square);
         // Exactly 1 where nothing was coloured.
         const glm::dvec3 tint = side.flux > 0.0 ? side.tinted / side.flux : glm::dvec3(1.0);
-        result.lux[side.side] += source.light.color * float(share) * glm::vec3(tint);
+        const glm::vec3 lux = source.light.color * float(share) * glm::vec3(tint);
+        result.lux[side.side] += lux;
+        for (size_t layer = 0; layer < weights.size(); ++layer)
+            result.layers[weights.size() * side.side + layer] += weights[layer] * lux;
     }
 }
 
 /// Gives patches that another surface lies on, which rays may meet as well, what that has.
-void share_light(const LitSurfaces& lit, std::vector<glm::vec3>& lux) {
-    tbb::parallel_for(size_t(0), lux.size(), [&](size_t i) {
+void share_light(const LitSurfaces& lit, PunctualLight& light) {
+    tbb::parallel_for(size_t(0), light.lux.size(), [&](size_t i) {
         const Patch& patch = lit.patches[i / 2];
         if (patch.area > 0.0f || (i % 2 != 0 && !patch.double_sided))
             return;
         const glm::vec3 normal = normal_of(patch, uint32_t(i));
         const uint32_t seen = seen_at(lit, patch.position, normal);
-        if (seen != LitSurfaces::no_side)
-            lux[i] = lux[seen];
+        if (seen == LitSurfaces::no_side)
+            return;
+        light.lux[i] = light.lux[seen];
+        for (size_t layer = 0; layer < light.layer_count; ++layer)
+            light.layers[light.layer_count * i + layer] = light.of(seen, layer);
     });
 }
 
@@ -177,16 +184,24 @@ void PunctualLight::follow(const LitSurfaces& lit) {
         return;
     const size_t uncut = lit.patches.size() - lit.cut_from.size();
     for (size_t i = lux.size() / 2; i < lit.patches.size(); ++i)
-        for (const size_t side : {0, 1})
-            lux.push_back(lux[2 * lit.cut_from[i - uncut] + side]);
+        for (const uint32_t side : {0u, 1u}) {
+            const uint32_t from = 2 * lit.cut_from[i - uncut] + side;
+            lux.push_back(lux[from]);
+            for (size_t layer = 0; layer < layer_count; ++layer)
+                layers.push_back(of(from, layer));
+        }
 }
 
 PunctualLight illuminate(const Scene& scene, std::span<const Light> lights, LitSurfaces& lit,
-                         const scene::Frame& frame, uint32_t key, Progress& progress) {
+                         const scene::Frame& frame, uint32_t key, Progress& progress,
+                         std::span<const std::vector<glm::vec3>> weights) {
     PunctualLight result;
     if (lights.empty())
         return result;
     result.lux.assign(2 * lit.patches.size(), glm::vec3(0.0f));
+    result.layer_count = weights.size();
+    result.layers.assign(weights.size() * result.lux.size(), glm::vec3(0.0f));
+    std::vector<glm::vec3> of_light(weights.size());
     LightMapper mapper(scene, lit, frame, lights);
     for (size_t i = 0; i < lights.size(); ++i) {
         progress.advance(0);
@@ -199,9 +214,11 @@ PunctualLight illuminate(const Scene& scene, std::span<const Light> lights, LitS
             map = mapper.draw(lights[i], key + uint32_t(i));
         }
         result.power.push_back(map.power);
-        add_light(Source(lights[i], frame), map, lit, mapper.veiled(), result);
+        for (size_t layer = 0; layer < weights.size(); ++layer)
+            of_light[layer] = weights[layer][i];
+        add_light(Source(lights[i], frame), map, lit, mapper.veiled(), of_light, result);
     }
-    share_light(lit, result.lux);
+    share_light(lit, result);
     return result;
 }
 

@@ -10,6 +10,7 @@
 #include "surface/flux.h"
 #include "surface/halton.h"
 #include "surface/hemisphere.h"
+#include "surface/layered_elements.h"
 #include "surface/shared_rays.h"
 #include "surface/spots.h"
 #include "text.h"
@@ -143,10 +144,11 @@ glm::vec3 sunlight(const Side& side, const std::vector<Sun>& suns,
     return sum;
 }
 
-/// Illuminance by emitters, by rays aimed at them.
-template <class From>
+/// Illuminance by emitters, by rays aimed at them. meet(sample, share) takes each: what the
+/// sample's luminance counts.
+template <class From, class Meet>
 glm::vec3 aimed(const From& side, const EmitterSampling& emitters, int aimed_rays, int rays,
-                const visibility::Visibility& visibility, uint32_t purpose = 1) {
+                const visibility::Visibility& visibility, uint32_t purpose, const Meet& meet) {
     glm::vec3 sum{0.0f};
     const HaltonPoints points(side.index, purpose);
     for (uint32_t n = 0; n < uint32_t(aimed_rays); ++n) {
@@ -165,9 +167,18 @@ glm::vec3 aimed(const From& side, const EmitterSampling& emitters, int aimed_ray
         const float by_chance = to.met ? float(rays) * cosine / glm::pi<float>() : 0.0f;
         const float density = float(aimed_rays) * aim + by_chance;
         const float end = std::max(0.0f, 1.0f - 2.0f * ray_offset(to.point) / distance);
-        sum += to.luminance * (cosine / density) * visibility.filter({from, way, 0.0f, end});
+        const glm::vec3 passes = visibility.filter({from, way, 0.0f, end});
+        sum += to.luminance * (cosine / density) * passes;
+        meet(to, (cosine / density) * passes);
     }
     return sum;
+}
+
+template <class From>
+glm::vec3 aimed(const From& side, const EmitterSampling& emitters, int aimed_rays, int rays,
+                const visibility::Visibility& visibility) {
+    return aimed(side, emitters, aimed_rays, rays, visibility, 1,
+                 [](const EmitterSampling::Sample&, glm::vec3) {});
 }
 
 /// Luminance that every side sends by itself, nits.
@@ -301,8 +312,8 @@ struct Reflection {
 /// LitSurfaces::luminance; what follows, all of an element, which the hits become. Returns K R.
 std::vector<glm::vec3> reflect_between(const Scene& scene, const scene::Frame& frame,
                                        Reflection& of, const Elements& elements,
-                                       const LightingSettings& settings, LitSurfaces& lit,
-                                       Progress& progress) {
+                                       const LightingSettings& settings, LayeredElements& layered,
+                                       LitSurfaces& lit, Progress& progress) {
     const size_t count = of.direct.size(), rays = of.hits.size() / std::max<size_t>(count, 1);
     std::vector<glm::dvec3> met(count, glm::dvec3(0.0));
     std::vector<glm::vec3> order, next(count);
@@ -316,10 +327,15 @@ std::vector<glm::vec3> reflect_between(const Scene& scene, const scene::Frame& f
         ends = ends && !keeps(i);
     Orders orders;
     const int most = settings.bounces.value_or(longest_sum);
+    layered.begin_orders();
     progress.begin("bounces", 0);
     while (lit.bounces < most) {
         progress.advance(0);
         tbb::parallel_for(size_t(0), count, [&](size_t i) {
+            if (!layered.empty())
+                layered.reflect(i, of.albedo[i], std::span(of.hits).subspan(i * rays, rays), black,
+                                of.tints.empty() ? std::span<const glm::vec3>{}
+                                                 : std::span(of.tints).subspan(i * rays, rays));
             glm::dvec3 sum{0.0};
             for (size_t ray = i * rays; ray < (i + 1) * rays; ++ray) {
                 uint32_t& hit = of.hits[ray];
@@ -340,6 +356,7 @@ std::vector<glm::vec3> reflect_between(const Scene& scene, const scene::Frame& f
         });
         std::swap(order, next);
         next.resize(count);
+        layered.next_order();
         ++lit.bounces;
         double last = 0.0, shares = 0.0;
         size_t light = 0; // elements that have any
@@ -380,9 +397,78 @@ std::vector<glm::vec3> reflect_between(const Scene& scene, const scene::Frame& f
     return {met.begin(), met.end()};
 }
 
+/// What a ray of an element meets counts for layers, too.
+void find_layered(const DirectLight& light, const Spots& spots, const Meeting& meeting,
+                  LayeredElements::Found& found) {
+    if (meeting.none())
+        found.sky(meeting.hit.tint, meeting.direction);
+    if (meeting.there == LitSurfaces::no_side)
+        return;
+    if (!light.aim.empty())
+        if (const glm::vec3 luminance = light.emission[meeting.there]; luminance != glm::vec3(0.0f))
+            found.emitter(meeting.there,
+                          light.by_chance(meeting, luminance,
+                                          light.aim.density(light.lit.patches[meeting.there / 2])));
+    if (!spots.aim.empty() && spots.luminance[meeting.there] != glm::vec3(0.0f))
+        found.spot(meeting.there,
+                   light.by_chance(meeting, glm::vec3(1.0f), spots.density(meeting.there)));
+}
+
+/// Finds the light of an element's rays, without that of other elements, and which sides they meet.
+/// Returns it, lux.
+glm::vec3 look_around(const DirectLight& light, const Spots& spots, const Elements& elements,
+                      size_t i, Reflection& reflection, LayeredElements& layered) {
+    const ElementSide element{light.lit.patches, elements, i};
+    const auto rays = size_t(light.rays);
+    const std::span<uint32_t> met = reflection.hits.empty()
+                                        ? std::span<uint32_t>{}
+                                        : std::span(reflection.hits).subspan(i * rays, rays);
+    const bool spotted = !spots.aim.empty();
+    glm::vec3 by_spots{0.0f};
+    std::optional<LayeredElements::Found> found;
+    if (!layered.empty())
+        found.emplace(layered);
+    glm::vec3 lux = light.by_rays(element, [&](const Meeting& meeting) {
+        if (found)
+            find_layered(light, spots, meeting, *found);
+        if (!reflection.tints.empty())
+            reflection.tints[i * rays + meeting.ray] = meeting.hit.tint;
+        if (met.empty() || meeting.there == LitSurfaces::no_side)
+            return;
+        met[meeting.ray] = meeting.there;
+        if (spotted && spots.luminance[meeting.there] != glm::vec3(0.0f))
+            by_spots += light.by_chance(meeting, spots.luminance[meeting.there],
+                                        spots.density(meeting.there));
+    });
+    const auto aim = [&](const EmitterSampling& at, uint32_t purpose, const auto& meet) {
+        return aimed(element, at, light.aimed_rays, light.rays, light.visibility, purpose,
+                     [&](const EmitterSampling::Sample& to, glm::vec3 share) {
+                         if (found)
+                             meet(to, share);
+                     });
+    };
+    if (!light.aim.empty())
+        lux += aim(light.aim, 1, [&](const EmitterSampling::Sample& to, glm::vec3 share) {
+            found->aimed_emitter(to.patch, share * to.luminance);
+        });
+    if (spotted)
+        reflection.spots[i] =
+            by_spots / float(rays)
+            + aim(spots.aim, 3, [&](const EmitterSampling::Sample& to, glm::vec3 share) {
+                  found->aimed_spot(to.patch, share);
+              }) / glm::pi<float>();
+    for (uint32_t& there : met)
+        if (there != black && elements.of_side[there] == Elements::none)
+            there = black;
+    if (found)
+        layered.take(i, *found, light.rays);
+    return lux;
+}
+
 /// The light of emitters, sky and other surfaces that is reflected, added to the punctual lights'
 /// in LitSurfaces::luminance.
 void reflect_around(const Scene& scene, const scene::Frame& frame, const LightingSettings& settings,
+                    std::span<const scene::LightLayer> layers,
                     const std::vector<glm::vec3>& emission, LitSurfaces& lit, Progress& progress) {
     const visibility::Visibility& visibility = *lit.visibility;
     const std::vector<Patch>& patches = lit.patches;
@@ -396,37 +482,13 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
     const bool between = settings.bounces != 1;
     Reflection reflection(count, between ? size_t(rays) : 0, visibility.is_tinted());
     Spots spots = between ? Spots(scene, frame, emission, lit) : Spots{};
+    LayeredElements layered(scene, layers, elements, spots, lit);
     progress.begin("lighting", count);
     constexpr size_t block = 8192;
     for (size_t first = 0; first < count; first += block) {
         progress.advance(first);
         tbb::parallel_for(first, std::min(count, first + block), [&](size_t i) {
-            const ElementSide element{patches, elements, i};
-            const std::span<uint32_t> met =
-                between ? std::span(reflection.hits).subspan(i * size_t(rays), size_t(rays))
-                        : std::span<uint32_t>{};
-            const bool spotted = !spots.aim.empty();
-            glm::vec3 by_spots{0.0f};
-            glm::vec3 lux = light.by_rays(element, [&](const Meeting& meeting) {
-                if (!reflection.tints.empty())
-                    reflection.tints[i * size_t(rays) + meeting.ray] = meeting.hit.tint;
-                if (met.empty() || meeting.there == LitSurfaces::no_side)
-                    return;
-                met[meeting.ray] = meeting.there;
-                if (spotted && spots.luminance[meeting.there] != glm::vec3(0.0f))
-                    by_spots += light.by_chance(meeting, spots.luminance[meeting.there],
-                                                spots.density(meeting.there));
-            });
-            if (!light.aim.empty())
-                lux += aimed(element, light.aim, light.aimed_rays, rays, visibility);
-            if (spotted)
-                reflection.spots[i] =
-                    by_spots / float(rays)
-                    + aimed(element, spots.aim, light.aimed_rays, rays, visibility, 3)
-                          / glm::pi<float>();
-            for (uint32_t& there : met)
-                if (there != black && elements.of_side[there] == Elements::none)
-                    there = black;
+            const glm::vec3 lux = look_around(light, spots, elements, i, reflection, layered);
             glm::dvec3 albedo{0.0}, sum{0.0};
             double area = 0.0;
             for (const uint32_t side : elements.members_of(i)) {
@@ -448,11 +510,12 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
         return;
     reflection.spots_there = std::move(spots.luminance);
     const std::vector<glm::vec3> met =
-        reflect_between(scene, frame, reflection, elements, settings, lit, progress);
+        reflect_between(scene, frame, reflection, elements, settings, layered, lit, progress);
     tbb::parallel_for(size_t(0), count, [&](size_t i) {
         for (const uint32_t side : elements.members_of(i))
             lit.luminance[side] += patches[side / 2].albedo * met[i];
     });
+    layered.add_reflected();
 }
 
 /// Direct light of lamps and of suns of the sky.
@@ -460,12 +523,19 @@ struct Direct {
     PunctualLight lamps, suns;
 };
 
-Direct light_directly(const Scene& scene, const scene::Frame& frame, LitSurfaces& lit,
+Direct light_directly(const Scene& scene, const scene::Frame& frame,
+                      std::span<const scene::LightLayer> layers, LitSurfaces& lit,
                       Progress& progress) {
-    Direct direct{illuminate(scene, scene.lights, lit, frame, 0, progress), {}};
+    const std::span<const Light> sky_suns = scene::sky_suns(scene.sky);
+    std::vector<std::vector<glm::vec3>> of_lamps, of_suns;
+    for (const scene::LightLayer& layer : layers) {
+        of_lamps.push_back(layer.lights);
+        of_suns.emplace_back(sky_suns.size(), layer.sky);
+    }
+    Direct direct{illuminate(scene, scene.lights, lit, frame, 0, progress, of_lamps), {}};
     auto& [lamps, suns] = direct;
-    suns = illuminate(scene, scene::sky_suns(scene.sky), lit, frame, uint32_t(scene.lights.size()),
-                      progress);
+    suns =
+        illuminate(scene, sky_suns, lit, frame, uint32_t(scene.lights.size()), progress, of_suns);
     lamps.follow(lit);
     if (const double landed = lamps.landed + suns.landed; landed > 0.0) {
         lit.narrow = (lamps.narrow + suns.narrow) / landed;
@@ -476,8 +546,8 @@ Direct light_directly(const Scene& scene, const scene::Frame& frame, LitSurfaces
 
 /// All light that is reflected becomes LitSurfaces::luminance.
 void reflect(const Scene& scene, const scene::Frame& frame, const LightingSettings& settings,
-             const std::vector<glm::vec3>& emission, const Direct& direct, LitSurfaces& lit,
-             Progress& progress) {
+             std::span<const scene::LightLayer> layers, const std::vector<glm::vec3>& emission,
+             const Direct& direct, LitSurfaces& lit, Progress& progress) {
     const PunctualLight &lamps = direct.lamps, &suns = direct.suns;
     const auto each_side = [&](const auto& set) {
         tbb::parallel_for(size_t(0), lit.luminance.size(), [&](size_t side) {
@@ -488,14 +558,19 @@ void reflect(const Scene& scene, const scene::Frame& frame, const LightingSettin
     };
     each_side([&](uint32_t side, glm::vec3 share) {
         lit.luminance[side] = share * (lamps.of(side) + suns.of(side));
+        for (size_t layer = 0; layer < layers.size(); ++layer)
+            lit.layers[layers.size() * side + layer] =
+                share * (lamps.of(side, layer) + suns.of(side, layer));
     });
     lit.bounces = 1;
     if (!emission.empty() || scene::has_sky(scene) || settings.bounces != 1)
-        reflect_around(scene, frame, settings, emission, lit, progress);
+        reflect_around(scene, frame, settings, layers, emission, lit, progress);
     if (settings.maps)
         each_side([&](uint32_t side, glm::vec3 share) {
             glm::vec3& luminance = lit.luminance[side];
             luminance = glm::max(luminance - share * lamps.of(side), 0.0f);
+            for (size_t layer = 0; layer < layers.size(); ++layer)
+                lit.layers[layers.size() * side + layer] -= share * lamps.of(side, layer);
         });
 }
 
@@ -503,9 +578,10 @@ void reflect(const Scene& scene, const scene::Frame& frame, const LightingSettin
 
 LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& visibility,
                            const scene::Frame& frame, const LightingSettings& settings,
-                           Progress& progress) {
+                           Progress& progress, std::span<const scene::LightLayer> layers) {
     LitSurfaces lit;
     lit.visibility = &visibility;
+    lit.layer_count = layers.size();
     {
         PatchCover cover = cover_surfaces(scene, frame, visibility, 1.0f);
         lit.patches = std::move(cover.patches);
@@ -513,15 +589,17 @@ LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& vis
         lit.receivers = std::move(cover.receivers);
     }
     const Direct direct =
-        settings.bounces != 0 ? light_directly(scene, frame, lit, progress) : Direct{};
+        settings.bounces != 0 ? light_directly(scene, frame, layers, lit, progress) : Direct{};
     lit.luminance.assign(2 * lit.patches.size(), glm::vec3(0.0f));
+    lit.layers.assign(layers.size() * lit.luminance.size(), glm::vec3(0.0f));
     const std::vector<glm::vec3> emission = settings.emitters && scene::has_emitters(scene)
                                                 ? emission_of(lit.patches)
                                                 : std::vector<glm::vec3>{};
     if (settings.bounces != 0)
-        reflect(scene, frame, settings, emission, direct, lit, progress);
+        reflect(scene, frame, settings, layers, emission, direct, lit, progress);
     for (size_t i = 0; i < emission.size(); ++i)
         lit.luminance[i] += emission[i];
+    add_layered_emission(scene, layers, emission, lit);
     lit.share();
     return lit;
 }

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "lpvbake/progress.h"
+#include "scene/light_layer.h"
 #include "surface/patches.h"
 #include "visibility/visibility.h"
 
@@ -37,6 +38,9 @@ struct LitSurfaces {
     /// As luminance, but parts of a patch share theirs: a few rays in all directions would meet
     /// small bright ones by luck. Empty where none was cut.
     std::vector<glm::vec3> shared;
+    /// layers[layer_count * (2 * patch + side) + layer]: as luminance, of each layer of the light.
+    std::vector<glm::vec3> layers;
+    size_t layer_count = 0;
     int bounces = 0; ///< reflections that were summed
     /// Estimated share of the light that is missing, in the mean of elements: what is bright
     /// elsewhere does not end the series where little light is. Where the number is bounded: 0.
@@ -79,9 +83,14 @@ inline glm::vec3 luminance_above(glm::vec3 luminance, float limit) {
 /// to element: R = D + rho K R, iterated; but what lamps light so brightly that they would meet it
 /// by luck, rays are aimed at, as at emitters (spots.h). Throws Error (invalid) for all bounces in
 /// a closed scene of albedo 1.
+///
+/// Layers are lit by the same rays, and to the same end: all that is decided (patches, where rays
+/// are aimed, when the series ends) is decided by the scene's light, so that they are linear in
+/// their weights, and what is told of the scene's light does not depend on them. Whatever the
+/// scene's light leaves black is left out of layers.
 LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& visibility,
                            const scene::Frame& frame, const LightingSettings& settings,
-                           Progress& progress);
+                           Progress& progress, std::span<const scene::LightLayer> layers = {});
 
 /// A point of a surface, seen from one of its sides.
 struct SidePoint {

@@ -110,31 +110,30 @@ std::vector<Placed> lit_sides(const LitSurfaces& lit, const Boxes& boxes) {
 
 Spots::Spots(const Scene& scene, const scene::Frame& frame, const std::vector<glm::vec3>& emission,
              const LitSurfaces& lit) {
-    const std::vector<Placed> sides = lit_sides(lit, frame);
-    const std::vector<Group> groups = groups_of(sides);
+    const std::vector<Placed> lit_by_lamps = lit_sides(lit, frame);
+    const std::vector<Group> groups = groups_of(lit_by_lamps);
     std::vector<Found> found(groups.size());
     tbb::parallel_for(size_t(0), groups.size(),
                       [&](size_t i) { found[i] = look_for(scene, emission, lit, groups[i]); });
-    std::vector<uint32_t> spots;
     std::vector<Patch> patches;
     std::vector<double> favours;
     for (const Found& group : found)
         for (const uint32_t side : group.sides) {
-            spots.push_back(side);
+            sides.push_back(side);
             Patch& patch = patches.emplace_back(lit.patches[side / 2]);
             patch.emission = lit.luminance[side] * patch.alpha;
             patch.double_sided = false;
             patch.normal = normal_of(patch, side);
             favours.push_back(group.aims / group.power);
         }
-    if (spots.empty())
+    if (sides.empty())
         return;
     aim = EmitterSampling(patches, favours);
     luminance.assign(lit.luminance.size(), glm::vec3(0.0f));
     density_.assign(luminance.size(), 0.0f);
-    for (size_t i = 0; i < spots.size(); ++i) {
-        luminance[spots[i]] = lit.luminance[spots[i]];
-        density_[spots[i]] = aim.density(patches[i], favours[i]);
+    for (size_t i = 0; i < sides.size(); ++i) {
+        luminance[sides[i]] = lit.luminance[sides[i]];
+        density_[sides[i]] = aim.density(patches[i], favours[i]);
     }
 }
 

@@ -13,6 +13,7 @@ namespace lpvbake::surface {
 struct Spots {
     /// A side, nits; empty where there are none.
     std::vector<glm::vec3> luminance;
+    std::vector<uint32_t> sides; ///< those of `aim`, in its order
     EmitterSampling aim{{}};
 
     /// None.
