@@ -30,10 +30,15 @@ inline Scene lit_by_all() {
     return scene;
 }
 
+/// A layer of none of its lights.
+inline scene::LightLayer no_light(const Scene& scene) {
+    return {std::vector<glm::vec3>(scene.lights.size(), glm::vec3(0.0f)),
+            std::vector<glm::vec3>(scene.materials.size(), glm::vec3(0.0f))};
+}
+
 /// Its lights, emissive materials and sky, a layer each.
 inline std::vector<scene::LightLayer> layers_of(const Scene& scene) {
-    const scene::LightLayer none{std::vector<glm::vec3>(scene.lights.size(), glm::vec3(0.0f)),
-                                 std::vector<glm::vec3>(scene.materials.size(), glm::vec3(0.0f))};
+    const scene::LightLayer none = no_light(scene);
     std::vector<scene::LightLayer> layers;
     for (std::size_t i = 0; i < scene.lights.size(); ++i)
         layers.emplace_back(none).lights[i] = glm::vec3(1.0f);
@@ -73,6 +78,13 @@ inline scene::LightLayer mixed(const std::vector<scene::LightLayer>& layers,
             sum.emissions[k] += weights[i] * layers[i].emissions[k];
         sum.sky += weights[i] * layers[i].sky;
     }
+    sum.beyond = [layers, weights](glm::vec3 towards) {
+        glm::vec3 luminance(0.0f);
+        for (std::size_t i = 0; i < layers.size(); ++i)
+            if (layers[i].beyond)
+                luminance += weights[i] * layers[i].beyond(towards);
+        return luminance;
+    };
     return sum;
 }
 

@@ -3,9 +3,10 @@
 
 #include "gpu/gpu.h"
 #include "solver/gather/zone.h"
-#include "volume/volume.h"
 
+#include <array>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -15,19 +16,32 @@ namespace lpvbake::solver::gather {
 inline constexpr size_t job_words = 4096;
 inline constexpr uint32_t most_jobs = 8192; ///< of one dispatch
 
-/// Of the buffers, where a list takes so many.
-uint64_t batch_bytes(int order, uint64_t list_bytes);
+/// Of the buffers, where a list takes so many and programs solve so many layers at a time.
+uint64_t batch_bytes(int order, uint64_t list_bytes, uint32_t layers = 1);
 
-/// Runs jobs on the device, a buffer full at a time, and adds the results to the volume. The same
-/// jobs, and the same sums, for any size of the buffer.
+/// Coefficients as Volume::sh has them.
+using Field = std::vector<std::vector<glm::vec3>>;
+
+/// A program, and what it makes of its lists.
+struct Gatherer {
+    const gpu::Program& program;
+    uint32_t layers;             ///< that it solves at a time
+    std::array<size_t, 3> words; ///< of a point, a triangle, a bin
+};
+Gatherer gatherer(const gpu::Program& program, uint32_t part, int order);
+
+/// Runs jobs on the device, a buffer full at a time, and adds the results to fields. The same jobs,
+/// and the same sums, for any size of the buffer.
 class Batcher {
 public:
+    /// `layers`: that programs solve at a time, at most.
     Batcher(const gpu::Device& device, uint32_t local_size, int order, uint64_t list_bytes,
-            Volume& volume);
+            uint32_t layers);
 
-    /// What runs the jobs from here on; outlives them.
-    void use(const gpu::Program& program) { program_ = &program; }
-    /// What up to eight cells of the volume gather at these points; `sources` stay until the next
+    /// What runs the jobs from here on, and the fields to which the first layers are added; both
+    /// outlive them. Nothing may be waiting to run.
+    void use(const Gatherer& gatherer, std::span<Field* const> fields);
+    /// What up to eight cells of the fields gather at these points; `sources` stay until the next
     /// copy_lists() or run().
     void add(std::span<const size_t> cells, std::span<const glm::vec3> points,
              const Sources& sources);
@@ -44,10 +58,10 @@ private:
     };
 
     const gpu::Device& device_;
-    const gpu::Program* program_ = nullptr;
+    std::optional<Gatherer> gatherer_;
+    std::vector<Field*> fields_;
     int order_;
     uint32_t jobs_a_group_;
-    Volume& volume_;
     size_t capacity_;
     gpu::Buffer centers_buffer_, jobs_buffer_, list_buffer_, result_buffer_;
     std::vector<Job> jobs_;

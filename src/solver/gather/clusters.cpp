@@ -30,7 +30,8 @@ std::vector<Emitter> emitters_of(const surface::LitSurfaces& surfaces, float abo
             e.power = (e.luminance.x + e.luminance.y + e.luminance.z) * patch.area;
             if (!(e.power > 0.0f))
                 continue;
-            e.crossed = patch.crossed;
+            e.crossed = patch.crossed ? 1u : 0u;
+            e.side = uint32_t(2 * i + side) & 0x7fffffffu;
             e.normal = side == 0 ? patch.normal : -patch.normal;
             e.a = patch.position - (patch.edge_u + patch.edge_v) / 3.0f;
             e.b = e.a + patch.edge_u;
@@ -182,6 +183,28 @@ private:
     }
 };
 
+void add_layers(const surface::LitSurfaces& surfaces, Clusters& clusters) {
+    const size_t count = surfaces.layer_count;
+    clusters.layer_count = count;
+    clusters.layers.resize(count * clusters.nodes.size());
+    const auto of = [&](size_t node) { return clusters.layers.data() + count * node; };
+    for (size_t node = clusters.nodes.size(); node-- > 0;) { // halves come after their whole
+        const Cluster& cluster = clusters.nodes[node];
+        if (cluster.count > 1) {
+            for (size_t layer = 0; layer < count; ++layer)
+                of(node)[layer] = of(node + 1)[layer] + of(cluster.second)[layer];
+            continue;
+        }
+        const Emitter& e = clusters.emitters[cluster.first];
+        // What of the side's light is taken, its covered share and area with it, a channel alike.
+        const glm::vec3 all = surfaces.luminance[e.side];
+        const float share = (cluster.intensity.x + cluster.intensity.y + cluster.intensity.z)
+                            / (all.x + all.y + all.z);
+        for (size_t layer = 0; layer < count; ++layer)
+            of(node)[layer] = share * surfaces.layers[count * e.side + layer];
+    }
+}
+
 } // namespace
 
 glm::vec3 Emitter::point(glm::vec2 u) const {
@@ -213,6 +236,8 @@ Clusters make_clusters(const surface::LitSurfaces& surfaces,
     for (uint32_t i = 0; i < count; ++i)
         clusters.power_before[i + 1] =
             clusters.power_before[i] + double(clusters.emitters[i].power);
+    if (surfaces.layer_count > 0)
+        add_layers(surfaces, clusters);
     return clusters;
 }
 

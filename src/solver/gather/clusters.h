@@ -11,10 +11,11 @@ namespace lpvbake::solver::gather {
 /// from where the light goes. Frame units.
 struct Emitter {
     glm::vec3 a, b, c;
-    glm::vec3 normal;    ///< unit, to where the light goes
-    glm::vec3 luminance; ///< nits, times the covered share
-    float power;         ///< sum of the luminance's channels times the area
-    bool crossed;        ///< Patch::crossed
+    glm::vec3 normal;     ///< unit, to where the light goes
+    glm::vec3 luminance;  ///< nits, times the covered share
+    float power;          ///< sum of the luminance's channels times the area
+    uint32_t crossed : 1; ///< Patch::crossed
+    uint32_t side : 31;   ///< 2 * patch + side
 
     glm::vec3 center() const { return (a + b + c) / 3.0f; }
     /// Lifted off the surface; u in [0, 1)^2 spreads evenly over the triangle. Where something
@@ -41,6 +42,9 @@ struct Clusters {
     std::vector<Emitter> emitters;
     std::vector<double> power_before; ///< of the emitters before each, and of all
     std::vector<Cluster> nodes;       ///< the root comes first; empty: no light
+    /// [layer_count * node + layer]: intensities as the clusters', of LitSurfaces::layers.
+    std::vector<glm::vec3> layers;
+    size_t layer_count = 0;
 
     /// The emitter at this share of a cluster's power, in [0, 1).
     uint32_t emitter_at(const Cluster& cluster, double share) const;
@@ -49,7 +53,8 @@ struct Clusters {
 /// Halves the emitters recursively across the longest side of their box in place and normal
 /// together, normals counting most (after Walter et al. 2005): parts are flat before they are
 /// small. The same tree for any number of threads.
-/// Of the light no more is taken than what luminance_above() leaves.
+/// Of the light no more is taken than what luminance_above() leaves; of layers the same share of
+/// each side. They have no say in the tree.
 Clusters make_clusters(const surface::LitSurfaces& surfaces,
                        const visibility::Visibility& visibility, float above = 0.0f);
 

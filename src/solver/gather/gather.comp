@@ -66,7 +66,21 @@ const float y42 = 0.47308734787878004;
 const float y43 = 1.7701307697799304;
 const float y44 = 0.62583573544917614;
 
-vec3 sum[25]; // those beyond `terms` are never touched
+const uint layers = part == part_layers ? pass_layers : 1u;
+
+vec3 sum[25 * pass_layers]; // [k * layers + layer]; those beyond are never touched
+vec3 of_layer[pass_layers]; // light of a source
+
+// Adds to term k of all layers, or of the one there is; of layers, `light` is what theirs counts.
+void add(uint k, vec3 light, float y) {
+    if (part == part_layers) {
+        const vec3 share = light * y;
+        [[unroll]] for (uint i = 0u; i < pass_layers; ++i)
+            sum[k * pass_layers + i] += share * of_layer[i];
+    } else {
+        sum[k] += light * y;
+    }
+}
 
 vec4 source(uint word) {
     return texelFetch(list, int(word));
@@ -84,49 +98,49 @@ void add_high(vec3 light, vec3 w, float f3, float f4) {
     const float sin2 = 2.0 * w.x * w.y, cos2 = xx - yy;
     const float sin3 = w.y * (3.0 * xx - yy), cos3 = w.x * (xx - 3.0 * yy);
     const vec3 a = light * f3, b = light * f4;
-    sum[9] += a * (y33 * sin3);
-    sum[10] += a * (y32 * w.z * sin2);
-    sum[11] += a * (y31 * (5.0 * zz - 1.0) * w.y);
-    sum[12] += a * (y30 * (5.0 * zz - 3.0) * w.z);
-    sum[13] += a * (y31 * (5.0 * zz - 1.0) * w.x);
-    sum[14] += a * (y32 * w.z * cos2);
-    sum[15] += a * (y33 * cos3);
-    sum[16] += b * (y44 * 4.0 * w.x * w.y * cos2);
-    sum[17] += b * (y43 * w.z * sin3);
-    sum[18] += b * (y42 * (7.0 * zz - 1.0) * sin2);
-    sum[19] += b * (y41 * (7.0 * zz - 3.0) * w.z * w.y);
-    sum[20] += b * (y40 * ((35.0 * zz - 30.0) * zz + 3.0));
-    sum[21] += b * (y41 * (7.0 * zz - 3.0) * w.z * w.x);
-    sum[22] += b * (y42 * (7.0 * zz - 1.0) * cos2);
-    sum[23] += b * (y43 * w.z * cos3);
-    sum[24] += b * (y44 * (cos2 * cos2 - sin2 * sin2));
+    add(9u, a, y33 * sin3);
+    add(10u, a, y32 * w.z * sin2);
+    add(11u, a, y31 * (5.0 * zz - 1.0) * w.y);
+    add(12u, a, y30 * (5.0 * zz - 3.0) * w.z);
+    add(13u, a, y31 * (5.0 * zz - 1.0) * w.x);
+    add(14u, a, y32 * w.z * cos2);
+    add(15u, a, y33 * cos3);
+    add(16u, b, y44 * 4.0 * w.x * w.y * cos2);
+    add(17u, b, y43 * w.z * sin3);
+    add(18u, b, y42 * (7.0 * zz - 1.0) * sin2);
+    add(19u, b, y41 * (7.0 * zz - 3.0) * w.z * w.y);
+    add(20u, b, y40 * ((35.0 * zz - 30.0) * zz + 3.0));
+    add(21u, b, y41 * (7.0 * zz - 3.0) * w.z * w.x);
+    add(22u, b, y42 * (7.0 * zz - 1.0) * cos2);
+    add(23u, b, y43 * w.z * cos3);
+    add(24u, b, y44 * (cos2 * cos2 - sin2 * sin2));
 }
 
 // Bands 0 to 2 of a source of moments: solid angle, vector, and the tensor's entries.
 void add_low(vec3 light, float angle, vec3 v, float xy, float yz, float xz, float zz, float xx_yy) {
-    sum[0] += light * (y0 * angle);
-    sum[1] += light * (y1 * v.y);
-    sum[2] += light * (y1 * v.z);
-    sum[3] += light * (y1 * v.x);
+    add(0u, light, y0 * angle);
+    add(1u, light, y1 * v.y);
+    add(2u, light, y1 * v.z);
+    add(3u, light, y1 * v.x);
     if (order < 2u)
         return;
-    sum[4] += light * (y2a * xy);
-    sum[5] += light * (y2a * yz);
-    sum[6] += light * (y2b * (3.0 * zz - angle));
-    sum[7] += light * (y2a * xz);
-    sum[8] += light * (y2c * xx_yy);
+    add(4u, light, y2a * xy);
+    add(5u, light, y2a * yz);
+    add(6u, light, y2b * (3.0 * zz - angle));
+    add(7u, light, y2a * xz);
+    add(8u, light, y2c * xx_yy);
 }
 
-void add_point(vec3 x, vec4 place, vec4 front, vec4 light, uint lane) {
+void add_point(vec3 x, vec4 place, vec4 front, vec3 light, float variance, uint lane) {
     const vec3 d = place.xyz - x;
     const float inverse = inversesqrt(max(dot(d, d), front.w));
     const vec3 w = d * inverse;
     const float cosine = max(0.0, -dot(front.xyz, w));
     const float per_square = inverse * inverse;
-    const vec3 f = light.xyz * (seen(place.w, lane) * cosine * per_square);
-    // Moments of a patch of variance light.w along each of its axes, to the first order in q.
+    const vec3 f = light * (seen(place.w, lane) * cosine * per_square);
+    // Moments of a patch of that variance along each of its axes, to the first order in q.
     const vec3 n = front.xyz;
-    const float q = min(light.w * per_square, 0.12), m = cosine * cosine;
+    const float q = min(variance * per_square, 0.12), m = cosine * cosine;
     const float angle = 1.0 + q * (4.5 - 7.5 * m);
     const vec3 v = w * (1.0 + q * (4.0 - 12.0 * m)) - n * (4.0 * q * cosine);
     const vec3 s = w * (0.5 + q * (1.25 - 8.75 * m)) - n * (5.0 * q * cosine);
@@ -155,12 +169,12 @@ vec3 direction(vec4 corner, vec3 x) {
     return d * inversesqrt(max(dot(d, d), 1e-20));
 }
 
-void add_triangle(vec3 x, vec4 a, vec4 b, vec4 c, vec4 light, uint lane) {
+void add_triangle(vec3 x, vec4 a, vec4 b, vec4 c, vec3 light, float mask, uint lane) {
     const vec3 u0 = direction(a, x), u1 = direction(b, x), u2 = direction(c, x);
     const float d01 = dot(u0, u1), d12 = dot(u1, u2), d20 = dot(u2, u0);
     const vec3 x01 = cross(u0, u1), x12 = cross(u1, u2), x20 = cross(u2, u0);
     const float angle = 2.0 * atan(-dot(x01, u2), 1.0 + d01 + d12 + d20);
-    const vec3 f = light.xyz * (angle > 0.0 ? seen(light.w, lane) : 0.0);
+    const vec3 f = light * (angle > 0.0 ? seen(mask, lane) : 0.0);
     const vec3 v = -0.5
                    * (x01 * arc_over_sine(d01) + x12 * arc_over_sine(d12)
                       + x20 * arc_over_sine(d20));
@@ -178,6 +192,14 @@ void add_triangle(vec3 x, vec4 a, vec4 b, vec4 c, vec4 light, uint lane) {
     }
 }
 
+void load_layers(uint at) {
+    [[unroll]] for (uint word = 0u; word < pass_words; ++word) {
+        const vec4 value = source(at + word);
+        [[unroll]] for (uint i = 0u; i < 4u; ++i)
+            of_layer[(4u * word + i) / 3u][(4u * word + i) % 3u] = value[i];
+    }
+}
+
 void main() {
     const uint lane = gl_LocalInvocationIndex % lanes;
     const uint job = gl_WorkGroupID.x * (local_size / lanes)
@@ -185,7 +207,7 @@ void main() {
     if (job >= push.jobs)
         return;
     const vec3 x = texelFetch(centers, int(job * lanes + lane)).xyz;
-    [[unroll]] for (uint k = 0u; k < terms; ++k)
+    [[unroll]] for (uint k = 0u; k < terms * layers; ++k)
         sum[k] = vec3(0.0);
 
     uint at = jobs[job].first;
@@ -193,9 +215,23 @@ void main() {
         const uint points_end = at + jobs[job].points * point_words;
         const uint triangles_end = points_end + jobs[job].triangles * triangle_words;
         for (; at < points_end; at += point_words)
-            add_point(x, source(at), source(at + 1u), source(at + 2u), lane);
-        for (; at < triangles_end; at += triangle_words)
-            add_triangle(x, source(at), source(at + 1u), source(at + 2u), source(at + 3u), lane);
+            add_point(x, source(at), source(at + 1u), source(at + 2u).xyz, source(at + 2u).w, lane);
+        for (; at < triangles_end; at += triangle_words) {
+            const vec4 light = source(at + 3u);
+            add_triangle(x, source(at), source(at + 1u), source(at + 2u), light.xyz, light.w, lane);
+        }
+    } else if (part == part_layers) {
+        const uint points_end = at + jobs[job].points * layered_words;
+        const uint triangles_end = points_end + jobs[job].triangles * layered_words;
+        for (; at < points_end; at += layered_words) {
+            load_layers(at + 3u);
+            add_point(x, source(at), source(at + 1u), vec3(1.0), source(at + 2u).x, lane);
+        }
+        for (; at < triangles_end; at += layered_words) {
+            load_layers(at + 3u);
+            const vec4 a = source(at);
+            add_triangle(x, a, source(at + 1u), source(at + 2u), vec3(1.0), a.w, lane);
+        }
     } else {
         for (const uint end = at + jobs[job].bins * bin_words; at < end; at += bin_words) {
             const float visible = seen(source(at + bin_words - 1u).w, lane);
@@ -207,7 +243,7 @@ void main() {
         }
     }
 
-    [[unroll]] for (uint k = 0u; k < terms; ++k)
+    [[unroll]] for (uint k = 0u; k < terms * layers; ++k)
         [[unroll]] for (uint c = 0u; c < 3u; ++c)
-            result[((job * terms + k) * 3u + c) * lanes + lane] = sum[k][c];
+            result[((job * terms * layers + k) * 3u + c) * lanes + lane] = sum[k][c];
 }

@@ -24,8 +24,8 @@ class Gathering {
 public:
     Gathering(const gpu::Device& device, const GatherSettings& settings,
               const gpu::Program& surfaces, uint32_t local_size, uint64_t list_bytes,
-              const Surroundings& world, const Cells& cells, Volume& volume, Progress& progress,
-              GatherReport& report, Laps& laps)
+              const Surroundings& world, const Cells& cells, Volume& volume,
+              std::span<Volume> layers, Progress& progress, GatherReport& report, Laps& laps)
         : settings_(settings),
           world_(world),
           cells_(cells),
@@ -33,11 +33,12 @@ public:
           zone_grid_{{}, 1.0, (grid_.dims + zone_edge - 1) / zone_edge},
           zones_(zone_grid_.size()),
           volume_(volume),
+          layers_(layers),
           progress_(progress),
           report_(report),
           laps_(laps),
-          solver_(device, settings.order, surfaces, local_size, list_bytes, world, volume, report,
-                  laps),
+          solver_(device, settings.order, surfaces, local_size, list_bytes, world, volume, layers,
+                  report, laps),
           adaptive_(volume, cells.occupied, settings.tolerance) {}
 
     void run() {
@@ -58,6 +59,8 @@ public:
         }
         solve(2);
         adaptive_.interpolate(volume_); // what is left lies in a smooth box
+        for (Volume& layer : layers_)
+            adaptive_.interpolate(layer);
         report_.interpolated = adaptive_.interpolated();
         for (const std::unique_ptr<CellZone>& zone : zones_)
             report_.rays += zone ? zone->rays() : 0;
@@ -127,6 +130,7 @@ private:
     Grid zone_grid_; ///< its cells are the zones
     std::vector<std::unique_ptr<CellZone>> zones_;
     Volume& volume_;
+    std::span<Volume> layers_;
     Progress& progress_;
     GatherReport& report_;
     Laps& laps_;
@@ -136,15 +140,19 @@ private:
 
 } // namespace
 
-uint64_t gather_device_bytes(const GatherSettings& settings) {
-    return batch_bytes(settings.order, usual_list_bytes) + (uint64_t(1) << 20);
+uint64_t gather_device_bytes(const GatherSettings& settings, bool layers) {
+    return batch_bytes(settings.order, usual_list_bytes, layers ? pass_layers : 1)
+           + (uint64_t(1) << 20);
 }
 
-uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSettings& settings) {
+uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSettings& settings,
+                           uint64_t layers) {
     const uint64_t tests = uint64_t(settings.vpls) + sky_group * uint64_t(sky_groups(settings));
     const uint64_t cell = 1 + 2 + tests / 8 + 32;
-    return grid.size() * cell + 2 * patches * (sizeof(Emitter) + 2 * sizeof(Cluster))
-           + chunk * 2 * job_words * sizeof(glm::vec4) + 2 * gather_device_bytes(settings);
+    return grid.size() * cell
+           + 2 * patches * (sizeof(Emitter) + 2 * (sizeof(Cluster) + layers * sizeof(glm::vec3)))
+           + chunk * 2 * job_words * sizeof(glm::vec4)
+           + 2 * gather_device_bytes(settings, layers > 0);
 }
 
 double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& settings,
@@ -182,14 +190,20 @@ GatherProgram::GatherProgram(const gpu::Device& device, const GatherSettings& se
 template <class Run>
 GatherReport GatherProgram::with_sources(const surface::LitSurfaces& surfaces, const Sky& sky,
                                          const visibility::Visibility& visibility, float above,
-                                         Volume& volume, const Run& run) const {
+                                         Volume& volume, const Layers& layers,
+                                         const Run& run) const {
     GatherReport report;
-    volume.sh_order = settings_.order;
-    volume.sh.assign(terms(settings_.order),
+    const auto size = [&](Volume& of) {
+        of.sh_order = settings_.order;
+        of.sh.assign(terms(settings_.order),
                      std::vector<glm::vec3>(volume.grid.size(), glm::vec3(0.0f)));
+    };
+    size(volume);
+    std::ranges::for_each(layers.volumes, size);
     Laps laps;
     const Clusters clusters = make_clusters(surfaces, visibility, above);
-    const std::vector<SkyBin> bins = make_sky_bins(sky, sky_groups(settings_), settings_.order);
+    const std::vector<SkyBin> bins =
+        make_sky_bins(sky, sky_groups(settings_), settings_.order, layers.light);
     if (clusters.nodes.empty() && bins.empty())
         return report;
     laps.add_to(report.clusters_seconds);
@@ -199,13 +213,13 @@ GatherReport GatherProgram::with_sources(const surface::LitSurfaces& surfaces, c
 
 GatherReport GatherProgram::gather(const surface::LitSurfaces& surfaces, const Sky& sky,
                                    const visibility::Visibility& visibility, Volume& volume,
-                                   Progress& progress, float above) const {
+                                   Progress& progress, float above, const Layers& layers) const {
     const Occupied occupied(surfaces.patches, volume.grid);
     const Cells cells{volume.grid, occupied, volume.validity};
-    return with_sources(surfaces, sky, visibility, above, volume,
+    return with_sources(surfaces, sky, visibility, above, volume, layers,
                         [&](const Surroundings& world, GatherReport& report, Laps& laps) {
                             Gathering(device_, settings_, surfaces_, local_size_, list_bytes_,
-                                      world, cells, volume, progress, report, laps)
+                                      world, cells, volume, layers.volumes, progress, report, laps)
                                 .run();
                         });
 }
@@ -214,10 +228,10 @@ GatherReport GatherProgram::gather_at(std::span<const glm::vec3> places,
                                       const surface::LitSurfaces& surfaces, const Sky& sky,
                                       const visibility::Visibility& visibility, Volume& volume,
                                       Progress& progress) const {
-    return with_sources(surfaces, sky, visibility, 0.0f, volume,
+    return with_sources(surfaces, sky, visibility, 0.0f, volume, {},
                         [&](const Surroundings& world, GatherReport& report, Laps& laps) {
                             PacketSolver solver(device_, settings_.order, surfaces_, local_size_,
-                                                list_bytes_, world, volume, report, laps);
+                                                list_bytes_, world, volume, {}, report, laps);
                             solve_places(places, world, solver, volume, progress, report, laps);
                         });
 }

@@ -26,11 +26,13 @@ struct GatherSettings {
     float tolerance = 0.3f;
 };
 
-/// Device memory of a gather, bytes: whatever the grid and the scene are.
-uint64_t gather_device_bytes(const GatherSettings& settings);
+/// Device memory of a gather, bytes: whatever the grid and the scene are, and however many layers
+/// there are.
+uint64_t gather_device_bytes(const GatherSettings& settings, bool layers = false);
 
-/// Host memory that a gather takes beside surfaces and volume, bytes; an estimate from above.
-uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSettings& settings);
+/// Host memory that a gather takes beside surfaces and volumes, bytes; an estimate from above.
+uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSettings& settings,
+                           uint64_t layers = 0);
 
 /// How long two threads will take, seconds: an estimate.
 double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& settings, bool gpu);
@@ -48,6 +50,12 @@ struct GatherReport {
            interpolation_seconds = 0;
 };
 
+/// Layers of the light, and the volume of each.
+struct Layers {
+    std::span<const scene::LightLayer> light = {};
+    std::span<Volume> volumes = {};
+};
+
 /// The gather, compiled for a device and an order.
 class GatherProgram {
 public:
@@ -58,9 +66,13 @@ public:
     /// cells whose validity (which has to be there) is above 0; in the others it is 0. The same
     /// bits for any number of threads and any window. Throws Error (memory, device), and whatever
     /// `progress` throws. With a limit `above` only luminance_above() it leaves the surfaces.
+    ///
+    /// The same of each of LitSurfaces::layers, which are of `layers`: what is seen, how clusters
+    /// are opened and which cells are interpolated is as the volume's light has it, so that fields
+    /// are linear in the layers' weights.
     GatherReport gather(const surface::LitSurfaces& surfaces, const Sky& sky,
                         const visibility::Visibility& visibility, Volume& volume,
-                        Progress& progress, float above = 0.0f) const;
+                        Progress& progress, float above = 0.0f, const Layers& layers = {}) const;
 
     /// The same at places (frame units, less than 2^24 from its origin) instead of a grid's cells:
     /// the volume has a cell for each, in a row. Every place with a validity above 0 is solved and
@@ -74,7 +86,7 @@ private:
     template <class Run>
     GatherReport with_sources(const surface::LitSurfaces& surfaces, const Sky& sky,
                               const visibility::Visibility& visibility, float above, Volume& volume,
-                              const Run& run) const;
+                              const Layers& layers, const Run& run) const;
 
     const gpu::Device& device_;
     GatherSettings settings_;

@@ -35,15 +35,21 @@ gpu::Program compile(const gpu::Device& device, uint32_t local_size, int order, 
 
 PacketSolver::PacketSolver(const gpu::Device& device, int order, const gpu::Program& surfaces,
                            uint32_t local_size, uint64_t list_bytes, const Surroundings& world,
-                           Volume& volume, GatherReport& report, Laps& laps)
+                           Volume& volume, std::span<Volume> layers, GatherReport& report,
+                           Laps& laps)
     : order_(order),
       surfaces_(surfaces),
       world_(world),
+      field_(&volume.sh),
       report_(report),
       laps_(laps),
-      batcher_(device, local_size, order, list_bytes, volume) {
+      batcher_(device, local_size, order, list_bytes, layers.empty() ? 1 : pass_layers) {
+    for (Volume& layer : layers)
+        layers_.push_back(&layer.sh);
     if (!world.sky.empty())
         sky_ = compile(device, local_size, order, part_sky);
+    if (!layers_.empty() && !world.clusters.nodes.empty())
+        layered_ = compile(device, local_size, order, part_layers);
 }
 
 void PacketSolver::solve(std::span<const Packet> packets, const std::function<void()>& advance) {
@@ -54,18 +60,44 @@ void PacketSolver::solve(std::span<const Packet> packets, const std::function<vo
         packet.zone->gather_sky(packet.sees, order_, to);
     };
     if (!world_.clusters.nodes.empty())
-        gather(surfaces_, packets, add_surfaces, advance);
+        gather(surfaces_, part_surfaces, {&field_, 1}, packets, add_surfaces, advance);
     if (!world_.sky.empty())
-        gather(sky_, packets, add_sky, advance);
+        gather(sky_, part_sky, {&field_, 1}, packets, add_sky, advance);
     for (const Packet& packet : packets)
         report_.solved += packet.cells.size();
+    solve_layers(packets, advance);
+}
+
+/// The same sources, by the same bits of what is seen.
+void PacketSolver::solve_layers(std::span<const Packet> packets,
+                                const std::function<void()>& advance) {
+    const std::span<Field* const> all(layers_);
+    if (!world_.clusters.nodes.empty())
+        for (size_t first = 0; first < all.size(); first += pass_layers)
+            gather(
+                layered_, part_layers,
+                all.subspan(first, std::min<size_t>(pass_layers, all.size() - first)), packets,
+                [&](const Packet& packet, Sources& to) {
+                    packet.zone->gather_layers(packet.sees, packet.points, first, to);
+                },
+                advance);
+    for (size_t layer = 0; layer < all.size(); ++layer)
+        if (!world_.sky.empty() && !world_.sky.front().layers[layer].empty())
+            gather(
+                sky_, part_sky, all.subspan(layer, 1), packets,
+                [&](const Packet& packet, Sources& to) {
+                    packet.zone->gather_sky(packet.sees, order_, to, layer);
+                },
+                advance);
 }
 
 /// Runs `program` on what `list` lists for each packet.
 template <class List>
-void PacketSolver::gather(const gpu::Program& program, std::span<const Packet> packets,
+void PacketSolver::gather(const gpu::Program& program, uint32_t part,
+                          std::span<Field* const> fields, std::span<const Packet> packets,
                           const List& list, const std::function<void()>& advance) {
-    batcher_.use(program);
+    const Gatherer with = gatherer(program, part, order_);
+    batcher_.use(with, fields);
     sources_.resize(std::max(sources_.size(), std::min(chunk, packets.size())));
     for (size_t first = 0; first < packets.size(); first += chunk) {
         advance();
@@ -78,9 +110,9 @@ void PacketSolver::gather(const gpu::Program& program, std::span<const Packet> p
         for (size_t i = 0; i < count; ++i) {
             batcher_.add(packets[first + i].cells, packets[first + i].points, sources_[i]);
             report_.sources += lanes
-                               * (sources_[i].points.size() / point_words
-                                  + sources_[i].triangles.size() / triangle_words
-                                  + sources_[i].bins.size() / bin_words(order_));
+                               * (sources_[i].points.size() / with.words[0]
+                                  + sources_[i].triangles.size() / with.words[1]
+                                  + sources_[i].bins.size() / with.words[2]);
         }
         batcher_.copy_lists();
         laps_.add_to(report_.device_seconds);

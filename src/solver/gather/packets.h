@@ -53,20 +53,25 @@ public:
     /// The arguments outlive it; the numbers are those of GatherProgram.
     PacketSolver(const gpu::Device& device, int order, const gpu::Program& surfaces,
                  uint32_t local_size, uint64_t list_bytes, const Surroundings& world,
-                 Volume& volume, GatherReport& report, Laps& laps);
+                 Volume& volume, std::span<Volume> layers, GatherReport& report, Laps& laps);
 
-    /// Adds what they gather to the volume; calls `advance` now and then.
+    /// Adds what they gather to the volume and to its layers, which are sized; calls `advance` now
+    /// and then.
     void solve(std::span<const Packet> packets, const std::function<void()>& advance);
 
 private:
     template <class List>
-    void gather(const gpu::Program& program, std::span<const Packet> packets, const List& list,
+    void gather(const gpu::Program& program, uint32_t part, std::span<Field* const> fields,
+                std::span<const Packet> packets, const List& list,
                 const std::function<void()>& advance);
+    void solve_layers(std::span<const Packet> packets, const std::function<void()>& advance);
 
     int order_;
     const gpu::Program& surfaces_;
-    gpu::Program sky_;
+    gpu::Program sky_, layered_;
     const Surroundings& world_;
+    Field* field_;
+    std::vector<Field*> layers_;
     GatherReport& report_;
     Laps& laps_;
     Batcher batcher_;

@@ -15,6 +15,25 @@ namespace {
 /// A side of the square of points that a bin is sampled at.
 constexpr int samples = 4;
 
+/// The bin's coefficients of a layer: of what it has of the sky, and of what is beyond that.
+std::vector<float> layer_of(const SkyBin& bin, const scene::LightLayer& layer, double weight,
+                            int order) {
+    if (!layer.has_sky())
+        return {};
+    std::vector<double> sum(bin.coefficients.size(), 0.0);
+    for (size_t i = 0; i < sum.size(); ++i)
+        sum[i] = double(layer.sky[int(i % 3)]) * double(bin.coefficients[i]);
+    for (int i = 0; layer.beyond && i < samples * samples; ++i) {
+        const glm::vec3 w = bin.direction(
+            {(float(i / samples) + 0.5f) / samples, (float(i % samples) + 0.5f) / samples});
+        const glm::vec3 luminance = layer.beyond(w);
+        const volume::ShValues y = volume::sh_basis(order, w);
+        for (size_t k = 0; k < sum.size(); ++k)
+            sum[k] += weight * double(luminance[int(k % 3)]) * double(y[k / 3]);
+    }
+    return {sum.begin(), sum.end()};
+}
+
 } // namespace
 
 glm::vec3 SkyBin::direction(glm::vec2 u) const {
@@ -23,7 +42,8 @@ glm::vec3 SkyBin::direction(glm::vec2 u) const {
     return {radius * std::sin(angle), y, radius * std::cos(angle)};
 }
 
-std::vector<SkyBin> make_sky_bins(const Sky& sky, int count, int order) {
+std::vector<SkyBin> make_sky_bins(const Sky& sky, int count, int order,
+                                  std::span<const scene::LightLayer> layers) {
     std::vector<SkyBin> bins;
     const float turn = 2.0f * glm::pi<float>();
     // Rings of equal steps in the angle from the pole, cut into about square bins; the heights
@@ -69,6 +89,8 @@ std::vector<SkyBin> make_sky_bins(const Sky& sky, int count, int order) {
         const double weight = 4.0 * glm::pi<double>() / (samples * samples * double(bins.size()));
         for (const double value : sum)
             bin.coefficients.push_back(float(weight * value));
+        for (const scene::LightLayer& layer : layers)
+            bin.layers.push_back(layer_of(bin, layer, weight, order));
     });
     const bool black = std::all_of(bins.begin(), bins.end(), [](const SkyBin& bin) {
         return std::all_of(bin.coefficients.begin(), bin.coefficients.end(),

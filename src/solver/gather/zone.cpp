@@ -187,8 +187,9 @@ Zone::Masks Zone::masks_of(std::span<const uint64_t* const> sees, size_t source)
     return {all, {seen[0] & ~all, seen[1] & ~all, seen[2] & ~all}};
 }
 
-void Zone::gather_surfaces(std::span<const uint64_t* const> sees, std::span<const glm::vec3> points,
-                           Sources& sources) const {
+template <class Take>
+void Zone::each_seen(std::span<const uint64_t* const> sees, std::span<const glm::vec3> points,
+                     const Take& take) const {
     glm::vec3 lo = points[0], hi = points[0];
     for (const glm::vec3 point : points) {
         lo = glm::min(lo, point);
@@ -198,14 +199,92 @@ void Zone::gather_surfaces(std::span<const uint64_t* const> sees, std::span<cons
     for (size_t i = 0; i < clusters_.size(); ++i) {
         const Masks masks = masks_of(sees, i);
         if (masks.all)
-            descend(clusters_[i], masks.all, glm::vec3(1.0f), centre, half, sources);
+            descend(clusters_[i], masks.all, glm::vec3(1.0f), centre, half, take);
         for (int channel = 0; channel < 3; ++channel)
             if (const uint32_t mask = masks.one[size_t(channel)])
-                descend(clusters_[i], mask, channel_of(channel), centre, half, sources);
+                descend(clusters_[i], mask, channel_of(channel), centre, half, take);
     }
 }
 
-void Zone::gather_sky(std::span<const uint64_t* const> sees, int order, Sources& sources) const {
+template <class Take>
+void Zone::descend(uint32_t cluster, uint32_t mask, glm::vec3 channels, glm::vec3 centre,
+                   glm::vec3 half, const Take& take) const {
+    const std::vector<Cluster>& nodes = world_.clusters.nodes;
+    // Surfaces may be lit more finely than this frame's cells need.
+    const float closed = smallest / world_.visibility.scale();
+    uint32_t stack[512]; // deeper than a tree whose halves hold a sixteenth at least
+    size_t depth = 0;
+    stack[depth++] = cluster;
+    while (depth > 0) {
+        const uint32_t index = stack[--depth];
+        const Cluster& c = nodes[index];
+        if (faces_away(c, centre, half))
+            continue;
+        const glm::vec3 apart = glm::max(glm::abs(c.position - centre) - half, glm::vec3(0.0f));
+        const float square = glm::dot(apart, apart);
+        const float wanted = c.size * (c.count == 1 ? near_triangle : world_.kappa);
+        if (square >= wanted * wanted || c.size <= closed) {
+            take(index, true, mask, channels);
+        } else if (c.count == 1) {
+            take(index, false, mask, channels);
+        } else {
+            stack[depth++] = c.second;
+            stack[depth++] = index + 1;
+        }
+    }
+}
+
+void Zone::gather_surfaces(std::span<const uint64_t* const> sees, std::span<const glm::vec3> points,
+                           Sources& sources) const {
+    each_seen(sees, points, [&](uint32_t index, bool point, uint32_t mask, glm::vec3 channels) {
+        const Cluster& c = world_.clusters.nodes[index];
+        if (point) {
+            const float guard = 0.25f * c.size * c.size;
+            sources.points.push_back(glm::vec4(c.position, mask));
+            sources.points.push_back(glm::vec4(c.normal, guard));
+            sources.points.push_back(glm::vec4(channels * c.intensity, 0.5f * c.spread));
+        } else {
+            const Emitter& e = world_.clusters.emitters[c.first];
+            sources.triangles.push_back(glm::vec4(e.a, 0));
+            sources.triangles.push_back(glm::vec4(e.b, 0));
+            sources.triangles.push_back(glm::vec4(e.c, 0));
+            sources.triangles.push_back(glm::vec4(channels * e.luminance, mask));
+        }
+    });
+}
+
+void Zone::gather_layers(std::span<const uint64_t* const> sees, std::span<const glm::vec3> points,
+                         size_t first, Sources& sources) const {
+    const Clusters& clusters = world_.clusters;
+    const size_t count = std::min<size_t>(pass_layers, clusters.layer_count - first);
+    each_seen(sees, points, [&](uint32_t index, bool point, uint32_t mask, glm::vec3 channels) {
+        const Cluster& c = clusters.nodes[index];
+        std::vector<glm::vec4>& list = point ? sources.points : sources.triangles;
+        if (point) {
+            list.push_back(glm::vec4(c.position, mask));
+            list.push_back(glm::vec4(c.normal, 0.25f * c.size * c.size));
+            list.push_back(glm::vec4(0.5f * c.spread, 0, 0, 0));
+        } else {
+            const Emitter& e = clusters.emitters[c.first];
+            list.push_back(glm::vec4(e.a, mask));
+            list.push_back(glm::vec4(e.b, 0));
+            list.push_back(glm::vec4(e.c, 0));
+            channels /= 0.5f * glm::length(glm::cross(e.b - e.a, e.c - e.a));
+        }
+        std::array<glm::vec3, pass_layers> light{};
+        const glm::vec3* of = clusters.layers.data() + clusters.layer_count * index + first;
+        for (size_t layer = 0; layer < count; ++layer)
+            light[layer] = channels * of[layer];
+        list.resize(list.size() + pass_words);
+        std::memcpy(list.data() + list.size() - pass_words, light.data(), sizeof light);
+    });
+}
+
+void Zone::gather_sky(std::span<const uint64_t* const> sees, int order, Sources& sources,
+                      std::optional<size_t> layer) const {
+    const auto coefficients = [&](size_t bin) -> const std::vector<float>& {
+        return layer ? world_.sky[bin].layers[*layer] : world_.sky[bin].coefficients;
+    };
     std::vector<float> sum, part;
     const auto add_bin = [&](const std::vector<float>& c, uint32_t mask) {
         const size_t first = sources.bins.size();
@@ -232,48 +311,14 @@ void Zone::gather_sky(std::span<const uint64_t* const> sees, int order, Sources&
                         [&](const Masks& mask) { return mask == masks[0]; })) {
             if (masks[0] == Masks{})
                 continue;
-            sum.assign(world_.sky[i].coefficients.size(), 0.0f);
+            sum.assign(coefficients(i).size(), 0.0f);
             for (size_t k = 0; k < sky_group; ++k)
                 for (size_t t = 0; t < sum.size(); ++t)
-                    sum[t] += world_.sky[i + k].coefficients[t];
+                    sum[t] += coefficients(i + k)[t];
             add(sum, masks[0]);
         } else {
             for (size_t k = 0; k < sky_group; ++k)
-                add(world_.sky[i + k].coefficients, masks[k]);
-        }
-    }
-}
-
-void Zone::descend(uint32_t cluster, uint32_t mask, glm::vec3 channels, glm::vec3 centre,
-                   glm::vec3 half, Sources& sources) const {
-    const std::vector<Cluster>& nodes = world_.clusters.nodes;
-    // Surfaces may be lit more finely than this frame's cells need.
-    const float closed = smallest / world_.visibility.scale();
-    uint32_t stack[512]; // deeper than a tree whose halves hold a sixteenth at least
-    size_t depth = 0;
-    stack[depth++] = cluster;
-    while (depth > 0) {
-        const uint32_t index = stack[--depth];
-        const Cluster& c = nodes[index];
-        if (faces_away(c, centre, half))
-            continue;
-        const glm::vec3 apart = glm::max(glm::abs(c.position - centre) - half, glm::vec3(0.0f));
-        const float square = glm::dot(apart, apart);
-        const float wanted = c.size * (c.count == 1 ? near_triangle : world_.kappa);
-        if (square >= wanted * wanted || c.size <= closed) {
-            const float guard = 0.25f * c.size * c.size;
-            sources.points.push_back(glm::vec4(c.position, mask));
-            sources.points.push_back(glm::vec4(c.normal, guard));
-            sources.points.push_back(glm::vec4(channels * c.intensity, 0.5f * c.spread));
-        } else if (c.count == 1) {
-            const Emitter& e = world_.clusters.emitters[c.first];
-            sources.triangles.push_back(glm::vec4(e.a, 0));
-            sources.triangles.push_back(glm::vec4(e.b, 0));
-            sources.triangles.push_back(glm::vec4(e.c, 0));
-            sources.triangles.push_back(glm::vec4(channels * e.luminance, mask));
-        } else {
-            stack[depth++] = c.second;
-            stack[depth++] = index + 1;
+                add(coefficients(i + k), masks[k]);
         }
     }
 }

@@ -7,6 +7,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -54,8 +55,12 @@ public:
     /// light is taken at `points`.
     void gather_surfaces(std::span<const uint64_t* const> sees, std::span<const glm::vec3> points,
                          Sources& sources) const;
-    /// The same for the bins of sky.
-    void gather_sky(std::span<const uint64_t* const> sees, int order, Sources& sources) const;
+    /// The same sources, with the light of up to pass_layers layers from `first` on.
+    void gather_layers(std::span<const uint64_t* const> sees, std::span<const glm::vec3> points,
+                       size_t first, Sources& sources) const;
+    /// As gather_surfaces, for the bins of sky; or for those of a layer.
+    void gather_sky(std::span<const uint64_t* const> sees, int order, Sources& sources,
+                    std::optional<size_t> layer = {}) const;
 
 protected:
     const Surroundings& world_;
@@ -80,8 +85,14 @@ private:
         bool operator==(const Masks&) const = default;
     };
     Masks masks_of(std::span<const uint64_t* const> sees, size_t source) const;
+    /// take(cluster, is_point, mask, channels) each cluster that the places gather, as a point or
+    /// as a triangle.
+    template <class Take>
+    void each_seen(std::span<const uint64_t* const> sees, std::span<const glm::vec3> points,
+                   const Take& take) const;
+    template <class Take>
     void descend(uint32_t cluster, uint32_t mask, glm::vec3 channels, glm::vec3 centre,
-                 glm::vec3 half, Sources& sources) const;
+                 glm::vec3 half, const Take& take) const;
 
     std::vector<Target> targets_;
 };
