@@ -36,10 +36,14 @@ Key key_of(glm::ivec3 at) {
     return Key(at.z) << 42 | Key(at.y) << 21 | Key(at.x);
 }
 
-/// Frame units.
-glm::vec3 place_of(Key key) {
+glm::ivec3 at_of(Key key) {
     constexpr Key mask = (Key(1) << 21) - 1;
-    return glm::vec3(float(key & mask), float(key >> 21 & mask), float(key >> 42)) + 0.5f;
+    return glm::ivec3(int(key & mask), int(key >> 21 & mask), int(key >> 42));
+}
+
+/// Frame units.
+glm::vec3 place_of(glm::ivec3 at) {
+    return glm::vec3(at) + 0.5f;
 }
 
 /// Coarse ones first.
@@ -84,7 +88,7 @@ public:
         const auto before = std::ptrdiff_t(size());
         for (const Key key : keys) {
             known_.push_back({key, uint32_t(known_.size())});
-            places_.push_back(place_of(key));
+            places_.push_back(place_of(at_of(key)));
         }
         std::inplace_merge(known_.begin(), known_.begin() + before, known_.end(),
                            [](const Known& a, const Known& b) { return a.key < b.key; });
@@ -103,23 +107,19 @@ public:
         });
     }
 
-    /// Solves those that are not.
-    void solve(solver::Solver& solver, const solver::Inputs& inputs, solver::Stages& stages) {
+    /// How many, the first ones, are solved.
+    std::size_t solved() const { return size() - places_.size(); }
+
+    /// Solves those that are not; the valid ones stand in `blocks` by their number after solved().
+    void solve(std::span<const solver::Block> blocks, solver::Solver& solver,
+               const solver::Inputs& inputs, solver::Stages& stages) {
         if (places_.empty())
             return;
-        const std::size_t before = size() - places_.size();
-        const auto first = light.validity.begin() + std::ptrdiff_t(before);
-        if (!light.sh.empty()
-            && std::find(first, light.validity.end(), 1.0f) == light.validity.end()) {
-            for (std::vector<glm::vec3>& c : light.sh)
-                c.resize(size(), glm::vec3(0)); // in the dark
-            places_.clear();
-            return;
-        }
+        const std::size_t before = solved();
         Volume one;
         one.grid.dims = {int(places_.size()), 1, 1};
-        one.validity.assign(first, light.validity.end());
-        solver.solve_at(places_, inputs, stages, one);
+        one.validity.assign(light.validity.begin() + std::ptrdiff_t(before), light.validity.end());
+        solver.solve_blocks(blocks, inputs, stages, one);
         light.sh_order = one.sh_order;
         light.sh.resize(one.sh.size());
         for (std::size_t k = 0; k < light.sh.size(); ++k)
@@ -322,7 +322,7 @@ private:
             for_box(glm::ivec3(0), glm::ivec3(brick_cells / 2 - 1),
                     [&](glm::ivec3 cell) { keys.push_back(middle_of(each, cell)); });
         look(std::move(keys));
-        samples_.solve(solver_, inputs_, stages_);
+        samples_.solve(blocks_of(bricks, open), solver_, inputs_, stages_);
         std::vector<uint8_t> rough(open.size());
         tbb::parallel_for(std::size_t(0), open.size(),
                           [&](std::size_t i) { rough[i] = is_rough(open[i]); });
@@ -331,6 +331,43 @@ private:
                 wanted.push_back(open[i]);
         for (const Brick& each : wanted)
             add(each);
+    }
+
+    /// The valid samples of bricks of one level, and the middles of the cells of `open`, as the
+    /// solver has them: bricks of the finest level by eights, others by themselves.
+    std::vector<solver::Block> blocks_of(const std::vector<Brick>& bricks,
+                                         const std::vector<Brick>& open) const {
+        const int cube = std::max(bricks.front().level, 1), step = cube - 1;
+        const auto in_cube = [&](const Brick& brick) {
+            return Brick{cube, brick.at >> (cube - brick.level)};
+        };
+        std::map<Brick, std::vector<Key>, CoarseFirst> keys;
+        for (const Brick& brick : bricks)
+            for (const Key key : keys_of(brick))
+                keys[in_cube(brick)].push_back(key);
+        for (const Brick& each : open)
+            for_box(glm::ivec3(0), glm::ivec3(brick_cells / 2 - 1),
+                    [&](glm::ivec3 cell) { keys[in_cube(each)].push_back(middle_of(each, cell)); });
+        std::vector<solver::Block> blocks;
+        std::vector<uint8_t> taken(samples_.size() - samples_.solved());
+        const Grid all{{}, 1, glm::ivec3(solver::Block::edge + 1)};
+        for (auto& [brick, own] : keys) {
+            const glm::ivec3 first = brick_cells * brick.at << cube;
+            solver::Block block{place_of(first), float(1 << step), {}};
+            std::ranges::sort(own);
+            own.erase(std::unique(own.begin(), own.end()), own.end());
+            for (const Key key : own) {
+                const uint32_t sample = samples_.find(key);
+                if (!samples_.is_valid(sample))
+                    continue;
+                uint32_t cell = solver::Block::known;
+                if (sample >= samples_.solved() && !taken[sample - samples_.solved()]++)
+                    cell = uint32_t(sample - samples_.solved());
+                block.places.push_back({uint16_t(all.index((at_of(key) - first) >> step)), cell});
+            }
+            blocks.push_back(std::move(block));
+        }
+        return blocks;
     }
 
     /// An eighth of a brick, as the brick that it would be: wanted by what is known before its

@@ -20,9 +20,10 @@ struct BakedBricks {
 /// An eighth of a brick becomes a brick of cells half as large where it meets the box that is asked
 /// for and where a surface may lie in it, samples differ in validity, or the light in the middle of
 /// one of its cells is more than the error off the mean of that cell's corners. Then bricks are
-/// trimmed to the error and the size, and stitched. A sample is an evaluation of its own of the one
-/// lit scene; samples that levels have in common are solved once. The same bits for any number of
-/// threads. Throws Error: memory (bricks become more than the machine holds), and as bake().
+/// trimmed to the error and the size, and stitched. Every sample is solved, those that levels have
+/// in common once; those of a brick share what they see (solver::Block). The same bits for any
+/// number of threads. Throws Error: memory (bricks become more than the machine holds), and as
+/// bake().
 BakedBricks bake_bricks(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
                         Progress& progress);
 

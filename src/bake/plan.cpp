@@ -361,8 +361,9 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     uint64_t solver_bytes = 0, all_cells = 0;
     for (std::size_t level = 0; level < grids.size(); ++level) {
         const Grid& grid = grids[level];
-        solver::Cost cost = solver.kind().cost(
-            {grid, patches, plan.lit, plan.maps, places_of(plan), device.type != "cpu"}, solver);
+        solver::Cost cost = solver.kind().cost({grid, patches, plan.lit, plan.maps, places_of(plan),
+                                                plan.bricks.has_value(), device.type != "cpu"},
+                                               solver);
         if (plan.bricks)
             cost.stages.push_back(
                 {"walls", seconds::brick_place * double(places_of(plan)),

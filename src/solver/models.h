@@ -45,12 +45,14 @@ inline constexpr double propagate = 0.02;
 
 inline constexpr double gather = 0.05;
 inline constexpr double gather_patch = 3e-6;
-inline constexpr double gather_place = 1.5e-5; ///< that is given: all that its own rays see
-inline constexpr double gather_ray = 2e-7;     ///< for each cluster, with those to the sky
-inline constexpr double look_place = 2.5e-5;   ///< what lies around it
-inline constexpr double brick_place = 8e-6;    ///< its walls, and what trimming asks of it
-inline constexpr double gather_above_2 = 1.35; ///< as long for a solved cell above order 2
-inline constexpr double discs_texel = 4e-7;    ///< of each map, for each cell
+inline constexpr double gather_place = 1.5e-5;    ///< that is given: all that its own rays see
+inline constexpr double gather_ray = 2e-7;        ///< for each cluster, with those to the sky
+inline constexpr double gather_sample = 1.2e-5;   ///< of a block, whose samples share what they see
+inline constexpr double gather_shared_ray = 6e-8; ///< for each cluster, with those to the sky
+inline constexpr double look_place = 2.5e-5;      ///< what lies around it
+inline constexpr double brick_place = 8e-6;       ///< its walls, and what trimming asks of it
+inline constexpr double gather_above_2 = 1.35;    ///< as long for a solved cell above order 2
+inline constexpr double discs_texel = 4e-7;       ///< of each map, for each cell
 
 /// Where the device has a part.
 struct Device {

@@ -15,6 +15,10 @@ void Solver::solve_at(std::span<const glm::vec3>, const Inputs&, Stages&, Volume
     throw Error(ErrorKind::failure, "the solver knows cells of grids alone");
 }
 
+void Solver::solve_blocks(std::span<const Block>, const Inputs&, Stages&, Volume&) {
+    throw Error(ErrorKind::failure, "the solver knows cells of grids alone");
+}
+
 namespace {
 
 /// Where it stands among the kind's parameters. Throws Error (argument) where it does not.

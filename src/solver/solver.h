@@ -71,6 +71,20 @@ struct Inputs {
     std::span<const std::unique_ptr<Solver>> around = {};
 };
 
+/// A cube of a lattice, of which places may be missing, as in a part of a brick that none fills.
+struct Block {
+    static constexpr int edge = 16; ///< steps; places stand at both ends
+    static constexpr uint32_t known = ~0u;
+    struct Place {
+        uint16_t at;   ///< in the cube, x fastest
+        uint32_t cell; ///< of the volume; known: it is not solved, and tells what is seen around it
+    };
+
+    glm::vec3 first;           ///< the place in its lowest corner, frame units
+    float step = 1;            ///< from place to place, frame units
+    std::vector<Place> places; ///< all that are valid
+};
+
 /// A solver, being compiled for a device, a grid and settings.
 class Solver {
 public:
@@ -85,6 +99,10 @@ public:
     /// alone.
     virtual void solve_at(std::span<const glm::vec3> places, const Inputs& inputs, Stages& stages,
                           Volume& volume);
+    /// The same at the places of blocks, of one step: the volume has a cell for each that is
+    /// solved, in a row, and each stands in one block.
+    virtual void solve_blocks(std::span<const Block> blocks, const Inputs& inputs, Stages& stages,
+                              Volume& volume);
 };
 
 /// How much time is given for how little error, in the words of --quality.
@@ -138,6 +156,7 @@ struct Workload {
     bool lit = false;   ///< Inputs::lit is there
     ReflectiveMaps maps;
     uint64_t places = 0; ///< that are given; 0: it is the grid's cells
+    bool blocks = false; ///< these stand in blocks
     bool gpu = false;    ///< the device is one
 };
 

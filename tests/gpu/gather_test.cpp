@@ -464,6 +464,66 @@ TEST_F(Gather, TakesTheSameDeviceMemoryWhateverTheGrid) {
     EXPECT_LT(solver::gather::gather_device_bytes({}), uint64_t(128) << 20);
 }
 
+/// Blocks on the cells of a grid, one after the other along x, of each of which `left_out` is
+/// known; and the cells that they solve.
+std::pair<std::vector<solver::Block>, std::vector<size_t>> blocks_on(const Volume& grid, int count,
+                                                                     int left_out) {
+    std::pair<std::vector<solver::Block>, std::vector<size_t>> found;
+    const Grid cube{{}, 1, glm::ivec3(solver::Block::edge + 1)};
+    std::vector<uint8_t> taken(grid.grid.size());
+    for (int i = 0; i < count; ++i) {
+        const glm::ivec3 first(solver::Block::edge * i, 0, 0);
+        solver::Block block{glm::vec3(first) + 0.5f, 1, {}};
+        for (size_t at = 0; at < cube.size(); ++at) {
+            const size_t cell = grid.grid.index(first + cube.cell_at(at));
+            if (!grid.is_valid(cell))
+                continue;
+            const bool known = taken[cell]++ || int(cell % 8) < left_out;
+            block.places.push_back(
+                {uint16_t(at), known ? solver::Block::known : uint32_t(found.second.size())});
+            if (!known)
+                found.second.push_back(cell);
+        }
+        found.first.push_back(std::move(block));
+    }
+    return found;
+}
+
+TEST_F(Gather, BlocksShareWhatTheySeeAsAGridsCellsDo) {
+    for (const bool sky : {false, true}) {
+        Scene scene = two_rooms(0.5f);
+        if (sky) {
+            scene.instances.erase(scene.instances.begin()); // the wall stands in the open
+            scene.sky.luminance = glm::vec3(100.0f);
+        }
+        const Setting setting(std::move(scene), {glm::dvec3(-0.3, 0.05, 0.05), 0.1, {33, 17, 17}});
+        const surface::LitSurfaces lit = light(setting, {});
+        Volume grid = setting.volume();
+        const solver::gather::GatherReport whole = run(setting, lit, grid, everywhere(2));
+        for (const int left_out : {0, 7}) {
+            const auto [blocks, cells] = blocks_on(grid, 2, left_out);
+            Volume row;
+            row.grid.dims = {int(cells.size()), 1, 1};
+            row.validity.assign(cells.size(), 1.0f);
+            Progress silent;
+            const solver::gather::GatherReport report =
+                solver::gather::GatherProgram(device(), everywhere(2))
+                    .gather_blocks(blocks, lit, setting.scene.sky, setting.visibility, row, silent);
+            double wrong = 0, sum = 0;
+            for (size_t i = 0; i < cells.size(); ++i) {
+                wrong += double(std::abs(row.sh[0][i].g - grid.sh[0][cells[i]].g));
+                sum += double(grid.sh[0][cells[i]].g);
+            }
+            EXPECT_LT(wrong / sum, 0.005) << sky << left_out;
+            EXPECT_EQ(report.solved, cells.size());
+            if (left_out == 0) {
+                EXPECT_EQ(cells.size(), whole.solved);
+                EXPECT_LT(double(report.rays), 1.15 * double(whole.rays));
+            }
+        }
+    }
+}
+
 TEST_F(Gather, GivenPlacesAreSolvedAsTheCellsThere) {
     for (const bool sky : {false, true}) {
         Scene scene = two_rooms(0.5f);

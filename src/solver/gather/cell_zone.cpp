@@ -11,35 +11,54 @@ namespace {
 constexpr int coarsest = 8;          ///< cells between those that test everything
 constexpr size_t fewest_corners = 4; ///< that have to agree
 
-glm::vec3 centre_of(glm::ivec3 cell) {
-    return glm::vec3(cell) + 0.5f;
-}
-
 } // namespace
 
-Occupied::Occupied(const std::vector<surface::Patch>& patches, const Grid& grid) {
+std::pair<glm::vec3, glm::vec3> box_of(const surface::Patch& patch) {
+    const glm::vec3 a = patch.at({0.0f, 0.0f}), b = patch.at({1.0f, 0.0f}),
+                    c = patch.at({0.0f, 1.0f});
+    return {glm::min(a, glm::min(b, c)), glm::max(a, glm::max(b, c))};
+}
+
+Occupied::Occupied(glm::ivec3 dims) {
     for (int edge = 1; edge <= zone_edge; edge *= 2) {
-        grids_.push_back({{}, 1.0, (grid.dims + edge - 1) / edge});
+        grids_.push_back({{}, 1.0, (dims + edge - 1) / edge});
         levels_.emplace_back(grids_.back().size(), uint8_t(0));
     }
-    for (const surface::Patch& patch : patches) {
-        if (!(patch.area > 0.0f))
-            continue;
-        const glm::vec3 a = patch.at({0.0f, 0.0f}), b = patch.at({1.0f, 0.0f}),
-                        c = patch.at({0.0f, 1.0f});
-        const glm::vec3 lo = glm::min(a, glm::min(b, c)), hi = glm::max(a, glm::max(b, c));
-        const glm::vec3 last(grid.dims - 1);
-        if (glm::any(glm::lessThan(hi, glm::vec3(0.0f)))
-            || glm::any(glm::greaterThan(lo, last + 1.0f)))
-            continue;
-        constexpr float slack = surface_margin + 1e-3f;
-        const glm::ivec3 from(glm::clamp(glm::floor(lo - 0.5f - slack), glm::vec3(0.0f), last));
-        const glm::ivec3 to(glm::clamp(glm::floor(hi - 0.5f + slack), glm::vec3(0.0f), last));
-        for (int z = from.z; z <= to.z; ++z)
-            for (int y = from.y; y <= to.y; ++y)
-                for (int x = from.x; x <= to.x; ++x)
-                    levels_[0][grids_[0].index({x, y, z})] = 1;
-    }
+}
+
+Occupied::Occupied(const std::vector<surface::Patch>& patches, const Grid& grid)
+    : Occupied(grid.dims) {
+    for (const surface::Patch& patch : patches)
+        add(patch, glm::vec3(0.5f), 1.0f);
+    fill_levels();
+}
+
+Occupied::Occupied(std::span<const surface::Patch> patches, std::span<const uint32_t> some,
+                   glm::vec3 first, float step, glm::ivec3 dims)
+    : Occupied(dims) {
+    for (const uint32_t i : some)
+        add(patches[i], first, step);
+    fill_levels();
+}
+
+void Occupied::add(const surface::Patch& patch, glm::vec3 first, float step) {
+    if (!(patch.area > 0.0f))
+        return;
+    const auto [lo, hi] = box_of(patch);
+    const glm::vec3 last(grids_[0].dims - 1), slack(occupied_slack / step);
+    const glm::vec3 begin = (lo - first) / step, end = (hi - first) / step;
+    if (glm::any(glm::lessThan(end, glm::vec3(-0.5f)))
+        || glm::any(glm::greaterThan(begin, last + 0.5f)))
+        return;
+    const glm::ivec3 from(glm::clamp(glm::floor(begin - slack), glm::vec3(0.0f), last));
+    const glm::ivec3 to(glm::clamp(glm::floor(end + slack), glm::vec3(0.0f), last));
+    for (int z = from.z; z <= to.z; ++z)
+        for (int y = from.y; y <= to.y; ++y)
+            for (int x = from.x; x <= to.x; ++x)
+                levels_[0][grids_[0].index({x, y, z})] = 1;
+}
+
+void Occupied::fill_levels() {
     for (size_t n = 1; n < levels_.size(); ++n)
         for (int z = 0; z < grids_[n - 1].dims.z; ++z)
             for (int y = 0; y < grids_[n - 1].dims.y; ++y)
@@ -52,8 +71,8 @@ bool Occupied::operator()(glm::ivec3 lo, int level) const {
     return levels_[size_t(level)][grids_[size_t(level)].index(lo >> level)] != 0;
 }
 
-CellZone::CellZone(const Surroundings& world, const Cells& cells, glm::ivec3 base)
-    : Zone(world, centre_of(base), centre_of(glm::min(base + zone_edge, cells.grid.dims) - 1)),
+CellZone::CellZone(const Surroundings& world, const Cells& cells, glm::ivec3 base, glm::ivec3 last)
+    : Zone(world, cells.place(base), cells.place(last), cells.step),
       cells_(cells),
       base_(base),
       known_(size_t(zone_edge + 1) * (zone_edge + 1) * (zone_edge + 1), 0) {}
@@ -77,31 +96,23 @@ const uint64_t* CellZone::bits(glm::ivec3 point) {
     auto own = std::make_unique<uint64_t[]>(words);
 
     size_t count = 0; // of those corners
-    // What the corners of the cube around the cell agree on, of those that it sees.
+    // What the corners of the cube around the cell agree on. Where a surface crosses that, a cell
+    // sees for itself: corners around an edge agree on what none between them sees.
     std::vector<uint64_t> open(words_, ~uint64_t(0));
     const int lowest = (point.x | point.y | point.z) & -(point.x | point.y | point.z);
-    if (lowest != 0 && lowest < coarsest) {
-        const int edge = 2 * lowest;
-        glm::ivec3 lo = point & ~(edge - 1);
-        for (int i = 0; i < 3; ++i)
-            if (lo[i] == zone_edge)
-                lo[i] -= edge;
-        const bool crossed = cells_.occupied(base_ + lo, std::countr_zero(uint32_t(edge)));
-        const auto captured = [&](glm::ivec3 place) {
-            return world_.visibility.capture(base_ + place).point;
-        };
-        const glm::vec3 from = crossed ? captured(point) : glm::vec3(0.0f);
+    const int edge = 2 * lowest;
+    glm::ivec3 lo = point & ~(edge - 1);
+    for (int i = 0; i < 3; ++i)
+        if (lo[i] == zone_edge)
+            lo[i] -= edge;
+    if (lowest != 0 && lowest < coarsest
+        && !cells_.occupied(base_ + lo, std::countr_zero(uint32_t(edge)))) {
         std::vector<uint64_t> all(words, ~uint64_t(0)), any(words, 0);
         glm::ivec3 least(lo + edge), most(lo); // of those corners
         for (int i = 0; i < 8; ++i) {
             const glm::ivec3 corner = lo + edge * glm::ivec3(i & 1, i >> 1 & 1, i >> 2);
             if (!usable(corner))
                 continue;
-            if (crossed) {
-                ++rays_;
-                if (world_.visibility.filter({from, captured(corner) - from}) != glm::vec3(1.0f))
-                    continue;
-            }
             const uint64_t* theirs = bits(corner);
             for (size_t w = 0; w < words; ++w) {
                 all[w] &= theirs[w];
@@ -136,8 +147,8 @@ const uint64_t* CellZone::bits(glm::ivec3 point) {
                 own[channel * words_ + i / 64] &= ~bit;
         }
     const glm::ivec3 cell = base_ + point;
-    rays_ +=
-        look(world_.visibility.capture(cell).point, pattern_of(centre_of(cell)), open, own.get());
+    rays_ += look(cells_.point(world_.visibility, cell), pattern_of(cells_.place(cell)), open,
+                  own.get());
 
     bits_.push_back(std::move(own));
     known_[at] = uint16_t(bits_.size());

@@ -1,6 +1,7 @@
 #include "solver/gather/gather.h"
 
 #include "solver/gather/adaptive_grid.h"
+#include "solver/gather/blocks.h"
 #include "solver/gather/cell_zone.h"
 #include "solver/gather/packets.h"
 #include "solver/gather/places.h"
@@ -106,7 +107,7 @@ private:
         if (cells.empty())
             return packets;
         if (!zones_[zone])
-            zones_[zone] = std::make_unique<CellZone>(world_, cells_, base);
+            zones_[zone] = std::make_unique<CellZone>(world_, cells_, base, end - 1);
         std::sort(cells.begin(), cells.end(),
                   [](const auto& a, const auto& b) { return a.first < b.first; });
         for (size_t at = 0; at < cells.size(); ++at) {
@@ -170,10 +171,13 @@ double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& 
                  * (settings.order > 2 ? seconds::gather_above_2 : 1.0);
 }
 
-double gather_seconds_at(uint64_t places, uint64_t patches, const GatherSettings& settings) {
+double gather_seconds_at(uint64_t places, bool blocks, uint64_t patches,
+                         const GatherSettings& settings) {
     namespace seconds = models::seconds;
+    const double own = blocks ? seconds::gather_sample : seconds::gather_place;
+    const double ray = blocks ? seconds::gather_shared_ray : seconds::gather_ray;
     return seconds::gather + seconds::gather_patch * double(patches)
-           + double(places) * (seconds::gather_place + seconds::gather_ray * double(settings.vpls))
+           + double(places) * (own + ray * double(settings.vpls))
                  * (settings.order > 2 ? seconds::gather_above_2 : 1.0);
 }
 
@@ -233,6 +237,19 @@ GatherReport GatherProgram::gather_at(std::span<const glm::vec3> places,
                             PacketSolver solver(device_, settings_.order, surfaces_, local_size_,
                                                 list_bytes_, world, volume, {}, report, laps);
                             solve_places(places, world, solver, volume, progress, report, laps);
+                        });
+}
+
+GatherReport GatherProgram::gather_blocks(std::span<const Block> blocks,
+                                          const surface::LitSurfaces& surfaces, const Sky& sky,
+                                          const visibility::Visibility& visibility, Volume& volume,
+                                          Progress& progress) const {
+    return with_sources(surfaces, sky, visibility, 0.0f, volume, {},
+                        [&](const Surroundings& world, GatherReport& report, Laps& laps) {
+                            PacketSolver solver(device_, settings_.order, surfaces_, local_size_,
+                                                list_bytes_, world, volume, {}, report, laps);
+                            solve_blocks(blocks, surfaces.patches, world, solver, progress, report,
+                                         laps);
                         });
 }
 

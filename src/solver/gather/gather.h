@@ -4,6 +4,7 @@
 
 #include "gpu/gpu.h"
 #include "lpvbake/progress.h"
+#include "solver/solver.h"
 #include "surface/lit_surfaces.h"
 #include "volume/volume.h"
 
@@ -37,8 +38,9 @@ uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSetti
 /// How long two threads will take, seconds: an estimate.
 double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& settings, bool gpu);
 
-/// The same of so many places.
-double gather_seconds_at(uint64_t places, uint64_t patches, const GatherSettings& settings);
+/// The same of so many places, by themselves or in blocks.
+double gather_seconds_at(uint64_t places, bool blocks, uint64_t patches,
+                         const GatherSettings& settings);
 
 /// What a gather did and cost.
 struct GatherReport {
@@ -81,6 +83,12 @@ public:
     GatherReport gather_at(std::span<const glm::vec3> places, const surface::LitSurfaces& surfaces,
                            const Sky& sky, const visibility::Visibility& visibility, Volume& volume,
                            Progress& progress) const;
+
+    /// The same of the cells of blocks, which share what they see as a grid's do; the volume has a
+    /// cell for each that is solved, in a row.
+    GatherReport gather_blocks(std::span<const Block> blocks, const surface::LitSurfaces& surfaces,
+                               const Sky& sky, const visibility::Visibility& visibility,
+                               Volume& volume, Progress& progress) const;
 
 private:
     template <class Run>

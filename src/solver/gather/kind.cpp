@@ -86,11 +86,11 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
     const auto [gather, samples] = settings_of(settings);
     const uint64_t patches = uint64_t(work.patches);
     if (work.places > 0)
-        return {
-            {{"gather", gather_seconds_at(work.places, patches, gather),
-              format("%d clusters, order %d, every point by itself", gather.vpls, gather.order)}},
-            {},
-            gather_host_bytes({}, patches, gather)};
+        return {{{"gather", gather_seconds_at(work.places, work.blocks, patches, gather),
+                  format("%d clusters, order %d, every %s", gather.vpls, gather.order,
+                         work.blocks ? "sample" : "point by itself")}},
+                {},
+                gather_host_bytes({}, patches, gather)};
     Cost cost{{{"validity", validity_seconds(work.grid), "which cells lie outside geometry"},
                {"gather", gather_seconds(work.grid, patches, gather, work.gpu),
                 format("%d clusters, tolerance %.3g, order %d", gather.vpls,
@@ -139,6 +139,14 @@ public:
         end(program_.get().gather_at(places, *inputs.lit, inputs.scene.sky, inputs.visibility,
                                      volume, stages.progress()),
             "point", stages);
+    }
+
+    void solve_blocks(std::span<const Block> blocks, const Inputs& inputs, Stages& stages,
+                      Volume& volume) override {
+        stages.begin("gather");
+        end(program_.get().gather_blocks(blocks, *inputs.lit, inputs.scene.sky, inputs.visibility,
+                                         volume, stages.progress()),
+            "sample", stages);
     }
 
 private:

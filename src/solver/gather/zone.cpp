@@ -45,9 +45,9 @@ uint32_t pattern_of(glm::vec3 place) {
            + 0x85ebca6bu * uint32_t(inside.y) + 0xc2b2ae35u * uint32_t(inside.z);
 }
 
-Zone::Zone(const Surroundings& world, glm::vec3 lo, glm::vec3 hi) : world_(world) {
+Zone::Zone(const Surroundings& world, glm::vec3 lo, glm::vec3 hi, float step) : world_(world) {
     const glm::vec3 half = 0.5f * (hi - lo);
-    choose_clusters(lo + half, half);
+    choose_clusters(lo + half, half, step);
     targets_.reserve(clusters_.size() * strata);
     for (const uint32_t index : clusters_) {
         const Cluster& cluster = world_.clusters.nodes[index];
@@ -65,11 +65,11 @@ Zone::Zone(const Surroundings& world, glm::vec3 lo, glm::vec3 hi) : world_(world
     words_ = (clusters_.size() + world_.sky.size() + 63) / 64;
 }
 
-void Zone::choose_clusters(glm::vec3 centre, glm::vec3 half) {
+void Zone::choose_clusters(glm::vec3 centre, glm::vec3 half, float step) {
     const std::vector<Cluster>& nodes = world_.clusters.nodes;
     if (nodes.empty())
         return;
-    const float radius = 0.5f * zone_edge;
+    const float radius = 0.5f * zone_edge * step;
     struct Open {
         float weight;
         uint32_t node;

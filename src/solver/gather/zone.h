@@ -40,8 +40,8 @@ uint32_t pattern_of(glm::vec3 place);
 /// penumbrae are right on average.
 class Zone {
 public:
-    /// All places lie in the box, frame units.
-    Zone(const Surroundings& world, glm::vec3 lo, glm::vec3 hi);
+    /// All places lie in the box, frame units, about a `step` apart.
+    Zone(const Surroundings& world, glm::vec3 lo, glm::vec3 hi, float step = 1.0f);
 
     /// Of what a place sees: a bit a cluster, then a bin, in planes.
     size_t words() const { return words_ * planes_; }
@@ -75,7 +75,7 @@ private:
         glm::vec3 point, normal;
     };
 
-    void choose_clusters(glm::vec3 centre, glm::vec3 half);
+    void choose_clusters(glm::vec3 centre, glm::vec3 half, float step);
     bool aim(glm::vec3 from, uint32_t source, uint32_t pattern, visibility::Ray& ray,
              float& threshold) const;
     /// Which of some places see a source, a channel: all channels of `all`, and one more of each.
