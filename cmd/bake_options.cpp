@@ -249,6 +249,39 @@ void add_level_options(options::Options& options, BakeOptions& o) {
         .record(options::Recorded::if_changed);
 }
 
+/// "visibility", "sh" or both.
+bake::DirectSettings parse_direct(const std::string& text) {
+    bake::DirectSettings direct;
+    for (const std::string& part : options::split(text, ','))
+        if (part == "visibility")
+            direct.visibility = true;
+        else if (part == "sh")
+            direct.sh = true;
+        else
+            options::refuse(part, "is neither visibility nor sh");
+    return direct;
+}
+
+void add_direct_options(options::Options& options, BakeOptions& o) {
+    options
+        .value("--direct", o.direct, "visibility,sh", parse_direct,
+               "Keep what punctual lights send straight to cells in grids beside the field: "
+               "visibility: the share of each that arrives; sh: their light; see below")
+        .exclude({"at", "adaptive"})
+        .record(options::Recorded::if_changed);
+    options
+        .number("--beams", o.beams, 1, 64,
+                "Beams of --direct along an edge of a cell; twice as many halve the error at "
+                "shadows' edges, and take four times as long")
+        .need("direct")
+        .record(options::Recorded::if_changed);
+    options
+        .number("--sun-angle", o.sun_angle, 0, 90,
+                "Degrees across the disc of directional lights, for --direct; the sun's is 0.53")
+        .need("direct")
+        .record(options::Recorded::if_changed);
+}
+
 void add_adjust_option(options::Options& options, BakeOptions& o) {
     options
         .text("--adjust", o.adjust, "FILE",
@@ -277,6 +310,7 @@ void add_bake_options(options::Options& options, BakeOptions& o) {
         .keep_to_one_run();
     add_level_options(options, o);
     add_adjust_option(options, o);
+    add_direct_options(options, o);
     add_light_options(options, o);
     add_solver_options(options, o);
     add_output_options(options, o.outputs);
@@ -367,6 +401,9 @@ bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& read
         settings.fit = &reader;
     settings.dering = o.outputs.storage().dering;
     settings.isa = o.isa;
+    settings.direct = o.direct.value_or(bake::DirectSettings());
+    settings.direct.beams = o.beams;
+    settings.direct.sun_angle = glm::radians(o.sun_angle);
     if (!o.adjust.empty())
         settings.adjust = io::read_adjustments(o.adjust);
     if (o.adaptive)

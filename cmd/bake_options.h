@@ -36,6 +36,9 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::vector<volume::LevelBox> level; ///< of nested ones each
     std::optional<int> levels;           ///< around `focus`
     std::optional<Bounds> focus;
+    std::optional<bake::DirectSettings> direct;
+    int beams = bake::DirectSettings().beams;
+    double sun_angle = 0;               ///< degrees
     std::string adjust;                 ///< file of boxes
     std::optional<glm::dvec2> adaptive; ///< finest and coarsest cells of bricks, metres
     std::optional<uint64_t> max_size;   ///< of bricks, bytes

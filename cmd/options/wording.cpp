@@ -20,6 +20,7 @@ constexpr Wording table[] = {
     {"`cell_size`", "--cell-size"},
     {"`cull_backfaces`", "--backfaces cull"},
     {"`device`", "--device"},
+    {"`direct`", "--direct"},
     {"`error`", "--error"},
     {"`exclude`", "--exclude"},
     {"`fit`", "--fit"},

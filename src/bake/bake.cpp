@@ -1,5 +1,6 @@
 #include "bake/bake.h"
 
+#include "bake/direct.h"
 #include "bake/lighting.h"
 #include "bake/surface_fit.h"
 #include "surface/lit_surfaces.h"
@@ -113,6 +114,7 @@ void finish_level(const Scene& scene, const BakePlan& plan, const gpu::Device& d
                                           most_walls, walls_reach);
     stages.end(share_with_walls(volume.walls));
 
+    add_direct(scene, plan, level.visibility, level.frame, stages, volume);
     if (plan.settings.fit)
         fit_volume(scene, plan, level, surfaces, stages, volume);
     volume::adjust_intensity(plan.settings.adjust, volume);

@@ -10,6 +10,7 @@
 #include "solver/vpl/cascades.h"
 #include "text.h"
 #include "visibility/around.h"
+#include "volume/grids.h"
 #include "volume/points.h"
 #include "volume/sh.h"
 #include "volume/volume.h"
@@ -257,6 +258,32 @@ void plan_maps(const SceneFacts& scene, int size, BakePlan& plan) {
                 counted(uint64_t(plan.maps.count), "map").c_str(), size, size)});
 }
 
+/// Beams through a grid, and what they sum.
+void plan_direct(const SceneFacts& scene, const Grid& grid, const std::string& of, BakePlan& plan) {
+    const DirectSettings& direct = plan.settings.direct;
+    if (!direct.any())
+        return;
+    if (scene.lights.empty()) {
+        skip(plan, "beams", "no punctual light");
+        return;
+    }
+    const glm::dvec3 dims(grid.dims);
+    const double face = (dims.x * dims.y + dims.y * dims.z + dims.z * dims.x) / 3;
+    const double area = double(direct.beams) * direct.beams * face;
+    double beams = 0;
+    for (const Light& light : scene.lights)
+        beams += light.type == LightType::directional ? 1.5 * area : 6 * area;
+    plan.stages.push_back(
+        {"beams",
+         seconds::beam * beams + seconds::beam_cell * beams * std::cbrt(double(grid.size())),
+         of + format("about %.2g beams of ", beams) + counted(scene.lights.size(), "light")});
+    const auto coefficients =
+        uint64_t(direct.sh ? volume::sh_count(plan.settings.solver.order()) : 1);
+    plan.host_bytes += grid.size()
+                       * (solver::models::bytes::beams_cell + 24 * coefficients
+                          + 4 * uint64_t(direct.visibility ? scene.lights.size() : 0));
+}
+
 /// Points of surfaces, rays from each, and the solution.
 void plan_fit(const surface::PatchCount& surfaces, const std::string& of, BakePlan& plan) {
     const readers::Reader* reader = plan.settings.fit;
@@ -328,7 +355,14 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     plan.settings.isa = visibility::available(settings.isa);
     plan.warnings = scene.warnings;
     plan.triangles = scene.triangles;
+    plan.lights = int(scene.lights.size());
     plan.emitters = settings.emitters && scene.emitters;
+    if (settings.direct.visibility && scene.lights.size() > std::size_t(volume::most_visibilities))
+        throw Error(ErrorKind::invalid,
+                    scene.path
+                        + format(": %zu lights, but a volume has the visibility of %d at most; "
+                                 "keep `direct` sh alone, or fewer lights",
+                                 scene.lights.size(), volume::most_visibilities));
     scene::check_light_arrives(scene.path, {.punctual = !scene.lights.empty(),
                                             .emitters = plan.emitters,
                                             .sky = scene.sky,
@@ -376,6 +410,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
         plan.stages.insert(plan.stages.end(), cost.stages.begin(), cost.stages.end());
         if (level == 0)
             plan.skipped.insert(plan.skipped.end(), cost.skipped.begin(), cost.skipped.end());
+        plan_direct(scene, grid, of_level(level, plan), plan);
         if (places_of(plan) == 0)
             plan_fit(level == 0
                          ? surfaces
@@ -426,6 +461,10 @@ Volume grids_of(const BakePlan& plan) {
         grids.occlusion.assign(4, {0.0f});
     grids.validity = {1.0f};
     grids.walls.assign(most_walls, {glm::vec3(0)});
+    if (plan.settings.direct.sh && plan.lights > 0)
+        volume::set_grids(grids, volume::direct_kind(), volume::sh_count(grids.sh_order));
+    if (plan.settings.direct.visibility && plan.lights > 0)
+        volume::set_grids(grids, volume::visibility_kind(), plan.lights);
     return grids;
 }
 

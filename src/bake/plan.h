@@ -33,6 +33,7 @@ struct BakePlan {
     std::vector<Grid> coarser;       ///< the levels around it; mostly none
     std::optional<BrickPlan> bricks; ///< instead; the grid is all of the finest level
     scene::Frame frame;              ///< the grid's, with the boxes of the levels around it
+    int lights = 0;                  ///< punctual ones
     bool emitters = false;           ///< some surface emits, and is wanted to
     bool lit = false; ///< surfaces are lit as a whole, not by reflective shadow maps alone
     solver::ReflectiveMaps maps;

@@ -26,6 +26,16 @@ struct AdaptiveSettings {
     int number_bytes = 4;         ///< of a number
 };
 
+/// What is kept of the light that punctual lights send straight to cells, apart from the field.
+struct DirectSettings {
+    bool visibility = false; ///< a grid a light
+    bool sh = false;         ///< that of all lights together, to the field's order
+    int beams = 4;           ///< medium::BeamSettings::per_cell
+    double sun_angle = 0;    ///< medium::BeamSettings::sun_angle
+
+    bool any() const { return visibility || sh; }
+};
+
 /// Defaults are those of the program: sn, order 2, all reflections.
 struct BakeSettings {
     BakeSettings() : BakeSettings(*solver_kinds().front()) {}
@@ -47,6 +57,7 @@ struct BakeSettings {
     /// it is the field at the cells' centres.
     const readers::Reader* fit = nullptr;
     bool dering = true;                     ///< before it is fitted (bake/surface_fit.h)
+    DirectSettings direct;                  ///< of one grid or of levels
     std::vector<volume::Adjustment> adjust; ///< of validity, and of what is fitted
     uint64_t points = 0; ///< that are given instead of the grid's cells (bake/points.h); 0: none
     visibility::Isa isa = visibility::Isa::automatic; ///< that rays are traced with

@@ -360,11 +360,14 @@ Volume read_texels(const std::string& path, const Json& json, const char* format
     const std::optional<Layout> flipbook = flipbook_of(json.at("layout"), dims);
     const std::vector<Entry> entries = entries_of(path, json, dims, flipbook);
     for (const GridKind* kind : kinds)
-        volume::set_grids(volume, *kind, count_grids(volume, *kind, [&](const std::string& name) {
-                              return mentions(entries, kind->width() == 1
-                                                           ? name
-                                                           : name + "." + kind->channels[0]);
-                          }));
+        make_grids(volume, *kind,
+                   count_grids(volume, *kind,
+                               [&](const std::string& name) {
+                                   return mentions(entries, kind->width() == 1
+                                                                ? name
+                                                                : name + "." + kind->channels[0]);
+                               }),
+                   path);
     Destinations wanted = destinations(volume);
     const std::filesystem::path folder = std::filesystem::path(path).parent_path();
     for (const Entry& entry : entries) {

@@ -6,8 +6,18 @@
 #include <algorithm>
 #include <cmath>
 #include <sstream>
+#include <utility>
 
 namespace lpvbake::io {
+namespace {
+
+std::string dims_text(glm::ivec3 dims) {
+    return std::to_string(dims.x) + " x " + std::to_string(dims.y) + " x " + std::to_string(dims.z)
+           + " cells";
+}
+
+} // namespace
+
 std::vector<std::pair<std::string, std::string>> field_facts(const volume::Encoding& encoding) {
     const bool travel = encoding.convention == volume::ShConvention::lpv;
     return {
@@ -82,17 +92,28 @@ void check_volume(const Volume& volume, const std::string& path, ErrorKind error
 void check_dims(glm::ivec3 dims, int sh_order, volume::GridKinds kinds, const std::string& path) {
     int floats = 0;
     for (const GridKind* kind : kinds)
-        floats += kind->width()
-                  * (kind == &volume::light_kind() ? volume::sh_count(sh_order) : kind->most);
+        if (!std::holds_alternative<std::monostate>(kind->member)) // else see make_grids
+            floats += kind->width()
+                      * (kind == &volume::light_kind() ? volume::sh_count(sh_order) : kind->most);
     const auto text = [&](const char* why) {
-        return path + ": the lattice of " + std::to_string(dims.x) + " x " + std::to_string(dims.y)
-               + " x " + std::to_string(dims.z) + " cells " + why;
+        return path + ": the lattice of " + dims_text(dims) + " " + why;
     };
     if (dims.x < 1 || dims.y < 1 || dims.z < 1 || double(dims.x) * dims.y * dims.z > 2147483647.0)
         throw Error(ErrorKind::invalid, text("is not valid"));
     const double bytes = double(dims.x) * dims.y * dims.z * floats * 4;
     if (bytes > double(machine_memory()))
         throw Error(ErrorKind::memory, text("does not fit this machine's memory"));
+}
+
+void make_grids(Volume& volume, const GridKind& kind, int count, const std::string& path) {
+    double bytes = double(volume.grid.size()) * count * kind.width() * 4;
+    for (const volume::ConstGridView& grid : volume::grids_of(std::as_const(volume)))
+        if (grid.kind != &kind)
+            bytes += double(grid.values().size_bytes());
+    if (bytes > double(machine_memory()))
+        throw Error(ErrorKind::memory, path + ": the grids of " + dims_text(volume.grid.dims)
+                                           + " do not fit this machine's memory");
+    volume::set_grids(volume, kind, count);
 }
 
 std::optional<std::string> half_misfit(const Volume& volume, bool no_light) {

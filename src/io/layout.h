@@ -25,9 +25,13 @@ volume::Encoding encoding_of(const std::function<std::string(const char*)>& fact
 /// lattice, the number of coefficients fits the order (0 to 4) and every value is finite.
 void check_volume(const Volume& volume, const std::string& path, ErrorKind error);
 
-/// Throws Error (invalid, memory) unless a volume of these dims with all kinds of grids is one that
-/// this machine could hold. For dims that come from a file.
+/// Throws Error (invalid, memory) unless a volume of these dims with all kinds of grids that have a
+/// member is one that this machine could hold. For dims that come from a file.
 void check_dims(glm::ivec3 dims, int sh_order, volume::GridKinds kinds, const std::string& path);
+
+/// volume::set_grids. Throws Error (memory) unless this machine could hold them beside what the
+/// volume has.
+void make_grids(Volume& volume, const GridKind& kind, int count, const std::string& path);
 
 /// Why the volume, or what of it is no light, should not be stored as half: values beyond 65504, or
 /// an L0 whose largest value lies below 2^-14, where half has fewer digits. None: it fits.

@@ -349,9 +349,9 @@ Volume read_nvdb(const std::string& path, volume::GridKinds kinds) {
         Volume read = empty_volume(path, json, format_name, kinds);
         const volume::Encoding encoding = encoding_in(path, json);
         for (const GridKind* kind : kinds) {
-            volume::set_grids(read, *kind, count_grids(read, *kind, [&](const std::string& name) {
-                                  return segment.has(name);
-                              }));
+            const int count = count_grids(
+                read, *kind, [&](const std::string& name) { return segment.has(name); });
+            make_grids(read, *kind, count, path);
             for (const volume::GridView& view : volume::grids_of(read, *kind)) {
                 if (!segment.has(view.name()))
                     reject(path, "has no grid " + view.name());

@@ -351,7 +351,7 @@ Volume volume_of(const VdbContent& content, const std::string& path, volume::Gri
             for (count = kind->fewest;
                  count < kind->most && content.has(volume::grid_name(*kind, count));)
                 ++count;
-        volume::set_grids(volume, *kind, count);
+        make_grids(volume, *kind, count, path);
         for (const volume::GridView& view : volume::grids_of(volume, *kind)) {
             const openvdb::GridBase::Ptr found = content.grid(view.name());
             if (!found)

@@ -37,6 +37,9 @@ inline constexpr double fit = 0.1; ///< the points that check it
 inline constexpr double fit_ray = 2.5e-7;
 inline constexpr double fit_point = 1.5e-5; ///< all steps of its solution
 
+inline constexpr double beam = 2e-7;        ///< of 2026-11-30, with its ray
+inline constexpr double beam_cell = 1.2e-8; ///< of its way
+
 inline constexpr double geometry_patch = 5e-7;
 inline constexpr double links_cell = 15e-6; ///< as validity_cell
 inline constexpr double inject = 0.01;
@@ -87,7 +90,8 @@ namespace bytes {
 
 inline constexpr unsigned fixed = 64u << 20;
 inline constexpr unsigned triangle = 260;
-inline constexpr unsigned cell = 150; ///< beside the coefficients and walls of the volume
+inline constexpr unsigned cell = 150;      ///< beside the coefficients and walls of the volume
+inline constexpr unsigned beams_cell = 64; ///< sums of a light, where some surface colours it
 inline constexpr unsigned fit_point = 700;
 inline constexpr unsigned hit = 4;   ///< of a ray between elements
 inline constexpr unsigned tint = 12; ///< and what it passed, where surfaces colour light

@@ -30,7 +30,17 @@ constexpr GridKind wall{.name = "wall",
                         .most = most_walls,
                         .quantity = {"way to a plane that hides what is beyond", "cells"},
                         .member = &Volume::walls};
-constexpr const GridKind* kinds[] = {&light, &occlusion, &validity, &wall};
+constexpr GridKind direct{.name = "direct",
+                          .channels = "rgb",
+                          .turning = Turning::harmonics,
+                          .most = sh_count(sh_max_order),
+                          .quantity = {"direct luminance of punctual lights", "cd/m^2"},
+                          .subtracted = true};
+constexpr GridKind visibility{.name = "visibility",
+                              .most = most_visibilities,
+                              .quantity = {"share of a light that arrives", "1"},
+                              .subtracted = true};
+constexpr const GridKind* kinds[] = {&light, &occlusion, &validity, &wall, &direct, &visibility};
 
 constexpr const char* coefficient_names[] = {
     "l0",    "l1_y",  "l1_z",  "l1_x",  "l2_xy", "l2_yz", "l2_z2", "l2_xz", "l2_x2y2",
@@ -86,7 +96,8 @@ std::vector<BasicGridView<Float>> all_grids(AnyVolume& volume) {
     for (const GridKind* kind : kinds)
         append(volume, *kind, views);
     for (const OtherGrids& other : volume.others)
-        append(volume, *other.kind, views);
+        if (std::ranges::find(kinds, other.kind) == std::end(kinds))
+            append(volume, *other.kind, views);
     return views;
 }
 
@@ -98,6 +109,14 @@ GridKinds grid_kinds() {
 
 const GridKind& light_kind() {
     return light;
+}
+
+const GridKind& direct_kind() {
+    return direct;
+}
+
+const GridKind& visibility_kind() {
+    return visibility;
 }
 
 const char* coefficient_name(int k) {

@@ -55,11 +55,20 @@ namespace lpvbake::volume {
 
 using GridKinds = std::span<const GridKind* const>;
 
-/// sh (light), occlusion, validity, wall: in the order in which files and lists have them.
+/// sh (light), occlusion, validity, wall, direct, visibility: in the order in which files and lists
+/// have them.
 GridKinds grid_kinds();
 
 /// The row of Volume::sh.
 const GridKind& light_kind();
+
+/// Direct light of punctual lights, no part of the field: as Volume::sh, but canonical in all
+/// files; and of each light the share of it that arrives.
+const GridKind& direct_kind();
+const GridKind& visibility_kind();
+
+/// Lights of which a volume may have the visibility.
+inline constexpr int most_visibilities = 32;
 
 /// Band of coefficient k (0 to 24), and its polynomial: l0, l1_y, l1_z, l1_x, l2_xy, l2_yz, l2_z2,
 /// l2_xz, l2_x2y2; from band 3 on its m, with n for minus and p for plus, as programs that read
@@ -90,7 +99,7 @@ using GridView = BasicGridView<float>;
 using ConstGridView = BasicGridView<const float>;
 
 /// All grids of a volume, those of a kind one after the other, in the order of grid_kinds(), then
-/// Volume::others. They are valid until the volume's vectors change.
+/// what else Volume::others has. They are valid until the volume's vectors change.
 std::vector<GridView> grids_of(Volume& volume);
 std::vector<ConstGridView> grids_of(const Volume& volume);
 

@@ -272,5 +272,35 @@ TEST_F(SceneCli, SaysWhatWasMixedUp) {
                  "separated by commas");
 }
 
+TEST_F(SceneCli, DirectLightIsKeptBesideTheField) {
+    const std::string box = LPVBAKE_EXAMPLES "/cornell_box.gltf --no-scene-lights "
+                                             "--sun 20,40,1000 --point 0,1,0,5 ";
+    run("bake " + box
+        + "-o a.vdb -o a.exr -o a.nvdb -o a.ktx2 --precision float --resolution 6 "
+          "--direct visibility,sh --beams 2 --sun-angle 0.53");
+    const json info = run_json("info a.vdb");
+    std::vector<std::string> names;
+    for (const json& grid : info["grids"])
+        names.push_back(grid["name"]);
+    for (const char* name : {"visibility_0", "visibility_1", "direct_l0", "direct_l2_x2y2"})
+        EXPECT_TRUE(std::ranges::count(names, name)) << name;
+    for (const char* other : {"a.exr", "a.nvdb", "a.ktx2"})
+        run(std::string("diff a.vdb ") + other);
+    // Axes turn it, conventions do not touch it.
+    run("convert a.vdb other.vdb --axes blender --sh-convention irradiance");
+    const Volume a = read_volume(folder_ / "a.vdb"), b = read_volume(folder_ / "other.vdb");
+    ASSERT_EQ(b.others.size(), 2u);
+    for (std::size_t kind = 0; kind < 2; ++kind)
+        for (std::size_t k = 0; k < a.others[kind].grids.size(); ++k)
+            for (std::size_t i = 0; i < a.others[kind].grids[k].size(); ++i)
+                EXPECT_NEAR(a.others[kind].grids[k][i], b.others[kind].grids[k][i], 1e-3);
+    EXPECT_GT(std::abs(a.others[0].grids[1][3 * 100]), 1.0f);
+    expect_error("bake " + box + "-o a.vdb --direct shadows", cmd::ExitCode::usage,
+                 "is neither visibility nor sh");
+    expect_error("bake " + box + "-o a.vdb --sun-angle 1", cmd::ExitCode::usage, "--direct");
+    expect_error("bake " + box + "-o a.vdb --direct sh --adaptive 0.1..0.2", cmd::ExitCode::usage,
+                 "--adaptive");
+}
+
 } // namespace
 } // namespace lpvbake

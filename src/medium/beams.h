@@ -1,0 +1,45 @@
+// The light that punctual lights send straight to the cells of a grid, by beams.
+#pragma once
+
+#include "lpvbake/volume.h"
+#include "visibility/visibility.h"
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace lpvbake::medium {
+
+struct BeamSettings {
+    int per_cell = 4;     ///< beams along an edge of a cell, at least
+    double sun_angle = 0; ///< across the disc of a directional light, radians (the sun: 0.0093)
+    int order = 2;        ///< of DirectLight::sh
+};
+
+/// Of one light, by Grid::index.
+struct DirectLight {
+    /// Share of the light that arrives, 0 to 1, a mean over the cell; where surfaces or the air
+    /// between colour it that of its luminance (Rec. 709). 0 more than two cells beside a spot's
+    /// cone and beyond a light's range.
+    std::vector<float> visibility;
+    /// sh[k][cell]: incident luminance as Volume::sh has it, nits; a mean over the cell.
+    std::vector<std::vector<glm::vec3>> sh;
+    uint64_t beams = 0;
+    uint64_t steps = 0; ///< cells that beams went through
+};
+
+/// Sends beams from a light through the box [0, extent] of the frame, whose unit is a cell, and
+/// sums the lengths of their ways through each cell: those that light has come, and all. A beam
+/// carries as much to all points on its way, whatever it spreads to, so that the sum of power times
+/// length over a cell's volume is the mean illuminance. How dense beams happen to lie in a cell
+/// makes no difference to the ratio of the two sums: where nothing stands in the way it is 1 and
+/// the illuminance what the light has without a scene (directional: its own; point and spot:
+/// I / r^2, averaged over the cell, from two cells of the light on by 2^3 Gauss points, nearer by
+/// the beams themselves). A cell counts as far as its `walls` (Volume::walls, or none) go.
+///
+/// Sums are of whole numbers: the same bits for any number of threads.
+DirectLight direct_light(const Light& light, const visibility::Visibility& visibility,
+                         const scene::Frame& frame, std::span<const std::vector<glm::vec3>> walls,
+                         const BeamSettings& settings);
+
+} // namespace lpvbake::medium

@@ -1,0 +1,98 @@
+// Direct light and visibility beside a field.
+#include "bake/bake.h"
+#include "gpu/device.h"
+#include "lpvbake/error.h"
+#include "scenes.h"
+#include "volume/grids.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+namespace lpvbake {
+namespace {
+
+class BakedDirect : public testing::DeviceTest {
+protected:
+    Volume run(const Scene& scene, const char* solver, const bake::DirectSettings& direct) {
+        bake::BakeSettings settings(*bake::find_solver(solver));
+        settings.bounds = Bounds{{-1, 0, -1}, {1, 2, 1}};
+        settings.grid.cell = 0.2;
+        settings.grid.margin = 0;
+        settings.direct = direct;
+        const bake::BakePlan plan = bake::plan_bake(bake::survey(scene), settings, device().info());
+        Progress silent;
+        Baked baked = bake::bake(scene, plan, device(), silent);
+        // What is planned is what comes.
+        std::vector<std::string> planned, made;
+        for (const volume::GridView& grid : volume::grids_of(planned_ = bake::grids_of(plan)))
+            planned.push_back(grid.name());
+        for (const volume::GridView& grid : volume::grids_of(baked.volume))
+            made.push_back(grid.name());
+        EXPECT_EQ(planned, made);
+        const auto is_beams = [](const StageReport& stage) { return stage.name == "beams"; };
+        EXPECT_EQ(std::ranges::count_if(plan.stages, is_beams),
+                  std::ranges::count_if(baked.stages, is_beams));
+        return std::move(baked.volume);
+    }
+    std::span<const float> grid(const Volume& volume, const GridKind& kind, std::size_t k) {
+        return volume::grids_of(volume, kind)[k].values();
+    }
+
+private:
+    Volume planned_;
+};
+
+TEST_F(BakedDirect, TheFieldIsAsWithoutIt) {
+    const Scene scene = scenes::cornell_box_with_sun();
+    for (const char* solver : {"sn", "gather", "lpv"}) {
+        const Volume with = run(scene, solver, {true, true}), without = run(scene, solver, {});
+        EXPECT_EQ(with.sh, without.sh) << solver;
+        EXPECT_EQ(with.walls, without.walls) << solver;
+        EXPECT_TRUE(without.others.empty());
+        EXPECT_EQ(volume::grids_of(with, volume::direct_kind()).size(), with.sh.size());
+    }
+}
+
+TEST_F(BakedDirect, LightsAddUpAndEachHasItsVisibility) {
+    Scene both = scenes::cornell_box_with_sun(300);
+    both.lights.push_back(scenes::point_light({0.1, 1.7, 0.3}, 20));
+    Scene sun = both, lamp = both;
+    sun.lights.resize(1);
+    lamp.lights.erase(lamp.lights.begin());
+    const Volume all = run(both, "gather", {true, true});
+    const Volume parts[] = {run(sun, "gather", {true, true}), run(lamp, "gather", {true, true})};
+    for (std::size_t i = 0; i < 2; ++i)
+        EXPECT_TRUE(std::ranges::equal(grid(all, volume::visibility_kind(), i),
+                                       grid(parts[i], volume::visibility_kind(), 0)));
+    for (std::size_t k = 0; k < all.sh.size(); ++k) {
+        const auto sum = grid(all, volume::direct_kind(), k);
+        for (std::size_t i = 0; i < sum.size(); ++i)
+            EXPECT_FLOAT_EQ(sum[i], grid(parts[0], volume::direct_kind(), k)[i]
+                                        + grid(parts[1], volume::direct_kind(), k)[i]);
+    }
+    EXPECT_EQ(all.metadata.at("visibility"), R"(["",""])");
+    for (Light& light : both.lights)
+        light.intensity *= 2;
+    const Volume twice = run(both, "gather", {true, true});
+    for (std::size_t i = 0; i < 2; ++i)
+        EXPECT_TRUE(std::ranges::equal(grid(all, volume::visibility_kind(), i),
+                                       grid(twice, volume::visibility_kind(), i)));
+    for (std::size_t i = 0; i < 3 * all.grid.size(); ++i)
+        EXPECT_EQ(grid(twice, volume::direct_kind(), 0)[i],
+                  2 * grid(all, volume::direct_kind(), 0)[i]);
+}
+
+TEST_F(BakedDirect, WhatHasNoLightsHasNone) {
+    Scene scene = scenes::cornell_box();
+    scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f), glm::vec3(9)),
+                     {-0.3f, 1.9f, -0.3f}, {0.6f, 0, 0}, {0, 0, 0.6f});
+    EXPECT_TRUE(run(scene, "gather", {true, true}).others.empty());
+    scene.lights.assign(33, scenes::point_light({0, 1, 0}, 1));
+    EXPECT_THROW(run(scene, "gather", {true, false}), Error);
+    EXPECT_EQ(volume::grids_of(run(scene, "gather", {false, true}), volume::direct_kind()).size(),
+              9u);
+}
+
+} // namespace
+} // namespace lpvbake

@@ -1,0 +1,262 @@
+// Direct light by beams, beside closed forms and beside rays from points.
+#include "medium/beams.h"
+
+#include "scenes.h"
+#include "visibility/walls.h"
+
+#include <gtest/gtest.h>
+#include <tbb/task_arena.h>
+
+#include <cmath>
+#include <random>
+
+namespace lpvbake {
+namespace {
+
+using medium::BeamSettings;
+using medium::DirectLight;
+
+constexpr double y0 = 0.28209479177387814;
+
+scene::Frame cube(int cells, double unit = 1.0) {
+    return {glm::dvec3(0), unit, glm::dvec3(cells)};
+}
+
+std::size_t index(int cells, glm::ivec3 c) {
+    return std::size_t(c.x + cells * (c.y + cells * c.z));
+}
+
+/// Far from where anything is asked.
+Scene nothing() {
+    Scene scene;
+    scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)), {1e4f, 1e4f, 1e4f},
+                     {1e-3f, 0, 0}, {0, 1e-3f, 0});
+    return scene;
+}
+
+DirectLight lit(const Scene& scene, const Light& light, const scene::Frame& frame,
+                const BeamSettings& settings = {}) {
+    return medium::direct_light(light, visibility::Visibility(scene, frame), frame, {}, settings);
+}
+
+/// Of all directions together, lx.
+double illuminance(const DirectLight& light, std::size_t cell, int channel = 0) {
+    return double(light.sh[0][cell][channel]) / y0;
+}
+
+TEST(Beams, InTheOpenEachCellHasAllOfTheSun) {
+    const scene::Frame frame = cube(9, 0.3);
+    for (const int k : {1, 2, 4}) {
+        const DirectLight light =
+            lit(nothing(), scenes::sun({0.37, -0.81, 0.22}, 500), frame, {k, 0.0, 2});
+        for (std::size_t cell = 0; cell < 729; ++cell) {
+            EXPECT_EQ(light.visibility[cell], 1.0f);
+            EXPECT_NEAR(illuminance(light, cell), 500.0, 5e-4);
+        }
+    }
+}
+
+TEST(Beams, BehindAPlateACellHasItsShareOfTheLight) {
+    // The plate's rim is at x = 4.3, far above: cells of that column are lit in 70 % of their
+    // volume, and at 45 degrees in what the slanted plane leaves of them.
+    Scene scene;
+    scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)), {-50, 20, -50},
+                     {54.3f, 0, 0}, {0, 0, 100});
+    for (const int k : {4, 16}) {
+        const DirectLight straight = lit(scene, scenes::sun({0, -1, 0}, 1), cube(8), {k, 0.0, 1});
+        for (int x = 0; x < 8; ++x)
+            EXPECT_NEAR(straight.visibility[index(8, {x, 3, 5})],
+                        x < 4   ? 0
+                        : x > 4 ? 1
+                                : 0.7,
+                        0.5 / k + 1e-6)
+                << x;
+        // The light's plane through the rim: x - y = 4.3 - 20 + s; lit beyond it.
+        const DirectLight slanted = lit(scene, scenes::sun({1, -1, 0}, 1), cube(8), {k, 0.0, 1});
+        double difference = 0;
+        for (int x = 0; x < 8; ++x)
+            for (int y = 0; y < 8; ++y) {
+                const double s = 4.3 + 20 - x - y; // a + b > s in the unit square is lit
+                const double share = s <= 0   ? 1
+                                     : s <= 1 ? 1 - 0.5 * s * s
+                                     : s <= 2 ? 0.5 * (2 - s) * (2 - s)
+                                              : 0;
+                const double seen = slanted.visibility[index(8, {x, y, 4})];
+                EXPECT_NEAR(seen, share, 0.75 / k) << x << ' ' << y;
+                difference += seen - share;
+            }
+        EXPECT_NEAR(difference / 64, 0, 0.02 / k);
+    }
+}
+
+TEST(Beams, ALampsOwnCellHasTheMeanOfItsLight) {
+    // The integral of 1 / r^2 over a cube around its middle is 7.67412 edges.
+    const double h = 0.25, candela = 40;
+    const DirectLight light =
+        lit(nothing(), scenes::point_light(glm::dvec3(4.5 * h), candela), cube(9, h));
+    EXPECT_NEAR(illuminance(light, index(9, {4, 4, 4})), 7.67412 * candela / (h * h),
+                2e-3 * 7.67412 * candela / (h * h));
+    double sum = 0;
+    for (std::size_t cell = 0; cell < 729; ++cell) {
+        EXPECT_EQ(light.visibility[cell], 1.0f);
+        sum += illuminance(light, cell) * h * h * h;
+    }
+    EXPECT_NEAR(sum, 7.67412 * candela * 9 * h, 1e-3 * 7.67412 * candela * 9 * h);
+}
+
+TEST(Beams, ALampBesideTheGridIsExactFromTwoCellsOn) {
+    const DirectLight light = lit(nothing(), scenes::point_light({-7, 2, 3}, 10), cube(6));
+    for (int x = 0; x < 6; ++x) {
+        const glm::dvec3 way = glm::dvec3(-7, 2, 3) - (glm::dvec3(x, 2, 4) + 0.5);
+        const std::size_t cell = index(6, {x, 2, 4});
+        EXPECT_EQ(light.visibility[cell], 1.0f);
+        EXPECT_NEAR(illuminance(light, cell), 10 / glm::dot(way, way),
+                    0.01 * 10 / glm::dot(way, way));
+        EXPECT_LT(light.sh[3][cell].x, 0.0f); // it comes from -x
+    }
+}
+
+/// The share of a cell's light that arrives, by rays from points of it to the light.
+double by_rays(const visibility::Visibility& visibility, const Light& light, glm::ivec3 cell,
+               std::mt19937& random) {
+    std::uniform_real_distribution<double> any(0.0, 1.0);
+    double arrives = 0, all = 0;
+    for (int i = 0; i < 4000; ++i) {
+        const glm::dvec3 p = glm::dvec3(cell) + glm::dvec3(any(random), any(random), any(random));
+        const bool parallel = light.type == LightType::directional;
+        const glm::dvec3 way = parallel ? -100.0 * light.direction : light.position - p;
+        const double weight = parallel ? 1 : 1 / glm::dot(way, way);
+        all += weight;
+        arrives += weight * double(visibility.filter({glm::vec3(p), glm::vec3(way)}).x);
+    }
+    return arrives / all;
+}
+
+TEST(Beams, AgreeWithRaysFromPointsOfCells) {
+    // A grid of 12 cells in metres around boxes and a pane that a third of the light passes.
+    Scene scene;
+    const int grey = scenes::add_material(scene, glm::vec3(0.5f));
+    scenes::add_box(scene, grey, {2.2f, 0.1f, 3.3f}, {5.7f, 6.4f, 6.1f}, scenes::Facing::outward);
+    scenes::add_box(scene, grey, {8.1f, 2.3f, 1.4f}, {9.2f, 3.2f, 9.5f}, scenes::Facing::outward);
+    for (const bool pane : {false, true}) {
+        if (pane) {
+            const int glass = scenes::add_material(scene, glm::vec3(0.5f), glm::vec3(0), true);
+            scene.materials[std::size_t(glass)].alpha_mode = AlphaMode::blend;
+            scene.materials[std::size_t(glass)].base_color.a = 2.0f / 3;
+            scenes::add_quad(scene, glass, {6.6f, 0, 0}, {0, 0, 12}, {0, 12, 0});
+        }
+        const scene::Frame frame = cube(12);
+        const visibility::Visibility visibility(scene, frame);
+        for (const Light& light :
+             {scenes::sun({0.5, -0.7, 0.3}, 1), scenes::point_light({7.1, 9.2, 5.5}, 1)}) {
+            const DirectLight beams =
+                medium::direct_light(light, visibility, frame, {}, {6, 0.0, 1});
+            std::mt19937 random(7);
+            double sum = 0;
+            for (int i = 0; i < 60; ++i) {
+                const glm::ivec3 cell(int(random() % 12), int(random() % 12), int(random() % 12));
+                const double share = by_rays(visibility, light, cell, random);
+                EXPECT_NEAR(beams.visibility[index(12, cell)], share, 0.08)
+                    << cell.x << ' ' << cell.y << ' ' << cell.z;
+                sum += double(beams.visibility[index(12, cell)]) - share;
+            }
+            EXPECT_NEAR(sum / 60, 0, 0.006);
+        }
+    }
+}
+
+TEST(Beams, GlassColoursWhatArrives) {
+    Scene scene;
+    const int glass = scenes::add_material(scene, {0.9f, 0.5f, 0.1f}, glm::vec3(0), true);
+    scene.materials[std::size_t(glass)].transmission = 1.0f;
+    scenes::add_quad(scene, glass, {-50, 8.5f, -50}, {0, 0, 100}, {100, 0, 0});
+    const DirectLight light = lit(scene, scenes::sun({0.1, -1, 0}, 100), cube(4));
+    for (int channel = 0; channel < 3; ++channel)
+        EXPECT_NEAR(illuminance(light, 21, channel), 100 * glm::vec3(0.9f, 0.5f, 0.1f)[channel],
+                    1e-3);
+    EXPECT_NEAR(light.visibility[21], 0.2126 * 0.9 + 0.7152 * 0.5 + 0.0722 * 0.1, 1e-6);
+}
+
+TEST(Beams, ASpotHasItsConeAndItsRange) {
+    Light spot = scenes::spot_light({8.5, 15, 8.5}, {0, -1, 0}, 100, 0.2, 0.5);
+    spot.range = 12;
+    const DirectLight light = lit(nothing(), spot, cube(16), {8, 0.0, 1});
+    for (int y = 0; y < 11; ++y) {
+        const double r = 15 - (y + 0.5);
+        const double window = std::max(0.0, 1 - std::pow(r / 12, 4));
+        EXPECT_NEAR(illuminance(light, index(16, {8, y, 8})), 100 / (r * r) * window,
+                    0.05 * 100 / (r * r));
+    }
+    EXPECT_EQ(illuminance(light, index(16, {0, 12, 8})), 0.0);
+    EXPECT_EQ(light.visibility[index(16, {0, 12, 8})], 0.0f);
+    // Beside the cone's rim the way is still clear, for whoever reads between cells.
+    EXPECT_EQ(light.visibility[index(16, {8 + 4, 9, 8})], 1.0f);
+    EXPECT_EQ(illuminance(light, index(16, {8 + 5, 9, 8})), 0.0);
+}
+
+TEST(Beams, ASunWithADiscHasAPenumbra) {
+    // Behind a half-plane d above, the share of a disc of angular radius a that is seen t beside
+    // the rim's shadow, x = t / (d tan a): 1/2 + (x sqrt(1 - x^2) + asin x) / pi.
+    const double angle = 0.3, above = 20;
+    Scene scene;
+    scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)),
+                     {-100, float(above) + 4.5f, -100}, {108, 0, 0}, {0, 0, 200});
+    const DirectLight light = lit(scene, scenes::sun({0, -1, 0}, 1), cube(16), {8, angle, 2});
+    for (int x = 0; x < 16; ++x) {
+        double expected = 0, seen = 0;
+        for (int i = 0; i < 100; ++i) {
+            const double at =
+                std::clamp((x + (i + 0.5) / 100 - 8) / (above * std::tan(0.5 * angle)), -1.0, 1.0);
+            expected += 0.5 + (at * std::sqrt(1 - at * at) + std::asin(at)) / M_PI;
+        }
+        for (int z = 0; z < 16; ++z)
+            seen += light.visibility[index(16, {x, 4, z})];
+        EXPECT_NEAR(seen / 16, expected / 100, 0.01) << x;
+    }
+    // Its bands are those of a disc: the second falls short of a point's by about a^2 / 2.
+    const DirectLight point = lit(nothing(), scenes::sun({0, -1, 0}, 1), cube(1), {4, 0.0, 2});
+    const DirectLight disc = lit(nothing(), scenes::sun({0, -1, 0}, 1), cube(1), {4, angle, 2});
+    EXPECT_NEAR(disc.sh[1][0].x / point.sh[1][0].x, 0.5 * (1 + std::cos(0.5 * angle)), 1e-5);
+    EXPECT_EQ(disc.sh[0][0].x, point.sh[0][0].x);
+}
+
+TEST(Beams, ACellCountsAsFarAsItsWalls) {
+    // Centres of cells lie on the floor: half of each is in the dark below it.
+    Scene scene;
+    scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)), {-50, 3.5f, -50},
+                     {0, 0, 100}, {100, 0, 0});
+    const scene::Frame frame = cube(8);
+    const visibility::Visibility visibility(scene, frame);
+    const Light sun = scenes::sun({0.4, -1, 0.3}, 1);
+    const std::vector<float> valid(512, 1.0f);
+    const auto walls = visibility::find_walls(visibility, glm::ivec3(8), valid, 3, 2.0f);
+    const std::size_t cell = index(8, {4, 3, 4});
+    EXPECT_NEAR(medium::direct_light(sun, visibility, frame, {}, {8, 0.0, 1}).visibility[cell], 0.5,
+                0.05);
+    EXPECT_EQ(medium::direct_light(sun, visibility, frame, walls, {}).visibility[cell], 1.0f);
+}
+
+TEST(Beams, NoLightComesIntoAClosedRoom) {
+    const Scene scene = scenes::furnace(4, 0.5f, 1);
+    const scene::Frame frame{glm::dvec3(0.1), 0.5, glm::dvec3(7)};
+    for (const Light& light : {scenes::sun({0.3, -1, 0.2}, 1), scenes::point_light({6, 2, 3}, 9)})
+        for (const float share : lit(scene, light, frame).visibility)
+            EXPECT_EQ(share, 0.0f);
+}
+
+TEST(Beams, SameBitsForAnyNumberOfThreads) {
+    const Scene scene = scenes::cornell_box();
+    const scene::Frame frame{glm::dvec3(-1, 0, -1), 0.1, glm::dvec3(20)};
+    for (const Light& light :
+         {scenes::sun({0.3, -1, -0.9}, 1), scenes::point_light({0.1, 1.8, 0.2}, 1)}) {
+        DirectLight one, four;
+        tbb::task_arena(1).execute([&] { one = lit(scene, light, frame, {4, 0.05, 2}); });
+        tbb::task_arena(4).execute([&] { four = lit(scene, light, frame, {4, 0.05, 2}); });
+        EXPECT_EQ(one.visibility, four.visibility);
+        EXPECT_EQ(one.sh, four.sh);
+        EXPECT_GT(one.steps, one.beams);
+    }
+}
+
+} // namespace
+} // namespace lpvbake
