@@ -52,6 +52,9 @@ struct RenderOptions : SceneOptions, RunOptions {
     render::ToneMap tone_map = render::ToneMap::neutral;
     int reference = 0;
     std::vector<std::string> reference_outputs;
+    std::optional<medium::Medium> medium; ///< its box is that of `medium_bounds`, or the scene's
+    std::optional<Bounds> medium_bounds;
+    int fog_steps = 0; ///< medium::FogSettings
 };
 
 std::string name_of(render::Show show) {
@@ -144,6 +147,52 @@ render::CameraChoice parse_camera(const std::string& text) {
     return camera;
 }
 
+/// "X", or "R/G/B".
+glm::dvec3 parse_channels(const std::string& text, const std::string& part) {
+    const auto numbers = options::parse_numbers(part, '/');
+    if (!numbers || (numbers->size() != 1 && numbers->size() != 3)
+        || std::ranges::any_of(*numbers, [](double x) { return !(x >= 0 && x <= 1e6); }))
+        options::refuse(text, "'" + part + "' is neither X nor R/G/B, each a share a metre from 0");
+    return numbers->size() == 1 ? glm::dvec3(numbers->front())
+                                : glm::dvec3((*numbers)[0], (*numbers)[1], (*numbers)[2]);
+}
+
+/// "scatter=0.02,absorb=0.002,g=0.6".
+medium::Medium parse_medium(const std::string& text) {
+    medium::Medium air;
+    for (const std::string& part : options::split(text, ',')) {
+        const std::size_t equals = part.find('=');
+        const std::string key = part.substr(0, equals);
+        const std::string value = equals == std::string::npos ? "" : part.substr(equals + 1);
+        if (key == "scatter")
+            air.scatter = parse_channels(text, value);
+        else if (key == "absorb")
+            air.absorb = parse_channels(text, value);
+        else if (const auto g = options::parse_number(value); key == "g" && g && std::abs(*g) < 1)
+            air.g = *g;
+        else
+            options::refuse(text, "'" + part
+                                      + "' is none of scatter=X, absorb=X and g=X with X between "
+                                        "-1 and 1");
+    }
+    if (air.extinction() == glm::dvec3(0))
+        options::refuse(text, "neither scatters nor absorbs");
+    return air;
+}
+
+/// "exact", or "march:N".
+int parse_fog_method(const std::string& text) {
+    if (text == "exact")
+        return 0;
+    if (text.starts_with("march:"))
+        return int(options::number_within(text.substr(6), 1, 1e6, true));
+    options::refuse(text, "is neither exact nor march:N");
+}
+
+std::string name_of_fog(const RenderOptions& o) {
+    return o.fog_steps > 0 ? "march:" + std::to_string(o.fog_steps) : "exact";
+}
+
 /// The camera, and the picture's size: of a camera that has an aspect, as high as usual.
 Camera choose_camera(const RenderOptions& o, const Scene& scene, const Grid& grid,
                      const visibility::Visibility& visibility, const scene::Frame& frame,
@@ -172,6 +221,8 @@ void check_options(const RenderOptions& o) {
             || o.show == render::Show::cells))
         throw Error(ErrorKind::argument,
                     "--reference: paths know nothing of --show " + name_of(o.show));
+    if (o.reference > 0 && o.medium)
+        throw Error(ErrorKind::argument, "--reference: paths know nothing of --medium");
     for (const std::string& output : all_outputs(o))
         if (!options::has_extension(output, ".png") && !options::has_extension(output, ".exr"))
             throw Error(ErrorKind::argument,
@@ -285,6 +336,12 @@ void print_json_result(const RenderResult& r, const Run& run) {
                             {"target", report::vector_json(target_of(r.view.camera))},
                             {"fov", glm::degrees(r.view.camera.yfov)}}},
                           {"dry_run", o.dry_run}};
+    document["medium"] = nullptr;
+    if (o.medium)
+        document["medium"] = {{"scatter", report::vector_json(o.medium->scatter)},
+                              {"absorb", report::vector_json(o.medium->absorb)},
+                              {"g", o.medium->g},
+                              {"method", name_of_fog(o)}};
     if (!o.dry_run) {
         document["exposure"] = r.exposure;
         document["mean_luminance"] = render::mean_luminance(r.rendering.picture);
@@ -326,6 +383,9 @@ void print_text_result(const RenderResult& r, const Run& run) {
                 glm::degrees(camera.yfov));
     std::printf("picture       %d x %d pixels, %s each, %s\n", r.view.size.x, r.view.size.y,
                 counted(uint64_t(o.samples), "sample").c_str(), name_of(o.show).c_str());
+    if (o.medium)
+        std::printf("medium        scatters %.4g, absorbs %.4g a metre (green), g %.3g; %s\n",
+                    o.medium->scatter.g, o.medium->absorb.g, o.medium->g, name_of_fog(o).c_str());
     if (o.dry_run) {
         for (const std::string& output : all_outputs(o))
             std::printf("output        %s\n", output.c_str());
@@ -380,6 +440,15 @@ void run(const RenderOptions& o) {
         run.end_stage("prepare");
         const render::LitScene lit{scene, frame, seen, paths};
         const std::optional<volume::VolumeSet> filled = filled_for(sampler, levels);
+        const volume::Levels field(levels);
+        std::optional<medium::Fog> fog;
+        if (o.medium) {
+            medium::Medium air = *o.medium;
+            air.box = o.medium_bounds.value_or(bounds_of(scene));
+            fog.emplace(scene, visibility, frame, &field, air, medium::FogSettings{o.fog_steps});
+            view.fog = &*fog;
+            run.end_stage("medium");
+        }
         result.rendering =
             render::render(lit, filled ? *filled : levels, raster, sampler, view, run.progress);
         const image::Pixels& drawn = result.rendering.picture;
@@ -430,6 +499,21 @@ options::Action declare(options::Options& options) {
                    "Samples of each pixel, spread over its square");
     options.choice("--show", o.show, options::choices_named<render::Show>(show_names), "See below");
     add_sampler_option(options, o.sampler);
+
+    options.group("Air");
+    options.value("--medium", o.medium, "scatter=X,absorb=X,g=X", parse_medium,
+                  "Fog before what is seen: shares of light scattered and absorbed a metre, X or "
+                  "R/G/B, and the mean cosine of scattering; see below");
+    options
+        .value("--medium-bounds", o.medium_bounds, "X0,Y0,Z0,X1,Y1,Z1", options::parse_bounds,
+               "Box of the medium, metres; default: the scene's")
+        .need("medium");
+    options
+        .value("--fog-method", o.fog_steps, "exact|march:N", parse_fog_method,
+               "exact: lit parts of each ray in closed form; march:N: N steps with shadow rays, as "
+               "programs do",
+               "exact")
+        .need("medium");
 
     options.group("Picture");
     options.value("--exposure", o.exposure, "EV|auto", parse_exposure, "Of a .png", "auto");

@@ -1,6 +1,7 @@
 #include "medium/beams.h"
 
 #include "colour/colour.h"
+#include "medium/medium.h"
 #include "scene/photometry.h"
 #include "visibility/tangents.h"
 #include "volume/sh.h"
@@ -31,25 +32,6 @@ struct Beam {
     double intensity = 1;   ///< share of the light's: of a spot's cone
     double traced_from = 0; ///< where light comes from
 };
-
-/// Where a ray is in the box [0, size]; none: nowhere.
-std::optional<glm::dvec2> within(glm::dvec3 origin, glm::dvec3 direction, glm::dvec3 size) {
-    double begin = -HUGE_VAL, end = HUGE_VAL;
-    for (int axis = 0; axis < 3; ++axis) {
-        if (direction[axis] == 0) {
-            if (!(origin[axis] >= 0 && origin[axis] < size[axis]))
-                return std::nullopt;
-            continue;
-        }
-        const double a = -origin[axis] / direction[axis];
-        const double b = (size[axis] - origin[axis]) / direction[axis];
-        begin = std::max(begin, std::min(a, b));
-        end = std::min(end, std::max(a, b));
-    }
-    if (!(begin < end))
-        return std::nullopt;
-    return glm::dvec2(begin, end);
-}
 
 /// Solid angle of a rectangle of the plane at distance 1, from its corner below the axis on.
 double solid_angle_to(double x, double y) {
@@ -99,6 +81,11 @@ public:
 private:
     // ------------------------------------------------------------ which beams
 
+    /// Where a line is in the grid.
+    std::optional<glm::dvec2> through(glm::dvec3 origin, glm::dvec3 direction) const {
+        return within(origin, direction, glm::dvec3(0), size_, -HUGE_VAL, HUGE_VAL);
+    }
+
     /// A lattice across the light, of a spacing that does not depend on its direction.
     void send_parallel() {
         const glm::dvec3 direction = glm::normalize(light_.direction), middle = 0.5 * size_;
@@ -127,7 +114,7 @@ private:
                 beam.origin = middle + at.x * u + at.y * v;
                 beam.direction = glm::normalize(direction + aside.x * u + aside.y * v);
                 beam.traced_from = from;
-                if (const auto in = within(beam.origin, beam.direction, size_)) {
+                if (const auto in = through(beam.origin, beam.direction)) {
                     beam.begin = in->x;
                     beam.end = in->y;
                     beams.push_back(beam);
@@ -184,7 +171,7 @@ private:
                 tile.lo + tile.edge * (i == 4 ? glm::dvec2(0.5) : glm::dvec2(i & 1, i >> 1));
             const glm::dvec3 way = towards(tile.face, at);
             cosine = std::min(cosine, glm::dot(axis, glm::normalize(way)));
-            if (const auto in = within(at_, way, size_))
+            if (const auto in = through(at_, way))
                 depth = std::max(depth, in->y);
         }
         const double wide = std::acos(cosine);
@@ -239,7 +226,7 @@ private:
         Beam beam;
         beam.origin = at_;
         beam.direction = glm::normalize(towards(face, lo + 0.5 * edge));
-        const auto in = within(at_, beam.direction, size_);
+        const auto in = through(at_, beam.direction);
         if (!in || in->y <= 0)
             return std::nullopt;
         beam.begin = std::max(0.0, in->x);

@@ -84,6 +84,30 @@ glm::dvec3 colour_of_volume(Show show, const Volume& volume, const readers::Read
     return glm::dvec3(std::clamp(sum, 0.0, 1.0));
 }
 
+/// What is seen of a colour so far along a ray, with what the air before it adds, so many times.
+glm::dvec3 through_air(const medium::Fog& fog, Show show, glm::dvec3 origin, glm::dvec3 along,
+                       double depth, glm::dvec3 colour, double weight) {
+    const double length = glm::length(along), distance = depth * length;
+    const glm::dvec3 way = along / length;
+    colour *= fog.transmittance(origin, way, distance);
+    if (weight > 0 && show != Show::indirect)
+        colour += weight * fog.direct(origin, way, distance);
+    if (weight > 0 && show != Show::direct)
+        colour += weight * fog.of_field(origin, way, distance);
+    return colour;
+}
+
+/// How often what air adds counts in sample i of n: it is summed in few, spread over the pixel.
+double fog_weight(uint32_t i, uint32_t n) {
+    constexpr uint32_t most = 4;
+    const uint32_t stride = n / std::min(n, most);
+    const auto counts = [&](uint32_t each) { return each % stride == each / stride % stride; };
+    uint32_t all = 0;
+    for (uint32_t each = 0; each < n; ++each)
+        all += counts(each);
+    return counts(i) ? double(n) / all : 0.0;
+}
+
 image::Pixels black(glm::ivec2 size) {
     return {size.x, size.y, 3, std::vector<float>(std::size_t(size.x) * std::size_t(size.y) * 3)};
 }
@@ -119,9 +143,15 @@ Rendering render(const LitScene& lit, const volume::Levels& levels, const raster
         return glm::dvec3(visibility.tint(
             {glm::vec3(view.origin), glm::vec3(along), float(view.nearest), float(depth)}, true));
     };
-    const auto colour = [&](const raster::RasterTexel& seen, glm::dvec3 along, uint64_t& rays) {
+    const auto colour = [&](const raster::RasterTexel& seen, glm::dvec3 along, double fog,
+                            uint64_t& rays) {
+        const auto in_air = [&](glm::dvec3 behind, double depth) {
+            return settings.fog && through_glass
+                       ? through_air(*settings.fog, show, view.origin, along, depth, behind, fog)
+                       : behind;
+        };
         if (seen.triangle == 0)
-            return background(scene, show, along) * tint_of(along, HUGE_VAL);
+            return in_air(background(scene, show, along) * tint_of(along, HUGE_VAL), HUGE_VAL);
         const auto [instance, triangle] = origins[seen.triangle - 1];
         SurfacePoint p = surface.point(
             instance, triangle, surface.barycentric(instance, triangle, view.origin, along), along);
@@ -131,9 +161,10 @@ Rendering render(const LitScene& lit, const volume::Levels& levels, const raster
             return colour_of_volume(show, levels.volumes[volume::level_at(levels, world)], reader,
                                     world, p.smooth);
         const double depth = glm::dot(p.point - view.origin, view.axis);
-        return tint_of(along, depth) * colour_of(show, p, paths, rays, [&] {
-                   return glm::max(readers::irradiance(reader, levels, world, p.smooth), 0.0);
-               });
+        const glm::dvec3 of_surface = colour_of(show, p, paths, rays, [&] {
+            return glm::max(readers::irradiance(reader, levels, world, p.smooth), 0.0);
+        });
+        return in_air(tint_of(along, depth) * of_surface, depth);
     };
 
     Rendering result;
@@ -156,12 +187,13 @@ Rendering render(const LitScene& lit, const volume::Levels& levels, const raster
                 // What is seen of a blended surface is spread over the samples, by the golden
                 // ratio.
                 tile.shift = sample * 0x9e3779b9u;
+                const double fog = fog_weight(sample, samples);
                 const std::span<const raster::RasterTexel> seen = raster.draw(view, tile, true);
                 tbb::parallel_for(0, extent.y, [&](int row) {
                     for (int column = 0; column < extent.x; ++column) {
                         const std::size_t i =
                             std::size_t(row) * std::size_t(extent.x) + std::size_t(column);
-                        sums[i] += colour(seen[i], view.along(tile.at(column, row)),
+                        sums[i] += colour(seen[i], view.along(tile.at(column, row)), fog,
                                           rays[std::size_t(y + row)]);
                     }
                 });

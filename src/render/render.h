@@ -3,6 +3,7 @@
 
 #include "image/image.h"
 #include "lpvbake/progress.h"
+#include "medium/fog.h"
 #include "raster/raster.h"
 #include "readers/readers.h"
 #include "render/shade.h"
@@ -22,6 +23,7 @@ struct ViewSettings {
     glm::ivec2 size{960, 540}; ///< pixels
     int samples = 16;          ///< of each pixel, spread over its square
     Show show = Show::final;
+    const medium::Fog* fog = nullptr; ///< what lies between; null: nothing
 };
 
 struct Rendering {
@@ -33,15 +35,16 @@ struct Rendering {
 
 /// Draws the scene on the device, sample by sample, and lights what is seen: punctual lights by
 /// shadow rays, the field of one volume or of nested levels as `reader` shows it, and dark where
-/// that is negative. Backs of single-sided materials are not drawn. The same bits for any number of
-/// threads. Throws Error: invalid (Show::occlusion of a volume without); device, memory; and
-/// whatever `progress` throws.
+/// that is negative. Fog is before what is light on its way to the eye; what it adds is taken in at
+/// most four samples of a pixel. Backs of single-sided materials are not drawn. The same bits for
+/// any number of threads. Throws Error: invalid (Show::occlusion of a volume without); device,
+/// memory; and whatever `progress` throws.
 Rendering render(const LitScene& lit, const volume::Levels& levels, const raster::Raster& raster,
                  const readers::Reader& reader, const ViewSettings& settings, Progress& progress);
 
-/// The same picture by ViewSettings::samples paths a pixel, from the eye on: instead of the field
-/// the light that it should hold. Of Show only final, direct, indirect, albedo, normal and
-/// irradiance. Throws what Paths::arriving and `progress` throw.
+/// The same picture, without fog, by ViewSettings::samples paths a pixel, from the eye on: instead
+/// of the field the light that it should hold. Of Show only final, direct, indirect, albedo, normal
+/// and irradiance. Throws what Paths::arriving and `progress` throw.
 Rendering trace_picture(const LitScene& lit, const ViewSettings& settings, Progress& progress);
 
 } // namespace lpvbake::render

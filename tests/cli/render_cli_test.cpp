@@ -268,5 +268,44 @@ TEST_F(RenderCli, WrongCommandLinesAreRefused) {
     EXPECT_FALSE(std::filesystem::exists(folder_ / "a.png"));
 }
 
+TEST_F(RenderCli, AirAttenuatesAndScatters) {
+    const std::string picture = "\"$ROOM\" v.vdb --size 16x12 --samples 5 ",
+                      indirect = picture + "--show indirect ";
+    EXPECT_TRUE(run_json(indirect + "-o clear.exr")["medium"].is_null());
+    run_json(indirect + "-o thin.exr --medium absorb=1e-7");
+    // Seen from outside, a thick box of it is black, or where it absorbs nothing shows the field.
+    const std::string box = "--medium-bounds -9,-9,-9,9,9,3 ";
+    run_json(indirect + box + "-o black.exr --medium absorb=90");
+    const json thick = run_json(indirect + box + "-o thick.exr --medium scatter=200/200/100,g=0.3");
+    EXPECT_EQ(thick["medium"]["scatter"], json({200, 200, 100}));
+    EXPECT_EQ(thick["medium"]["method"], "exact");
+    const image::Pixels clear = exr("clear.exr"), thin = exr("thin.exr"), black = exr("black.exr"),
+                        full = exr("thick.exr");
+    for (std::size_t i = 0; i < clear.samples.size(); ++i) {
+        EXPECT_NEAR(thin.samples[i], clear.samples[i], 1e-5f * clear.samples[i]);
+        EXPECT_LT(black.samples[i], 1e-12f);
+        EXPECT_NEAR(full.samples[i], 10.0f, 1e-3f);
+    }
+    // What programs do comes near it with many steps.
+    run_json(picture + "-o exact.exr --medium scatter=0.1,absorb=0.05,g=0.2");
+    run_json(picture
+             + "-o march.exr --medium scatter=0.1,absorb=0.05,g=0.2 "
+               "--fog-method march:200");
+    const image::Pixels exact = exr("exact.exr"), march = exr("march.exr");
+    double difference = 0, sum = 0;
+    for (std::size_t i = 0; i < exact.samples.size(); ++i) {
+        difference += std::abs(double(exact.samples[i]) - double(march.samples[i]));
+        sum += double(march.samples[i]);
+    }
+    EXPECT_LT(difference, 0.01 * sum);
+    expect_error(picture + "-o a.png --medium scatter=-1", cmd::ExitCode::usage, "share a metre");
+    expect_error(picture + "-o a.png --medium g=1,scatter=1", cmd::ExitCode::usage, "'g=1'");
+    expect_error(picture + "-o a.png --medium fog=1", cmd::ExitCode::usage, "'fog=1'");
+    expect_error(picture + "-o a.png --medium g=0.5", cmd::ExitCode::usage, "neither scatters");
+    expect_error(picture + "-o a.png --medium scatter=1 --reference 4", cmd::ExitCode::usage,
+                 "--medium");
+    expect_error(picture + "-o a.png --fog-method march:4", cmd::ExitCode::usage, "--medium");
+}
+
 } // namespace
 } // namespace lpvbake

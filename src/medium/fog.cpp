@@ -1,0 +1,230 @@
+#include "medium/fog.h"
+
+#include "volume/sampler.h"
+#include "volume/sh.h"
+
+#include <glm/gtc/constants.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+namespace lpvbake::medium {
+namespace {
+
+/// Gauss and Legendre's four places in [-1, 1] and their weights.
+constexpr std::array<glm::dvec2, 4> gauss{glm::dvec2{-0.8611363115940526, 0.3478548451374538},
+                                          {-0.3399810435848563, 0.6521451548625461},
+                                          {0.3399810435848563, 0.6521451548625461},
+                                          {0.8611363115940526, 0.3478548451374538}};
+constexpr double widest_angle = 0.2; ///< at a lamp, of a piece that the rule is used on
+constexpr double nearest = 1e-3;     ///< frame units that a ray passes a lamp by, at least
+
+/// The sum of a volume's coefficients times those of `basis`, of valid cells by their trilinear
+/// weights.
+volume::LevelReading<glm::dvec3> read(const Volume& volume, glm::dvec3 point,
+                                      const volume::ShValues& basis) {
+    const volume::CellWeights cells =
+        volume::weights_at(volume, point, {0, 1, 0}, Reading::trilinear);
+    glm::dvec3 sum(0.0);
+    double weight = 0;
+    for (std::size_t corner = 0; corner < 8; ++corner) {
+        const std::size_t cell = cells.cell[corner];
+        if (cells.weight[corner] == 0 || !volume.is_valid(cell))
+            continue;
+        weight += cells.weight[corner];
+        for (std::size_t k = 0; k < volume.sh.size(); ++k)
+            sum += cells.weight[corner] * double(basis[k]) * glm::dvec3(volume.sh[k][cell]);
+    }
+    return {weight > 0 ? sum / weight : glm::dvec3(0), weight > 0};
+}
+
+} // namespace
+
+Fog::Fog(const Scene& scene, const visibility::Visibility& visibility, const scene::Frame& frame,
+         const volume::Levels* levels, const Medium& medium, const FogSettings& settings)
+    : visibility_(visibility),
+      frame_(frame),
+      levels_(levels),
+      medium_(medium),
+      settings_(settings),
+      lo_(frame.from_world(medium.box.lo)),
+      hi_(frame.from_world(medium.box.hi)),
+      scatter_(medium.scatter * frame.unit),
+      extinct_(medium.extinction() * frame.unit) {
+    for (const Light& light : scene.lights) {
+        Source source{light, light.intensity * glm::dvec3(light.color), {}, {}, {}, {}};
+        source.direction = glm::normalize(light.direction);
+        if (light.type != LightType::directional)
+            source.at = frame.from_world(light.position);
+        if (light.type == LightType::spot)
+            source.cone = scene::Cone(light);
+        if (settings.steps == 0)
+            source.depths.emplace_back(light, visibility, frame, lo_, hi_, settings.map_size);
+        sources_.push_back(std::move(source));
+    }
+}
+
+std::optional<Fog::Part> Fog::part_in(glm::dvec3 origin, glm::dvec3 direction,
+                                      double distance) const {
+    const auto in = within(origin, direction, lo_, hi_, 0.0, distance);
+    if (!in)
+        return std::nullopt;
+    return Part{origin, direction, in->x, in->y};
+}
+
+glm::dvec3 Fog::transmittance(glm::dvec3 origin, glm::dvec3 direction, double distance) const {
+    const auto part = part_in(origin, direction, distance);
+    return part ? glm::exp(-extinct_ * (part->end - part->begin)) : glm::dvec3(1.0);
+}
+
+double Fog::way_in(const Source& source, glm::dvec3 place) const {
+    if (source.light.type == LightType::directional) {
+        const auto in = within(place, -source.direction, lo_, hi_, 0.0, HUGE_VAL);
+        return in ? in->y : 0;
+    }
+    const glm::dvec3 way = source.at - place;
+    const auto in = within(place, way, lo_, hi_, 0.0, 1.0);
+    return in ? (in->y - in->x) * glm::length(way) : 0;
+}
+
+glm::dvec3 Fog::illuminance(const Source& source, glm::dvec3 place) const {
+    if (source.light.type == LightType::directional)
+        return source.power;
+    const glm::dvec3 way = (place - source.at) * frame_.unit;
+    const double distance = std::max(glm::length(way), nearest * frame_.unit);
+    double share = scene::range_window(source.light, distance) / (distance * distance);
+    if (source.light.type == LightType::spot)
+        share *= source.cone(way / distance);
+    return share * source.power;
+}
+
+double Fog::deflection(const Source& source, glm::dvec3 place, glm::dvec3 direction) const {
+    if (source.light.type == LightType::directional)
+        return -glm::dot(source.direction, direction);
+    const glm::dvec3 way = place - source.at;
+    return -glm::dot(way, direction) / std::max(glm::length(way), nearest);
+}
+
+glm::dvec3 Fog::marched(const Source& source, const Part& part) const {
+    const double step = (part.end - part.begin) / settings_.steps;
+    glm::dvec3 sum(0.0);
+    for (int i = 0; i < settings_.steps; ++i) {
+        const double t = part.begin + (i + 0.5) * step;
+        const glm::dvec3 place = part.at(t);
+        const bool parallel = source.light.type == LightType::directional;
+        const glm::dvec3 arrives = illuminance(source, place);
+        if (arrives == glm::dvec3(0))
+            continue;
+        const glm::dvec3 way = parallel ? -source.direction : source.at - place;
+        const float open = visibility_.transmittance(
+            {glm::vec3(place), glm::vec3(way), 0.0f, parallel ? HUGE_VALF : 1.0f});
+        sum += double(open) * phase(medium_.g, deflection(source, place, part.direction)) * arrives
+               * glm::exp(-extinct_ * (t - part.begin + way_in(source, place)));
+    }
+    return scatter_ * step * sum;
+}
+
+glm::dvec3 Fog::of_parallel(const Source& source, const Part& part, glm::dvec2 lit) const {
+    // The way of light in the box to a point of the ray, before each face by which it may enter, is
+    // linear along the ray; the shortest counts.
+    std::array<glm::dvec2, 3> ways; // at the ray's origin, and a unit on
+    for (int axis = 0; axis < 3; ++axis) {
+        const double d = source.direction[axis];
+        ways[std::size_t(axis)] =
+            d == 0 ? glm::dvec2(HUGE_VAL, 0)
+                   : glm::dvec2((part.origin[axis] - (d > 0 ? lo_ : hi_)[axis]) / d,
+                                part.direction[axis] / d);
+    }
+    std::array<double, 5> cuts{lit.x, lit.y, lit.y, lit.y, lit.y};
+    for (std::size_t i = 0; i < 3; ++i) {
+        const glm::dvec2 a = ways[i], b = ways[(i + 1) % 3];
+        const double t = (b.x - a.x) / (a.y - b.y);
+        cuts[i + 2] = t > lit.x && t < lit.y ? t : lit.y;
+    }
+    std::ranges::sort(cuts);
+    glm::dvec3 sum(0.0);
+    for (std::size_t i = 0; i + 1 < cuts.size(); ++i) {
+        const double from = cuts[i], to = cuts[i + 1], middle = 0.5 * (from + to);
+        if (!(from < to))
+            continue;
+        const glm::dvec2 way = *std::ranges::min_element(
+            ways, {}, [&](glm::dvec2 each) { return each.x + each.y * middle; });
+        for (int c = 0; c < 3; ++c)
+            sum[c] += std::exp(-extinct_[c] * (from - part.begin + way.x + way.y * from))
+                      * decay(extinct_[c] * (1 + way.y), 0, to - from);
+    }
+    return scatter_ * phase(medium_.g, deflection(source, {}, part.direction)) * source.power * sum;
+}
+
+glm::dvec3 Fog::of_lamp(const Source& source, const Part& part, glm::dvec2 lit) const {
+    // t = middle + beside tan(angle), after Kulla and Fajardo 2012: dt / r^2 = d angle / beside.
+    const double middle = glm::dot(source.at - part.origin, part.direction);
+    const double beside = std::max(glm::length(source.at - part.at(middle)), nearest);
+    const double first = std::atan((lit.x - middle) / beside);
+    const double last = std::atan((lit.y - middle) / beside);
+    const double thick = std::max({extinct_.x, extinct_.y, extinct_.z}) * (lit.y - lit.x);
+    const int pieces =
+        std::clamp(int(std::ceil(std::max((last - first) / widest_angle, 0.5 * thick))), 1, 1000);
+    const double half = 0.5 * (last - first) / pieces;
+    glm::dvec3 sum(0.0);
+    for (int i = 0; i < pieces; ++i)
+        for (const glm::dvec2 point : gauss) {
+            const double angle = first + half * (2 * i + 1 + point.x);
+            const double t = middle + beside * std::tan(angle);
+            const glm::dvec3 place = part.at(t);
+            const double square = beside * beside + (t - middle) * (t - middle);
+            sum += point.y * phase(medium_.g, deflection(source, place, part.direction)) * square
+                   * illuminance(source, place)
+                   * glm::exp(-extinct_ * (t - part.begin + way_in(source, place)));
+        }
+    return scatter_ * half / beside * sum;
+}
+
+glm::dvec3 Fog::direct(glm::dvec3 origin, glm::dvec3 direction, double distance) const {
+    const auto part = part_in(origin, direction, distance);
+    glm::dvec3 sum(0.0);
+    if (!part || scatter_ == glm::dvec3(0))
+        return sum;
+    std::vector<glm::dvec2> lit;
+    for (const Source& source : sources_) {
+        if (settings_.steps > 0) {
+            sum += marched(source, *part);
+            continue;
+        }
+        source.depths.front().lit_parts(origin, direction, part->begin, part->end, lit);
+        for (const glm::dvec2 each : lit)
+            sum += source.light.type == LightType::directional ? of_parallel(source, *part, each)
+                                                               : of_lamp(source, *part, each);
+    }
+    return sum;
+}
+
+glm::dvec3 Fog::of_field(glm::dvec3 origin, glm::dvec3 direction, double distance) const {
+    const auto part = part_in(origin, direction, distance);
+    glm::dvec3 sum(0.0);
+    if (!part || !levels_ || scatter_ == glm::dvec3(0))
+        return sum;
+    // Light that goes on as it came is seen where it comes from.
+    volume::ShValues basis = volume::sh_basis(volume::sh_max_order, glm::vec3(direction));
+    for (int l = 0, k = 0; l <= volume::sh_max_order; ++l)
+        for (int m = 0; m <= 2 * l; ++m, ++k)
+            basis[std::size_t(k)] *= float(std::pow(medium_.g, l));
+    const int steps = settings_.steps > 0 ? settings_.steps
+                                          : std::max(1, int(std::ceil(part->end - part->begin)));
+    const double step = (part->end - part->begin) / steps;
+    for (int i = 0; i < steps; ++i) {
+        const double from = part->begin + i * step;
+        const glm::dvec3 world = frame_.to_world(part->at(from + 0.5 * step));
+        const glm::dvec3 seen = volume::blend(*levels_, world, [&](std::size_t level) {
+            return read(levels_->volumes[level], world, basis);
+        });
+        for (int c = 0; c < 3; ++c)
+            sum[c] += std::max(0.0, seen[c])
+                      * decay(extinct_[c], from - part->begin, from - part->begin + step);
+    }
+    return scatter_ * sum;
+}
+
+} // namespace lpvbake::medium

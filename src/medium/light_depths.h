@@ -1,0 +1,48 @@
+// How far a light reaches: a map of depths with a pyramid over it, which tells which parts of a ray
+// are lit without walking along it.
+#pragma once
+
+#include "scene/light_view.h"
+#include "visibility/visibility.h"
+
+#include <cstdint>
+#include <vector>
+
+namespace lpvbake::medium {
+
+class LightDepths {
+public:
+    /// Looks from the light with a ray a texel, `size` texels (a power of two) along a map's side,
+    /// at what casts shadows into the box [lo, hi] (frame units). What is partly transparent stops
+    /// light in as many texels as is its share.
+    LightDepths(const Light& light, const visibility::Visibility& visibility,
+                const scene::Frame& frame, glm::dvec3 lo, glm::dvec3 hi, int size);
+
+    /// The parts of a ray, from begin to end, that the light reaches, by rising t; a texel is lit
+    /// before the depth that it has in its middle. Descends a tree of the least and the largest
+    /// depth of 4, 16, ... texels: only what lies between them is looked at any closer. Without
+    /// `pyramid` all texels on the way are: the same bits, to test by. Returns how many nodes were
+    /// looked at.
+    uint64_t lit_parts(glm::dvec3 origin, glm::dvec3 direction, double begin, double end,
+                       std::vector<glm::dvec2>& parts, bool pyramid = true) const;
+
+private:
+    /// Linear along a ray across a map: minus the depth, or for perspective one over it.
+    using Key = float;
+    struct Level {
+        int size = 0;
+        std::vector<Key> least, most;
+    };
+    struct Map {
+        scene::RsmView view;
+        std::vector<Level> levels; ///< texels, then ever fewer
+    };
+    struct Line;
+    static void descend(const Map& map, std::size_t level, int x, int y, const Line& line,
+                        bool pyramid, std::vector<glm::dvec2>& parts, uint64_t& visits);
+
+    std::vector<Map> maps_;
+    bool open_ = false; ///< parallel light without a map: nothing stands in its way
+};
+
+} // namespace lpvbake::medium
