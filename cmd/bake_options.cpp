@@ -28,15 +28,14 @@ glm::dvec2 parse_adaptive(const std::string& text) {
 /// Of --adaptive, where neither error nor size is given.
 constexpr double usual_brick_error = 0.02;
 
-/// "X0,Y0,Z0,X1,Y1,Z1:CELL".
-volume::LevelBox parse_level(const std::string& text) {
+/// "X0,Y0,Z0,X1,Y1,Z1:CELL" or "NODES:CELL".
+LevelOption parse_level(const std::string& text) {
     const std::size_t colon = text.rfind(':');
     const auto cell =
         colon == std::string::npos ? std::nullopt : options::parse_number(text.substr(colon + 1));
     if (!cell || !(*cell > 0))
-        options::refuse(text, "is not X0,Y0,Z0,X1,Y1,Z1:CELL, in metres");
-    const Bounds box = options::parse_bounds(text.substr(0, colon));
-    return {box.lo, box.hi, *cell};
+        options::refuse(text, "is not X0,Y0,Z0,X1,Y1,Z1:CELL or NODES:CELL, in metres");
+    return {parse_box(text.substr(0, colon)), *cell};
 }
 
 // ---------------------------------------------------------------- options of solvers
@@ -209,8 +208,9 @@ void add_solver_options(options::Options& options, BakeOptions& o) {
 
 void add_level_options(options::Options& options, BakeOptions& o) {
     options
-        .values("--level", o.level, "X0,Y0,Z0,X1,Y1,Z1:CELL", parse_level,
-                "Box, metres, with cells of this size; repeated: nested levels of one scene, cells "
+        .values("--level", o.level, "X0,Y0,Z0,X1,Y1,Z1:CELL|NODES:CELL", parse_level,
+                "Box, metres or as --bounds has it of nodes, with cells of this size; repeated: "
+                "nested levels of one scene, cells "
                 "powers of two of the finest, into a file each; see below")
         .exclude({"resolution", "cell-size", "bounds", "margin", "levels", "focus", "at", "bytes",
                   "rsm-samples"})
@@ -223,8 +223,8 @@ void add_level_options(options::Options& options, BakeOptions& o) {
         .need("focus")
         .record(options::Recorded::if_changed);
     options
-        .value("--focus", o.focus, "X0,Y0,Z0,X1,Y1,Z1", options::parse_bounds,
-               "Box of the finest of --levels, metres")
+        .value("--focus", o.focus, "X0,Y0,Z0,X1,Y1,Z1|NODES", parse_box,
+               "Box of the finest of --levels, metres, or that of nodes, as of --bounds")
         .need("levels")
         .record(options::Recorded::if_changed);
     options
@@ -378,16 +378,23 @@ void check_options(const BakeOptions& o) {
 }
 
 std::vector<volume::LevelBox> levels_of(const BakeOptions& o, const Scene& scene) {
-    if (!o.levels)
-        return o.level;
+    if (!o.levels) {
+        std::vector<volume::LevelBox> levels;
+        for (const LevelOption& level : o.level) {
+            const Bounds box = *box_in(level.box, "--level", scene);
+            levels.push_back({box.lo, box.hi, level.cell});
+        }
+        return levels;
+    }
     const std::optional<Bounds> given = o.box_in(scene);
     const Bounds box = given.value_or(bounds_of(scene));
     volume::GridSettings settings = o.grid_settings();
     settings.cell *= std::exp2(*o.levels - 1);
     // Samples on the faces of a box that is given, and around the scene as one grid has them.
     const double out = (settings.margin - (given ? 0.0 : 0.5)) * settings.cell;
-    return volume::levels_around({o.focus->lo, o.focus->hi, o.grid.cell}, box.lo - out,
-                                 box.hi + out, std::size_t(*o.levels));
+    const Bounds focus = *box_in(o.focus, "--focus", scene);
+    return volume::levels_around({focus.lo, focus.hi, o.grid.cell}, box.lo - out, box.hi + out,
+                                 std::size_t(*o.levels));
 }
 
 bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& reader) {

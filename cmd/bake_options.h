@@ -19,6 +19,12 @@
 
 namespace lpvbake::cmd {
 
+/// --level.
+struct LevelOption {
+    BoxOption box;
+    double cell = 0; ///< metres
+};
+
 struct BakeOptions : SceneOptions, RunOptions {
     OutputOptions outputs;
     const solver::SolverKind* solver = nullptr; ///< null: what else is given, and the wish, decide
@@ -29,13 +35,13 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::optional<solver::Quality> quality;
     std::map<std::string, double> parameters; ///< of solvers
     FitOptions fit;
-    std::optional<uint64_t> verify;      ///< points
-    std::optional<uint64_t> bytes;       ///< of each output
-    bool any_resolution = true;          ///< with `bytes`
-    std::string at;                      ///< file of points; empty: a grid is baked
-    std::vector<volume::LevelBox> level; ///< of nested ones each
-    std::optional<int> levels;           ///< around `focus`
-    std::optional<Bounds> focus;
+    std::optional<uint64_t> verify; ///< points
+    std::optional<uint64_t> bytes;  ///< of each output
+    bool any_resolution = true;     ///< with `bytes`
+    std::string at;                 ///< file of points; empty: a grid is baked
+    std::vector<LevelOption> level; ///< of nested ones each
+    std::optional<int> levels;      ///< around `focus`
+    BoxOption focus;
     std::optional<bake::DirectSettings> direct;
     int beams = bake::DirectSettings().beams;
     double sun_angle = 0;               ///< degrees

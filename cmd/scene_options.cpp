@@ -52,14 +52,6 @@ std::variant<std::monostate, Sky, SkyPicture> parse_sky_option(const std::string
     return picture;
 }
 
-/// Six numbers, or what is no list of numbers.
-std::variant<std::monostate, Bounds, std::string> parse_box(const std::string& text) {
-    if (std::ranges::count(text, ',') == 5
-        || text.find_first_not_of("0123456789.,+-eE ") == std::string::npos)
-        return options::parse_bounds(text);
-    return text;
-}
-
 /// Of --default-light.
 const Sky default_sky{glm::vec3(1000), nullptr};
 constexpr const char* default_light = "a white sky of 1000 nits";
@@ -123,6 +115,13 @@ void add_load_options(options::Options& options, LoadSettings& load) {
     options.flag("--strict", load.strict, "Take warnings of the scene for errors");
     options.flag("--allow-external", load.allow_external,
                  "Let the scene read files outside its folder");
+}
+
+BoxOption parse_box(const std::string& text) {
+    if (std::ranges::count(text, ',') == 5
+        || text.find_first_not_of("0123456789.,+-eE ") == std::string::npos)
+        return options::parse_bounds(text);
+    return text;
 }
 
 void add_bounds_options(options::Options& options, SceneOptions& o) {
@@ -240,11 +239,15 @@ volume::GridSettings SceneOptions::grid_settings() const {
     return settings;
 }
 
+std::optional<Bounds> box_in(const BoxOption& box, const char* option, const Scene& scene) {
+    if (const auto* names = std::get_if<std::string>(&box))
+        return box_of_nodes(*names, option, scene);
+    const auto* given = std::get_if<Bounds>(&box);
+    return given ? std::optional(*given) : std::nullopt;
+}
+
 std::optional<Bounds> SceneOptions::box_in(const Scene& in) const {
-    if (const auto* names = std::get_if<std::string>(&bounds))
-        return box_of_nodes(*names, in);
-    const auto* box = std::get_if<Bounds>(&bounds);
-    return box ? std::optional(*box) : std::nullopt;
+    return cmd::box_in(bounds, "--bounds", in);
 }
 
 Scene load_scene(const SceneOptions& o, const GivenLights& given) {

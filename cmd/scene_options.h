@@ -28,13 +28,20 @@ struct SkyPicture {
     double scale = 1;
 };
 
+/// A box, or that of all nodes whose names fit a pattern; or nothing.
+using BoxOption = std::variant<std::monostate, Bounds, std::string>;
+/// Six numbers, or what is no list of numbers.
+BoxOption parse_box(const std::string& text);
+/// None: nothing is given. Throws Error (argument) where no node fits what `option` says.
+std::optional<Bounds> box_in(const BoxOption& box, const char* option, const Scene& scene);
+
 /// What is lit, and by what.
 struct SceneOptions {
     std::string scene;
     LoadSettings load;
     volume::GridSettings grid;
-    std::optional<int> margin;                                ///< none: as usual
-    std::variant<std::monostate, Bounds, std::string> bounds; ///< or of nodes; none: the scene's
+    std::optional<int> margin; ///< none: as usual
+    BoxOption bounds;          ///< nothing: the scene's
     std::vector<Light> suns, points;
     std::vector<std::string> light_files;
     std::vector<LightScale> light_scales;

@@ -56,7 +56,7 @@ void scale_lights(const std::vector<LightScale>& scales, Scene& scene) {
     std::erase_if(scene.lights, [](const Light& light) { return light.intensity == 0; });
 }
 
-Bounds box_of_nodes(const std::string& names, const Scene& scene) {
+Bounds box_of_nodes(const std::string& names, const char* option, const Scene& scene) {
     const std::vector<Bounds> boxes = scene::instance_boxes(scene);
     std::vector<Bounds> found;
     std::vector<std::string> known;
@@ -68,7 +68,8 @@ Bounds box_of_nodes(const std::string& names, const Scene& scene) {
     }
     const Bounds all = scene::union_of(found);
     if (all.empty())
-        fail_to_find(scene.path + ": --bounds: no node with surfaces", names, std::move(known));
+        fail_to_find(scene.path + ": " + option + ": no node with surfaces", names,
+                     std::move(known));
     return all;
 }
 

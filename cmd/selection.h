@@ -21,7 +21,7 @@ LightScale parse_light_scale(const std::string& text);
 void scale_lights(const std::vector<LightScale>& scales, Scene& scene);
 
 /// The box of the nodes whose names fit, with all below them. Throws Error (argument) where none
-/// does.
-Bounds box_of_nodes(const std::string& names, const Scene& scene);
+/// does, of that option.
+Bounds box_of_nodes(const std::string& names, const char* option, const Scene& scene);
 
 } // namespace lpvbake::cmd

@@ -77,8 +77,8 @@ std::string judgement(const VerifyOptions& o, const VerifyResult& r) {
 void print_result(const VerifyOptions& o, const VerifyResult& r, const Run& run) {
     if (o.format == Format::json) {
         report::Json grids = report::Json::array();
-        for (const Volume& level : r.levels.levels)
-            grids.push_back(report::grid_json(level.grid));
+        for (const Grid& grid : r.levels.grids())
+            grids.push_back(report::grid_json(grid));
         print_json(
             {{"command", "verify"},
              {"version", LPVBAKE_VERSION},
@@ -99,8 +99,8 @@ void print_result(const VerifyOptions& o, const VerifyResult& r, const Run& run)
              {"warnings", run.progress.warnings()}});
         return;
     }
-    for (const Volume& level : r.levels.levels)
-        print_grid(level.grid);
+    for (const Grid& grid : r.levels.grids())
+        print_grid(grid);
     print_stages(run.stages);
     print_total(run.seconds());
     print_verified(r.verified, r.sampler);
@@ -111,11 +111,13 @@ void print_result(const VerifyOptions& o, const VerifyResult& r, const Run& run)
 
 /// Measures, and where that does not decide between pass and fail, at more places, up to
 /// `most_times` as many. Throws Error (invalid) where what is judged has no light.
-void measure(const VerifyOptions& o, const Scene& scene, bool for_surfaces,
-             const readers::Reader& sampler, TerminalProgress& progress, VerifyResult& result) {
+void measure(const VerifyOptions& o, const Scene& scene, const std::optional<Bounds>& box,
+             bool for_surfaces, const readers::Reader& sampler, TerminalProgress& progress,
+             VerifyResult& result) {
     constexpr uint64_t most_times = 16;
     report::VerifySettings settings = o.settings;
     settings.isa = o.isa;
+    settings.box = box;
     for (uint64_t before = 0;; settings.points *= 4) {
         result.verified =
             report::verify(scene, result.levels, result.rules, sampler, settings, progress);
@@ -153,7 +155,8 @@ void run(const VerifyOptions& o, const volume::VolumeSet& levels) {
     result.rules.emitters = result.rules.emitters && !o.no_emitters;
     if (o.bounces)
         result.rules.bounces = o.bounces->most;
-    measure(o, scene, is_for_surfaces(given), sampler, run.progress, result);
+    const std::optional<Bounds> box = o.box_in(scene);
+    measure(o, scene, box, is_for_surfaces(given), sampler, run.progress, result);
     run.end_stage("verify");
     run.progress.end();
     print_result(o, result, run);
@@ -174,7 +177,7 @@ options::Action declare(options::Options& options) {
     VerifyOptions& o = *fields;
     options.text("volume", o.volume, "VOLUME",
                  "Volume of bake or reference, " + io::format_list(", ", true)
-                     + ", or the .levels.json of nested ones");
+                     + ", or the .levels.json of nested ones or of bricks");
     add_scene_option(options, o);
     add_light_options(options, o);
 
@@ -182,6 +185,9 @@ options::Action declare(options::Options& options) {
     options.number("--points", o.settings.points, 2, 1e6,
                    "Places to trace paths at, half of them cells, half on surfaces; with --fail "
                    "more until it is decided, at most 16 times as many");
+    options.value("--bounds", o.bounds, "X0,Y0,Z0,X1,Y1,Z1|NODES", parse_box,
+                  "Box of the places, metres, or that of all nodes whose names fit a pattern; "
+                  "default: all of the volume");
     options.number("--seed", o.settings.seed, 0, 4294967295, "Draws places and paths");
     options.value("--bounces", o.bounces, "N|inf", options::parse_bounces,
                   "Reflections of light at most; default: those of the volume");
@@ -207,11 +213,6 @@ options::Action declare(options::Options& options) {
             fields->scene = fields->volume;
         }
         const volume::VolumeSet levels = read_levels(fields->volume);
-        if (levels.bricks)
-            throw Error(ErrorKind::unsupported,
-                        fields->volume
-                            + ": bricks are not verified; make one volume of them by "
-                              "convert --flatten H");
         take_light(fields->volume, levels.levels.front(), options);
         tell("settings: " + options.recorded());
         run(*fields, levels);

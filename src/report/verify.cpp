@@ -89,35 +89,71 @@ std::vector<glm::vec3> field_of(const volume::Levels& levels, const LevelCell& a
     return field;
 }
 
+/// Where the light of cells is taken, units of one frame. That of bricks has finest cells for all.
+class CapturePoints {
+public:
+    CapturePoints(const volume::Levels& levels, const visibility::Visibility& visibility,
+                  const scene::Frame& frame)
+        : levels_(levels),
+          visibility_(visibility),
+          frame_(frame) {
+        if (levels.bricks)
+            return;
+        for (const Volume& level : levels.volumes) {
+            frames_.push_back(scene::frame_of(level.grid));
+            seen_.push_back(visibility.in_frame(frame, frames_.back()));
+        }
+    }
+
+    glm::vec3 at(const LevelCell& cell) const {
+        const Grid& grid = levels_.volumes[cell.level].grid;
+        const glm::ivec3 at = grid.cell_at(cell.cell);
+        if (levels_.bricks)
+            return visibility_.capture_at(glm::vec3(frame_.from_world(grid.center(at)))).point;
+        const glm::vec3 point = seen_[cell.level].capture(at).point;
+        return cell.level == 0
+                   ? point
+                   : glm::vec3(frame_.from_world(frames_[cell.level].to_world(glm::dvec3(point))));
+    }
+
+private:
+    const volume::Levels& levels_;
+    const visibility::Visibility& visibility_;
+    const scene::Frame& frame_;
+    std::vector<scene::Frame> frames_;
+    std::vector<visibility::Visibility> seen_;
+};
+
+bool is_in(const std::optional<Bounds>& box, glm::dvec3 point) {
+    return !box
+           || (glm::all(glm::greaterThanEqual(point, box->lo))
+               && glm::all(glm::lessThanEqual(point, box->hi)));
+}
+
 Sample sample_cells(const volume::Levels& levels, const visibility::Visibility& visibility,
-                    const scene::Frame& frame, uint64_t count, uint64_t seed) {
+                    const scene::Frame& frame, const std::optional<Bounds>& box, uint64_t count,
+                    uint64_t seed) {
     std::vector<LevelCell> cells;
     std::vector<double> light;
-    std::vector<scene::Frame> frames;
-    std::vector<visibility::Visibility> seen;
     for (std::size_t level = 0; level < levels.volumes.size(); ++level) {
         const Volume& volume = levels.volumes[level];
-        for (std::size_t i = 0; i < volume.grid.size(); ++i)
-            if (volume.is_valid(i)
-                && volume::level_at(levels, volume.grid.center(volume.grid.cell_at(i))) == level) {
+        for (std::size_t i = 0; i < volume.grid.size(); ++i) {
+            const glm::dvec3 at = volume.grid.center(volume.grid.cell_at(i));
+            if (volume.is_valid(i) && is_in(box, at) && volume::level_at(levels, at) == level) {
                 cells.push_back({level, i});
                 light.push_back(std::max(0.0, sum_of(glm::dvec3(volume.sh[0][i]))));
             }
-        frames.push_back(scene::frame_of(volume.grid));
-        seen.push_back(visibility.in_frame(frame, frames.back()));
+        }
     }
+    const CapturePoints points(levels, visibility, frame);
     Sample sample;
     sample.drawn = draw(light, count, seed);
     std::vector<std::vector<glm::vec3>> sh(levels.volumes.front().sh.size());
     for (Drawn& one : sample.drawn) {
         const LevelCell& own = cells[one.place];
         const Grid& grid = levels.volumes[own.level].grid;
-        const glm::ivec3 at = grid.cell_at(own.cell);
-        glm::vec3 point = seen[own.level].capture(at).point;
-        if (own.level > 0)
-            point = glm::vec3(frame.from_world(frames[own.level].to_world(glm::dvec3(point))));
-        sample.points.push_back(point);
-        sample.places.push_back(grid.center(at));
+        sample.points.push_back(points.at(own));
+        sample.places.push_back(grid.center(grid.cell_at(own.cell)));
         const std::vector<glm::vec3> field = field_of(levels, own);
         for (std::size_t k = 0; k < sh.size(); ++k)
             sh[k].push_back(field[k]);
@@ -129,9 +165,20 @@ Sample sample_cells(const volume::Levels& levels, const visibility::Visibility& 
 
 Sample sample_surfaces(const Scene& scene, const volume::Levels& levels,
                        const visibility::Visibility& visibility, const scene::Frame& frame,
-                       const readers::Reader& reader, uint64_t count, uint64_t seed) {
-    const Grid& grid = levels.volumes.back().grid;
-    const Bounds box{grid.origin, grid.origin + grid.cell * glm::dvec3(grid.dims)};
+                       const readers::Reader& reader, const std::optional<Bounds>& within,
+                       uint64_t count, uint64_t seed) {
+    Bounds box;
+    if (levels.bricks) {
+        const Grid& all = levels.bricks->levels().finest;
+        box = {all.center(glm::ivec3(0)), all.center(all.dims - 1)};
+    } else {
+        const Grid& all = levels.volumes.back().grid;
+        box = {all.origin, all.origin + all.cell * glm::dvec3(all.dims)};
+    }
+    if (within)
+        box = {glm::max(box.lo, within->lo), glm::min(box.hi, within->hi)};
+    if (glm::any(glm::greaterThanEqual(box.lo, box.hi)))
+        return {};
     const std::vector<FrontPoint> points =
         draw_surface_points(scene, visibility, frame, box, 8 * count, seed);
     std::vector<glm::dvec3> shown;
@@ -368,7 +415,8 @@ MeasuredError measured_error(std::span<const VerifiedPoint> points, uint64_t see
 Verified verify(const Scene& scene, const volume::Levels& levels, const reference::PathRules& rules,
                 const readers::Reader& reader, const VerifySettings& settings, Progress& progress) {
     const auto begin = std::chrono::steady_clock::now();
-    const scene::Frame frame = scene::frame_of(levels.volumes.front().grid);
+    const scene::Frame frame = scene::frame_of(levels.bricks ? levels.bricks->levels().finest
+                                                             : levels.volumes.front().grid);
     const visibility::Visibility visibility(scene, frame, settings.isa);
     reference::PathRules short_paths = rules;
     short_paths.faint = 1;
@@ -379,9 +427,10 @@ Verified verify(const Scene& scene, const volume::Levels& levels, const referenc
         return sample.points.empty() ? MeasuredError()
                                      : measure(paths, sample, settings, verified, progress);
     };
-    verified.cells = measure_at(sample_cells(levels, visibility, frame, half, settings.seed));
-    verified.surfaces =
-        measure_at(sample_surfaces(scene, levels, visibility, frame, reader, half, settings.seed));
+    verified.cells =
+        measure_at(sample_cells(levels, visibility, frame, settings.box, half, settings.seed));
+    verified.surfaces = measure_at(sample_surfaces(scene, levels, visibility, frame, reader,
+                                                   settings.box, half, settings.seed));
     std::ranges::stable_sort(verified.worst, std::greater<>(), &WrongPlace::share);
     verified.worst.resize(std::min(verified.worst.size(), most_places));
     verified.seconds =

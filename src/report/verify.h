@@ -9,6 +9,7 @@
 #include "volume/levels.h"
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -20,6 +21,7 @@ struct VerifySettings {
     uint64_t most_paths = 1 << 11; ///< from each point
     uint64_t seed = 1;
     visibility::Isa isa = visibility::Isa::automatic;
+    std::optional<Bounds> box; ///< metres; places in it alone count
 };
 
 /// A relative error of irradiance (sum |E - T| / sum T) that was measured at some of many places.
@@ -49,9 +51,10 @@ struct Verified {
 
 /// Cells and points are drawn by even steps, half in proportion to their number and half to their
 /// light, which is where most of an error is; intervals are from 1000 samples of the points drawn
-/// (Efron's bootstrap, percentiles). `levels` is a volume of the scene or nested ones, which are
-/// read as one field; of a level cells count that no finer one has a share in. `rules` are those of
-/// its light. Depends on no clock. Throws Error (invalid) as trace_probes.
+/// (Efron's bootstrap, percentiles). `levels` is a volume of the scene, nested ones or bricks,
+/// which are read as one field; of a level cells count that no finer one has a share in, of bricks
+/// the samples that are the finest there. `rules` are those of its light. Depends on no clock.
+/// Throws Error (invalid) as trace_probes.
 Verified verify(const Scene& scene, const volume::Levels& levels, const reference::PathRules& rules,
                 const readers::Reader& reader, const VerifySettings& settings, Progress& progress);
 

@@ -153,6 +153,17 @@ std::vector<LevelBox> levels_around(const LevelBox& focus, glm::dvec3 lo, glm::d
     return levels;
 }
 
+std::vector<Grid> VolumeSet::grids() const {
+    std::vector<Grid> grids;
+    if (bricks)
+        for (int level = 0; level < bricks->levels().count; ++level)
+            grids.push_back(bricks->levels().lattice(level));
+    else
+        for (const Volume& level : levels)
+            grids.push_back(level.grid);
+    return grids;
+}
+
 double share_of(const Levels& levels, std::size_t level, glm::dvec3 point) {
     if (levels.bricks || level + 1 == levels.volumes.size())
         return 1;

@@ -45,7 +45,9 @@ struct VolumeSet {
     /// the last have the metadata.
     std::optional<BrickTree> bricks = {};
 
-    /// All samples of the finest, and of the outermost level.
+    /// All samples that a level has, or that bricks of it could have, the finest first.
+    std::vector<Grid> grids() const;
+    /// Those of the finest, and of the outermost level.
     Grid finest() const { return bricks ? bricks->levels().finest : levels.front().grid; }
     Grid outermost() const {
         return bricks ? bricks->levels().lattice(bricks->levels().count - 1) : levels.back().grid;

@@ -51,8 +51,29 @@ TEST_F(BricksCli, BricksAreSparseLevelsOrAnAtlasAndAManifest) {
                      "--flatten");
     expect_one_error(run("convert a.levels.json c.tres"), "convert", ExitCode::usage,
                      "bricks are written as");
-    expect_one_error(run("verify a.levels.json \"$ROOM\""), "verify", ExitCode::unsupported,
-                     "bricks are not verified");
+}
+
+TEST_F(BricksCli, BricksAreVerifiedAsTheFieldThatTheyAre) {
+    ASSERT_EQ(run("bake \"$ROOM\" -q --adaptive 0.1..0.2 --error 0.5% -o a.vdb").status, 0);
+    ASSERT_EQ(run("bake \"$ROOM\" --solver gather --cell-size 0.1 -o dense.vdb -q").status, 0);
+    const auto verified = [&](const std::string& arguments) {
+        const CliResult result = run("verify " + arguments + " --points 300 --format json");
+        EXPECT_EQ(result.status, 0) << result.err;
+        return json::parse(result.out);
+    };
+    const json bricks = verified("a.levels.json \"$ROOM\""), grid = verified("dense.vdb \"$ROOM\"");
+    EXPECT_EQ(bricks["levels"].size(), 2u);
+    for (const char* where : {"cells", "surfaces"}) {
+        EXPECT_LT(bricks["verified"][where]["error"], 0.15) << where;
+        EXPECT_LT(std::abs(double(bricks["verified"][where]["error"])
+                           - double(grid["verified"][where]["error"])),
+                  0.04)
+            << where;
+    }
+    // In a box alone.
+    for (const json& worst :
+         verified("a.levels.json \"$ROOM\" --bounds 0,0,-1,1,2,1")["verified"]["worst"])
+        EXPECT_GE(double(worst["position"][0]), 0.0);
 }
 
 TEST_F(BricksCli, OtherBricksAreComparedFlattened) {

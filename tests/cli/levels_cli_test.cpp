@@ -28,6 +28,19 @@ protected:
     TemporaryFolder folder_;
 };
 
+TEST_F(LevelsCli, BoxesAreThoseOfNodesToo) {
+    const auto grids = [&](const std::string& levels) {
+        const CliResult result = run("bake \"$ROOM\" -o a.vdb --dry-run --format json " + levels);
+        EXPECT_EQ(result.status, 0) << result.err;
+        return json::parse(result.out)["levels"];
+    };
+    const std::string box = "0.05,0,0.05,0.65,0.6,0.65";
+    EXPECT_EQ(grids("--levels 2 --cell-size 0.1 --focus 'short*'"),
+              grids("--levels 2 --cell-size 0.1 --focus " + box));
+    EXPECT_EQ(grids("--level 'short box:0.1' --level room:0.2"),
+              grids("--level " + box + ":0.1 --level -1,0,-1,1,2,1:0.2"));
+}
+
 TEST_F(LevelsCli, ASetIsAFileALevelAndAManifestInAnyOrder) {
     ASSERT_EQ(bake(fine + around + " -o a.vdb -o e.exr").status, 0);
     ASSERT_EQ(bake(around + fine + " -o b.vdb").status, 0);
@@ -158,6 +171,8 @@ TEST_F(LevelsCli, WhatCannotBeNestedIsRefusedBeforeAnyWork) {
     refused(fine + " --level 0,0,0,1,2,1:0.2", "levels are nested");
     refused(" --level 1,0,0,-1,2,1:0.2", "x0 above x1");
     refused(" --level 1,0,0,2,2,1", "is not X0,Y0,Z0,X1,Y1,Z1:CELL");
+    refused(" --level 'tree*:0.1'", "--level: no node with surfaces");
+    refused(" --levels 2 --cell-size 0.1 --focus tree", "--focus: no node with surfaces");
     refused(" --level 0,0,0,1,1,1:0.00001 --level -1,0,-1,1,2,1:0.16384", "cannot be told apart");
     refused(fine + around + " --resolution 32", "--resolution");
     refused(fine + around + " --rsm-samples 4", "--rsm-samples");
