@@ -8,6 +8,7 @@
 #include "io/points.h"
 #include "lpvbake/error.h"
 #include "lpvbake/scene.h"
+#include "machine.h"
 #include "options/lights.h"
 #include "scene/scene_hash.h"
 #include "text.h"
@@ -425,7 +426,8 @@ void add_dry_run_option(options::Options& options, RunOptions& o, const char* he
 
 void add_run_options(options::Options& options, RunOptions& o) {
     options.group("Run");
-    options.number("--threads", o.threads, 0, 1024, "CPU threads; 0: one a core");
+    options.number("--threads", o.threads, 0, 1024,
+                   "CPU threads; 0: as many as the process may use, by affinity and control group");
     add_format_option(options, o.format);
     options.choice("--progress", o.progress,
                    options::Choices<ProgressStyle>{{"auto", ProgressStyle::automatic},
@@ -783,12 +785,15 @@ bool can_start(int count) {
 void limit_threads(int threads) {
     // TBB's, Mesa's on the CPU, and the few that those start beside. Mesa's waits for ever for one
     // that it could not start.
-    const int wanted = threads > 0 ? threads : int(std::thread::hardware_concurrency());
+    const int allowed = machine_threads();
+    const int wanted = threads > 0 ? threads : allowed;
     if (wanted > 1 && !can_start(2 * wanted + 6)) {
         print_warning("too few threads can be started (ulimit -u, the container's limit of PIDs): "
                       "computing on one");
         threads = 1;
     }
+    if (threads == 0 && allowed < sysconf(_SC_NPROCESSORS_ONLN))
+        threads = allowed;
     if (threads == 0)
         return;
     // Mesa's driver for the CPU draws on the thread that asks where it is given none of its own.

@@ -24,7 +24,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "src"))
 from architecture import folders
 
 API = "lpvbake"  # a folder of headers that everyone may include, and that include each other alone
-EVERYWHERE = ["background.h", "base64.h", "file_error.h", "machine_memory.h", "mix_word.h", "quoted.h", "text.h"]  # at the top of src/
+EVERYWHERE = ["background.h", "base64.h", "file_error.h", "machine.h", "mix_word.h", "quoted.h", "text.h"]  # at the top of src/
 
 PACKAGES = {  # start of the header's name -> where it may be included
     "openvdb/": "src/io/",

@@ -1,7 +1,7 @@
 #include "bake/bricks.h"
 
 #include "lpvbake/error.h"
-#include "machine_memory.h"
+#include "machine.h"
 #include "text.h"
 #include "visibility/capture.h"
 #include "visibility/walls.h"

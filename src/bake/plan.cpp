@@ -3,7 +3,7 @@
 #include "background.h"
 #include "bake/surface_fit.h"
 #include "lpvbake/error.h"
-#include "machine_memory.h"
+#include "machine.h"
 #include "scene/light_view.h"
 #include "scene/lights.h"
 #include "solver/models.h"

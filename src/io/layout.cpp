@@ -1,6 +1,6 @@
 #include "io/layout.h"
 
-#include "machine_memory.h"
+#include "machine.h"
 #include "volume/sh.h"
 
 #include <algorithm>

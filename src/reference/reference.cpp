@@ -2,7 +2,7 @@
 
 #include "background.h"
 #include "lpvbake/error.h"
-#include "machine_memory.h"
+#include "machine.h"
 #include "reference/sampling.h"
 #include "scene/lights.h"
 #include "text.h"

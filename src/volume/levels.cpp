@@ -1,7 +1,7 @@
 #include "volume/levels.h"
 
 #include "lpvbake/error.h"
-#include "machine_memory.h"
+#include "machine.h"
 #include "text.h"
 #include "volume/grid.h"
 #include "volume/sh.h"
