@@ -1,11 +1,13 @@
 #!/usr/bin/python3
-"""Holds the Python reader's nested levels to a field that every interpolation returns.
+"""Holds the Python reader's nested levels and bricks to a field that every interpolation returns.
 
 Usage: levels_test.py EXAMPLES.
 """
 
+import json
 import pathlib
 import sys
+import tempfile
 import unittest
 
 import numpy as np
@@ -79,6 +81,59 @@ class Levels(unittest.TestCase):
             np.testing.assert_allclose(levels.irradiance(point, normal), expected, rtol=1e-6)
             shares.add(0 < levels.share(0, point) < 1)
         self.assertEqual(shares, {False, True}, "of points where levels blend")
+
+
+BRICKS = [[(0, 0, 0), (1, 1, 0), (2, 1, 1)],  # by level, the finest first
+          [(i, j, k) for i in range(3) for j in range(2) for k in range(2)],
+          [(0, 0, 0), (1, 0, 0)]]
+CORNER, FINEST = np.array([-3.25, 0.5, 7]), 0.25
+
+
+def bricks_of(atlas, shift=0):
+    """As the file of a manifest has them: stacked in an atlas, or in the lattice of each level;
+    `shift` samples off."""
+    places = [(level, np.array(place)) for level, of in enumerate(BRICKS) for place in of]
+    box = [*CORNER, *(CORNER + 8 * 4 * FINEST * np.array([2, 1, 1]))]
+    manifest = {"format": "lpvbake bricks",
+                "levels": [{"file": f"{level}.vdb", "cell": FINEST * 2**level, "box": box,
+                            "bricks": [int(i) for place in of for i in place]}
+                           for level, of in enumerate(BRICKS)]}
+    if atlas:
+        manifest["atlas"] = {"file": "atlas.exr", "slots": [3, 3, 2]}
+
+    def load(path, firsts):
+        name = pathlib.Path(path).name
+        stored = places if atlas else [each for each in places if name == f"{each[0]}.vdb"]
+        dims = (27, 27, 18) if atlas else np.array([65, 33, 33]) // 2**stored[0][0] + 1
+        field = np.full((4, *dims, 3), np.nan)
+        for n, (level, place) in enumerate(stored):
+            first = 9 * np.array([n % 3, n // 3 % 3, n // 9]) if atlas else 8 * place
+            cell = FINEST * 2**level
+            at = CORNER + cell * (8 * place + np.stack(np.indices((9, 9, 9)), -1) + shift)
+            field[(slice(None), *(slice(i, i + 9) for i in first))] = np.moveaxis(affine(at), -2, 0)
+        cut = [field[(slice(None), *(slice(i, i + 9) for i in first))] for first in firsts]
+        return [Trilinear(c, np.ones((9, 9, 9)), np.zeros((0, 9, 9, 9, 3)), None, None) for c in cut]
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = pathlib.Path(folder) / "a.levels.json"
+        path.write_text(json.dumps(manifest))
+        return light_volume.LightLevels.load(str(path), load)
+
+
+class Bricks(unittest.TestCase):
+    worst = Levels.worst
+
+    def setUp(self):
+        random = np.random.default_rng(2)
+        self.points = CORNER + random.random((4000, 3)) * 8 * 4 * FINEST * np.array([2, 1, 1])
+        self.normals = random.standard_normal((4000, 3))
+
+    def test_an_affine_field_is_read_exactly_anywhere(self):
+        for atlas in (True, False):
+            bricks = bricks_of(atlas)
+            self.assertEqual(len(bricks.bricks), 17)
+            self.assertLess(self.worst(bricks), 1e-6)
+            self.assertGreater(self.worst(bricks_of(atlas, 0.5)), 1e-3, "half a cell shows")
 
 
 if __name__ == "__main__":
