@@ -46,9 +46,11 @@ void warn_of_contested(const Contested& contested, const BakePlan& plan, const G
     const glm::ivec3 dims = grid.dims;
     const double cells = std::max({dims.x, dims.y, dims.z}) * grid.cell / contested.cell;
     const std::string finer =
-        !plan.coarser.empty()         ? format("a `level` of %.4g m cells", contested.cell)
-        : plan.settings.grid.cell > 0 ? format("`cell_size` %.4g", contested.cell)
-                                      : format("`resolution` %.0f", std::ceil(cells));
+        !plan.coarser.empty() && !plan.settings.levels.front().made
+            ? format("a `level` of %.4g m cells", contested.cell)
+        : plan.settings.grid.cell > 0
+            ? format("`cell_size` %.4g", contested.cell * plan.grid.cell / grid.cell)
+            : format("`resolution` %.0f", std::ceil(cells));
     const glm::dvec3 at = contested.worst;
     stages.warn(format("%s reads places that walls part from the same cells, and shows %s %% of "
                        "the light on surfaces wrong by it, most at %.4g,%.4g,%.4g; from %s on it "

@@ -81,6 +81,13 @@ void warn_of_far_lights(const SceneFacts& scene, std::vector<std::string>& warni
     }
 }
 
+/// What to do where levels are too many cells.
+const char* less_of_levels(const BakeSettings& settings) {
+    return settings.levels.front().made
+               ? "use a larger `cell_size`, a smaller `focus` or more `levels`"
+               : "give a `level` larger cells or a smaller box";
+}
+
 void plan_levels(const std::vector<volume::LevelBox>& levels, BakePlan& plan) {
     std::vector<Grid> grids = volume::nest_grids(levels);
     plan.grid = grids.front();
@@ -163,10 +170,9 @@ void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan)
         if (plan.device_bytes > device.memory && !settings.levels.empty())
             throw Error(ErrorKind::memory,
                         dims_text(grid.dims)
-                            + format(" needs %.1f GiB of %s's %.1f GiB; give that level larger "
-                                     "cells or a smaller box",
+                            + format(" needs %.1f GiB of %s's %.1f GiB; %s",
                                      double(plan.device_bytes) / 0x1p30, device.name.c_str(),
-                                     double(device.memory) / 0x1p30));
+                                     double(device.memory) / 0x1p30, less_of_levels(settings)));
     }
     if (plan.device_bytes > device.memory)
         throw Error(ErrorKind::memory,
@@ -318,10 +324,11 @@ void check_host_memory(const BakePlan& plan) {
                                  "them in parts",
                                  double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30));
     if (!plan.coarser.empty())
-        throw Error(ErrorKind::memory,
-                    format("these levels need about %.1f GiB of this machine's %.1f GiB of memory; "
-                           "give them larger cells or smaller boxes",
-                           double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30));
+        throw Error(
+            ErrorKind::memory,
+            format("these levels need about %.1f GiB of this machine's %.1f GiB of memory; %s",
+                   double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30,
+                   less_of_levels(plan.settings)));
     const glm::ivec3 dims = plan.grid.dims;
     const double fits =
         std::max({dims.x, dims.y, dims.z}) * std::cbrt(double(memory) / double(plan.host_bytes));
@@ -416,7 +423,10 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                          ? surfaces
                          : surface::count_patches(scene.surfaces, scene::frame_of(grid), 1.0f),
                      of_level(level, plan), plan);
-        solver_bytes = std::max(solver_bytes, cost.host_bytes);
+        // Of coupled ones the outer stay, for the inner to ask.
+        solver_bytes = solver.kind().nesting == solver::Nesting::coupled
+                           ? solver_bytes + cost.host_bytes
+                           : std::max(solver_bytes, cost.host_bytes);
         all_cells += grid.size();
     }
     if (!settings.fit && settings.points == 0)

@@ -28,6 +28,17 @@ protected:
     TemporaryFolder folder_;
 };
 
+TEST_F(LevelsCli, MemoryThatIsNotThereIsToldInTheWordsThatWereGiven) {
+    const auto refused = [&](const std::string& levels, const std::string& remedy) {
+        expect_one_error(run("bake \"$ROOM\" -o a.vdb --dry-run --solver gather " + levels), levels,
+                         ExitCode::memory, remedy);
+    };
+    refused("--levels 2 --cell-size 0.0018 --focus -1,0,-1,1,2,1",
+            "use a larger --cell-size, a smaller --focus or more --levels");
+    refused("--level -1,0,-1,1,2,1:0.0018 --level -2,0,-2,2,2,2:0.0036",
+            "give a --level larger cells or a smaller box");
+}
+
 TEST_F(LevelsCli, BoxesAreThoseOfNodesToo) {
     const auto grids = [&](const std::string& levels) {
         const CliResult result = run("bake \"$ROOM\" -o a.vdb --dry-run --format json " + levels);
