@@ -62,6 +62,9 @@ Attempt attempt(const BakeOptions& o, const Scene& scene, bake::Choice choice,
     run.stages.insert(run.stages.end(), baked.stages.begin(), baked.stages.end());
     run.warn(baked.warnings);
     made.set.levels = std::move(baked.levels);
+    made.set.places = places_of(made.choice.plan.settings.volumes);
+    if (!made.set.places.empty())
+        volume::order_by_priority(made.set);
     if (o.fit.dilate > 0) {
         run.begin_stage();
         std::size_t filled = 0;
@@ -217,6 +220,13 @@ void run(BakeOptions o, const std::string& settings) {
 
     base.bounds = o.box_in(scene);
     base.levels = levels_of(o, scene);
+    if (o.places()) {
+        std::vector<std::string> warnings;
+        std::string detail;
+        base.volumes = volumes_of(o, scene, warnings, detail);
+        run.warn(warnings);
+        run.end_stage("volumes", detail.empty() ? counted(base.volumes.size(), "volume") : detail);
+    }
     std::optional<bake::Storage> storage;
     if (o.bytes) {
         storage = choose_storage(scene, base, wish, o);
@@ -275,6 +285,8 @@ options::Action declare(options::Options& options) {
     return [fields, &options] {
         fields->any_resolution =
             !options.find("resolution")->is_given() && !options.find("cell-size")->is_given();
+        if (const std::string& volumes = fields->volumes; volumes.starts_with("nodes:"))
+            fields->load.boxes = volumes.substr(volumes.find(':') + 1);
         // Whatever their order, the files are the same.
         std::ranges::sort(options.find("level")->given);
         run(*fields, options.recorded());

@@ -1,13 +1,16 @@
 #include "bake_options.h"
 
 #include "bake/bake.h"
+#include "bake/rooms.h"
 #include "io/boxes.h"
 #include "io/bricks.h"
+#include "io/levels.h"
 #include "io/points.h"
 #include "lpvbake/error.h"
 #include "text.h"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <iterator>
 
@@ -36,6 +39,31 @@ LevelOption parse_level(const std::string& text) {
     if (!cell || !(*cell > 0))
         options::refuse(text, "is not X0,Y0,Z0,X1,Y1,Z1:CELL or NODES:CELL, in metres");
     return {parse_box(text.substr(0, colon)), *cell};
+}
+
+/// "NAME=X0,Y0,Z0,X1,Y1,Z1[:CELL]".
+GivenVolume parse_volume(const std::string& text) {
+    const std::size_t equals = text.find('=');
+    if (equals == std::string::npos || equals == 0)
+        options::refuse(text, "is not NAME=X0,Y0,Z0,X1,Y1,Z1 or NAME=X0,Y0,Z0,X1,Y1,Z1:CELL");
+    GivenVolume given{text.substr(0, equals), {}, {}};
+    const std::string box = text.substr(equals + 1);
+    const std::size_t colon = box.rfind(':');
+    if (colon != std::string::npos) {
+        given.cell = options::parse_number(box.substr(colon + 1));
+        if (!given.cell || !(*given.cell > 0))
+            options::refuse(text, "has no size of cells above 0, metres, behind its box");
+    }
+    given.box = options::parse_bounds(box.substr(0, colon));
+    return given;
+}
+
+constexpr const char* nodes_prefix = "nodes:";
+constexpr const char* auto_volumes = "auto";
+
+/// Whether --volumes names a file.
+bool has_volume_file(const BakeOptions& o) {
+    return !o.volumes.empty() && !o.volumes.starts_with(nodes_prefix) && o.volumes != auto_volumes;
 }
 
 // ---------------------------------------------------------------- options of solvers
@@ -100,6 +128,11 @@ std::vector<const solver::SolverKind*> solvers_of(const BakeOptions& o) {
     if (o.adaptive)
         keep("adaptive",
              solvers_with([](const solver::SolverKind& kind) { return kind.at_places; }));
+    if (o.places())
+        keep(o.volume.empty() ? "volumes" : "volume",
+             solvers_with([](const solver::SolverKind& kind) {
+                 return kind.nesting == solver::Nesting::independent;
+             }));
     if (o.nests())
         keep(o.levels ? "levels" : "level", solvers_with([](const solver::SolverKind& kind) {
                  return kind.nesting != solver::Nesting::none;
@@ -282,6 +315,25 @@ void add_direct_options(options::Options& options, BakeOptions& o) {
         .record(options::Recorded::if_changed);
 }
 
+void add_volume_options(options::Options& options, BakeOptions& o) {
+    const std::vector<std::string> others{"bounds", "margin",   "level", "levels",      "focus",
+                                          "at",     "adaptive", "bytes", "rsm-samples", "rsm-size"};
+    options
+        .values("--volume", o.volume, "NAME=X0,Y0,Z0,X1,Y1,Z1[:CELL]", parse_volume,
+                "Box, metres, for a volume of its own; repeated: volumes beside each other of one "
+                "scene, into a file each; cells of CELL, else of --cell-size or of the largest box "
+                "by --resolution; see below")
+        .exclude(others)
+        .record(options::Recorded::if_changed);
+    options
+        .text(
+            "--volumes", o.volumes, "FILE|nodes:PATTERN|auto",
+            "Such volumes of a JSON file, with priorities and turned boxes, of the nodes that fit "
+            "a pattern as --exclude has it, or one a room that is found; see below")
+        .exclude(others)
+        .record(options::Recorded::if_changed);
+}
+
 void add_adjust_option(options::Options& options, BakeOptions& o) {
     options
         .text("--adjust", o.adjust, "FILE",
@@ -309,6 +361,7 @@ void add_bake_options(options::Options& options, BakeOptions& o) {
                   "verify",     "bytes"})
         .keep_to_one_run();
     add_level_options(options, o);
+    add_volume_options(options, o);
     add_adjust_option(options, o);
     add_direct_options(options, o);
     add_light_options(options, o);
@@ -368,6 +421,8 @@ void check_options(const BakeOptions& o) {
     check_fit(o.outputs, o.fit, o.sh_order);
     if (!o.adjust.empty())
         check_files({o.adjust}, {}, o.outputs.paths);
+    if (has_volume_file(o))
+        check_files({o.volumes}, {}, o.outputs.paths);
     if (o.adaptive)
         check_brick_outputs(o.outputs);
     if (o.nests() || o.adaptive)
@@ -395,6 +450,90 @@ std::vector<volume::LevelBox> levels_of(const BakeOptions& o, const Scene& scene
     const Bounds focus = *box_in(o.focus, "--focus", scene);
     return volume::levels_around({focus.lo, focus.hi, o.grid.cell}, box.lo - out, box.hi + out,
                                  std::size_t(*o.levels));
+}
+
+namespace {
+
+/// A node's name as a file's.
+std::string plain_name(const std::string& name) {
+    std::string plain = name.empty() ? "node" : name;
+    std::ranges::replace_if(
+        plain, [](unsigned char c) { return !std::isalnum(c) && c != '_' && c != '-' && c != '.'; },
+        '_');
+    return plain;
+}
+
+std::vector<volume::VolumeBox> boxes_of_nodes(const BakeOptions& o, const Scene& scene) {
+    std::vector<volume::VolumeBox> boxes;
+    for (const SceneFile::Box& node : scene.file.boxes) {
+        const volume::Place place{plain_name(node.name),
+                                  int(std::lround(node.priority.value_or(0))),
+                                  node.falloff.value_or(-1)};
+        boxes.push_back(volume::box_in_world(place, node.lo, node.hi, node.to_world));
+        boxes.back().cell = node.cell.value_or(0);
+    }
+    if (boxes.empty())
+        throw Error(ErrorKind::argument, scene.path + ": --volumes " + o.volumes
+                                             + ": no node fits; lpvbake info lists their names");
+    return boxes;
+}
+
+/// Rooms, as many as there is room for beside those that are given.
+std::vector<volume::VolumeBox> found_boxes(const BakeOptions& o, const Scene& scene,
+                                           std::vector<std::string>& warnings,
+                                           std::string& detail) {
+    const std::size_t most = io::most_places(*o.outputs.target);
+    bake::RoomSettings settings;
+    settings.most_rooms = most - std::min(most - 1, o.volume.size());
+    bake::Rooms rooms = bake::find_rooms(scene, settings);
+    detail = rooms.detail;
+    if (rooms.left_out > 0)
+        warnings.push_back(format(
+            "%s: %s left out: %zu volumes are the most; bake it in parts", scene.path.c_str(),
+            counted(rooms.left_out, "smaller room is", "smaller rooms are").c_str(), most));
+    return std::move(rooms.boxes);
+}
+
+} // namespace
+
+std::vector<volume::Place> places_of(const std::vector<volume::VolumeBox>& boxes) {
+    std::vector<volume::Place> places;
+    for (const volume::VolumeBox& box : boxes)
+        places.push_back(box.place);
+    return places;
+}
+
+std::vector<volume::VolumeBox> volumes_of(const BakeOptions& o, const Scene& scene,
+                                          std::vector<std::string>& warnings, std::string& detail) {
+    std::vector<volume::VolumeBox> boxes;
+    if (o.volumes == auto_volumes)
+        boxes = found_boxes(o, scene, warnings, detail);
+    else if (o.volumes.starts_with(nodes_prefix))
+        boxes = boxes_of_nodes(o, scene);
+    else if (has_volume_file(o))
+        boxes = io::read_boxes(o.volumes);
+    for (const GivenVolume& given : o.volume)
+        boxes.push_back({{given.name, 0, -1}, given.box.lo, given.box.hi, given.cell.value_or(0)});
+    double longest = 0;
+    for (const volume::VolumeBox& box : boxes) {
+        const glm::dvec3 extent = box.hi - box.lo;
+        longest = std::max({longest, extent.x, extent.y, extent.z});
+    }
+    for (volume::VolumeBox& box : boxes) {
+        if (box.cell == 0)
+            box.cell = o.grid.cell > 0 ? o.grid.cell : longest / o.grid.resolution;
+        if (box.place.falloff < 0)
+            box.place.falloff = box.cell;
+    }
+    std::vector<volume::VolumeBox> sorted = boxes;
+    const std::vector<Grid> grids = volume::place_grids(sorted);
+    const std::vector<volume::Place> places = places_of(sorted);
+    io::check_places(*o.outputs.target, places, grids);
+    std::vector<std::string> inputs = inputs_of(o, o);
+    inputs.push_back(has_volume_file(o) ? o.volumes : "");
+    inputs.push_back(o.adjust);
+    check_level_outputs(o.outputs.paths, inputs, places);
+    return boxes;
 }
 
 bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& reader) {

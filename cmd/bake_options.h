@@ -25,6 +25,13 @@ struct LevelOption {
     double cell = 0; ///< metres
 };
 
+/// Of --volume.
+struct GivenVolume {
+    std::string name;
+    Bounds box;
+    std::optional<double> cell;
+};
+
 struct BakeOptions : SceneOptions, RunOptions {
     OutputOptions outputs;
     const solver::SolverKind* solver = nullptr; ///< null: what else is given, and the wish, decide
@@ -44,12 +51,15 @@ struct BakeOptions : SceneOptions, RunOptions {
     BoxOption focus;
     std::optional<bake::DirectSettings> direct;
     int beams = bake::DirectSettings().beams;
-    double sun_angle = 0;               ///< degrees
+    double sun_angle = 0; ///< degrees
+    std::vector<GivenVolume> volume;
+    std::string volumes;                ///< a file, "nodes:PATTERN" or "auto"
     std::string adjust;                 ///< file of boxes
     std::optional<glm::dvec2> adaptive; ///< finest and coarsest cells of bricks, metres
     std::optional<uint64_t> max_size;   ///< of bricks, bytes
 
     bool nests() const { return !level.empty() || levels; }
+    bool places() const { return !volume.empty() || !volumes.empty(); }
 };
 
 void add_bake_options(options::Options& options, BakeOptions& o);
@@ -59,6 +69,14 @@ void check_options(const BakeOptions& o);
 
 /// What nested grids are asked for by; nothing where there is but one.
 std::vector<volume::LevelBox> levels_of(const BakeOptions& o, const Scene& scene);
+
+/// The volumes that are asked for beside each other, where `detail` becomes how those of --volumes
+/// auto were found. Throws Error as io::read_boxes, and: argument, for what cannot be or the target
+/// has no form for.
+std::vector<volume::VolumeBox> volumes_of(const BakeOptions& o, const Scene& scene,
+                                          std::vector<std::string>& warnings, std::string& detail);
+
+std::vector<volume::Place> places_of(const std::vector<volume::VolumeBox>& boxes);
 
 /// All but what choose_settings chooses; refers to the reader.
 bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& reader);

@@ -47,6 +47,14 @@ report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
     if (o.nests())
         for (const Grid& each : bake::grids_in(choice.plan))
             document["levels"].push_back(report::grid_json(each));
+    const std::vector<volume::VolumeBox>& boxes = choice.plan.settings.volumes;
+    const std::vector<Grid> grids = bake::grids_in(choice.plan);
+    for (std::size_t i = 0; i < boxes.size(); ++i) {
+        document["volumes"].push_back({{"name", boxes[i].place.name},
+                                       {"priority", boxes[i].place.priority},
+                                       {"falloff", boxes[i].place.falloff},
+                                       {"grid", report::grid_json(grids[i])}});
+    }
     if (const auto& bricks = choice.plan.bricks) {
         for (int level = 0; level < bricks->levels.count; ++level)
             document["levels"].push_back(report::grid_json(bricks->levels.lattice(level)));
@@ -69,6 +77,14 @@ void print_level(std::size_t level, const Grid& grid) {
         "%.5g, %.5g), %zu in all\n",
         level, grid.dims.x, grid.dims.y, grid.dims.z, grid.cell, lo.x, lo.y, lo.z, hi.x, hi.y, hi.z,
         grid.size());
+}
+
+void print_volume(const volume::Place& place, const Grid& grid) {
+    const glm::dvec3 lo = grid.origin, hi = grid.to_world(glm::dvec3(grid.dims));
+    std::printf("volume        %s, %d x %d x %d cells of %.4g m from (%.5g, %.5g, %.5g) to (%.5g, "
+                "%.5g, %.5g), %zu in all%s\n",
+                place.name.c_str(), grid.dims.x, grid.dims.y, grid.dims.z, grid.cell, lo.x, lo.y,
+                lo.z, hi.x, hi.y, hi.z, grid.size(), turn_text(grid).c_str());
 }
 
 void print_brick_plan(const bake::BrickPlan& bricks) {
@@ -94,13 +110,14 @@ void print_bytes(const BakeOptions& o, const bake::BakePlan& plan) {
         return;
     }
     const std::vector<Grid> grids = bake::grids_in(plan);
+    const std::vector<volume::Place> places = places_of(plan.settings.volumes);
     for (const std::string& path : o.outputs.paths)
         for (std::size_t level = 0; level < grids.size() && grids.size() > 1; ++level) {
             try {
                 const uint64_t bytes = io::stored_bytes(o.outputs.storage(), path,
                                                         bake::grids_of(plan), grids[level].dims);
                 std::printf("bytes         %s of numbers in %s\n", bytes_text(bytes).c_str(),
-                            io::level_path(path, level).c_str());
+                            io::member_path(path, places, level).c_str());
             } catch (const Error&) { // of nodes of their own
             }
         }
@@ -120,6 +137,9 @@ void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice,
                     (unsigned long long)points, choice.plan.grid.cell);
     else if (choice.plan.bricks)
         print_brick_plan(*choice.plan.bricks);
+    else if (const auto& boxes = choice.plan.settings.volumes; !boxes.empty())
+        for (std::size_t i = 0; i < boxes.size(); ++i)
+            print_volume(boxes[i].place, bake::grids_in(choice.plan)[i]);
     else if (const std::vector<Grid> grids = bake::grids_in(choice.plan); grids.size() > 1)
         for (std::size_t i = 0; i < grids.size(); ++i)
             print_level(i, grids[i]);
@@ -154,12 +174,14 @@ std::vector<Written> planned_outputs(const BakeOptions& o, const bake::BakePlan&
             continue;
         }
         const std::size_t levels = 1 + plan.coarser.size();
+        const std::vector<volume::Place> places = places_of(plan.settings.volumes);
         for (std::size_t level = 0; level < levels; ++level)
-            for (const std::string& file : io::files_for(
-                     o.outputs.storage(), io::level_path(path, level), bake::grids_of(plan)))
+            for (const std::string& file :
+                 io::files_for(o.outputs.storage(), io::member_path(path, places, level),
+                               bake::grids_of(plan)))
                 output.files.push_back({file, 0});
-        if (levels > 1)
-            output.files.push_back({io::manifest_path(path), 0});
+        if (levels > 1 || !places.empty())
+            output.files.push_back({io::manifest_path(path, !places.empty()), 0});
     }
     return outputs;
 }

@@ -86,6 +86,11 @@ volume::VolumeSet read_levels(const ConvertOptions& o) {
         set = io::read_levels(o.file);
     else
         set.levels.push_back(read_volume(o.file));
+    if (o.flatten && !set.places.empty())
+        throw Error(ErrorKind::unsupported,
+                    o.file
+                        + ": --flatten is for nested levels, and these volumes stand beside each "
+                          "other; give the file of one");
     if (o.flatten) {
         set = {{volume::flatten(set, *o.flatten)}};
         for (const char* fact : {"level", "level_set"})
@@ -136,6 +141,8 @@ void run(const ConvertOptions& o) {
     volume::VolumeSet set = read_levels(o);
     if (set.bricks)
         check_bricks(o);
+    if (!set.places.empty())
+        check_level_outputs(o.outputs.paths, inputs, set.places);
     const std::optional<PackedScene> packed =
         o.scene.empty() ? std::nullopt : packed_for(o.outputs.paths, o.scene, {});
     for (Volume& volume : set.levels)
@@ -170,7 +177,9 @@ options::Action declare(options::Options& options) {
     ConvertOptions& o = *fields;
     options
         .text("file", o.file, "IN",
-              "Volume: " + io::format_list(" or ", true) + ", the .levels.json of nested ones too")
+              "Volume: " + io::format_list(" or ", true)
+                  + ", the .levels.json of nested ones and the .volumes.json of ones beside each "
+                    "other too")
         .require();
     options.texts("output", o.outputs.paths, "OUT", "Volumes to write: " + io::format_list())
         .require();

@@ -197,8 +197,26 @@ void judge(const report::Difference& difference) {
         print_warning(a + ": differs from " + b + ": " + *warned);
 }
 
-/// Of nested levels, or of bricks as one volume.
-void tell_of(const DiffOptions& o, const std::vector<report::Difference>& differences) {
+/// Throws Error (invalid) unless both have the same members.
+void check_sets(const DiffOptions& o, const volume::VolumeSet& a, const volume::VolumeSet& b) {
+    const char* what = a.places.empty() ? "levels" : "volumes";
+    if (a.places.empty() != b.places.empty())
+        throw Error(ErrorKind::invalid, o.a + " and " + o.b
+                                            + ": one is of nested levels, the other of volumes "
+                                              "beside each other; give the files of one each");
+    if (a.levels.size() != b.levels.size())
+        throw Error(ErrorKind::invalid,
+                    format("%s has %zu %s, %s %zu", o.a.c_str(), a.levels.size(), what, o.b.c_str(),
+                           b.levels.size()));
+    for (std::size_t i = 0; i < a.places.size(); ++i)
+        if (a.places[i].name != b.places[i].name)
+            throw Error(ErrorKind::invalid, o.a + " has a volume " + a.places[i].name + " where "
+                                                + o.b + " has " + b.places[i].name);
+}
+
+/// Of nested levels or volumes beside each other, or of bricks as one volume.
+void tell_of(const DiffOptions& o, const std::vector<report::Difference>& differences,
+             const char* what = "levels") {
     if (o.format == Format::json) {
         report::Json levels = report::Json::array();
         for (const report::Difference& difference : differences) {
@@ -206,7 +224,7 @@ void tell_of(const DiffOptions& o, const std::vector<report::Difference>& differ
             levels.back()["slice"] = nullptr;
             levels.back()["outputs"] = report::Json::array();
         }
-        print_json({{"command", "diff"}, {"a", o.a}, {"b", o.b}, {"levels", levels}});
+        print_json({{"command", "diff"}, {"a", o.a}, {"b", o.b}, {what, levels}});
     } else {
         for (const report::Difference& difference : differences)
             print_text(report::difference_text(difference) + "result     "
@@ -217,15 +235,16 @@ void tell_of(const DiffOptions& o, const std::vector<report::Difference>& differ
         judge(difference);
 }
 
-/// Of nested levels each with its own.
+/// Of a set, each with its own.
 void run_levels(const DiffOptions& o) {
     if (!io::is_manifest(o.a) || !io::is_manifest(o.b))
         throw Error(ErrorKind::argument, o.a + " and " + o.b
-                                             + ": one is a set of levels, the other one volume; "
-                                               "first lpvbake convert --flatten it");
+                                             + ": one is a set of volumes, the other one volume; "
+                                               "first lpvbake convert --flatten levels, or give "
+                                               "the file of one");
     if (!o.outputs.empty())
         throw Error(ErrorKind::argument,
-                    o.outputs.front() + ": no output is made of levels; give the files of one");
+                    o.outputs.front() + ": no output is made of a set; give the files of one");
     const volume::VolumeSet a = io::read_levels(o.a), b = io::read_levels(o.b);
     if (a.bricks || b.bricks) {
         if (!(a.bricks == b.bricks))
@@ -237,18 +256,16 @@ void run_levels(const DiffOptions& o) {
         tell_of(o, {compare(o, all_a, all_b)});
         return;
     }
-    if (a.levels.size() != b.levels.size())
-        throw Error(ErrorKind::invalid, format("%s has %zu levels, %s %zu", o.a.c_str(),
-                                               a.levels.size(), o.b.c_str(), b.levels.size()));
+    check_sets(o, a, b);
     std::vector<report::Difference> differences;
     for (std::size_t level = 0; level < a.levels.size(); ++level) {
         DiffOptions own = o;
-        own.a += format(" level %zu", level);
-        own.b += format(" level %zu", level);
+        own.a += " " + volume::title_of(a, level);
+        own.b += " " + volume::title_of(b, level);
         warn_of_light(own, a.levels[level], b.levels[level]);
         differences.push_back(compare(own, a.levels[level], b.levels[level]));
     }
-    tell_of(o, differences);
+    tell_of(o, differences, a.places.empty() ? "levels" : "volumes");
 }
 
 void run(const DiffOptions& o) {

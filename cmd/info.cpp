@@ -88,13 +88,37 @@ Told tell_of_bricks(const InfoOptions& o, const volume::VolumeSet& set) {
     return told;
 }
 
+Told tell_of_places(const InfoOptions& o, const volume::VolumeSet& set) {
+    Told told{{{"command", "info"},
+               {"file", o.file},
+               {"kind", "volumes"},
+               {"volumes", report::Json::array()}},
+              "volumes    " + o.file + format(", %zu, by falling priority\n", set.levels.size())};
+    for (std::size_t i = 0; i < set.levels.size(); ++i) {
+        const volume::Place& place = set.places[i];
+        const std::string title = volume::title_of(set, i);
+        report::Json volume = report::volume_json(title, set.levels[i]);
+        volume["slice"] = nullptr;
+        told.json["volumes"].push_back({{"name", place.name},
+                                        {"priority", place.priority},
+                                        {"falloff", place.falloff},
+                                        {"volume", volume}});
+        told.text += report::volume_text(title, set.levels[i]);
+        told.text +=
+            format("place      priority %d, falloff %.4g m\n", place.priority, place.falloff);
+    }
+    return told;
+}
+
 Told tell_of_levels(const InfoOptions& o) {
     if (o.slice)
         throw Error(ErrorKind::argument,
-                    "--slice: " + o.file + " is a set of levels; give the file of one");
+                    "--slice: " + o.file + " is a set of volumes; give the file of one");
     const volume::VolumeSet set = io::read_levels(o.file);
     if (set.bricks)
         return tell_of_bricks(o, set);
+    if (!set.places.empty())
+        return tell_of_places(o, set);
     Told told{{{"command", "info"},
                {"file", o.file},
                {"kind", "levels"},
@@ -104,7 +128,7 @@ Told tell_of_levels(const InfoOptions& o) {
                   + format(", %zu, finest first, blended over %.3g cells of the next\n",
                            set.levels.size(), set.blend)};
     for (std::size_t level = 0; level < set.levels.size(); ++level) {
-        const std::string name = format("level %zu", level);
+        const std::string name = volume::title_of(set, level);
         told.json["levels"].push_back(report::volume_json(name, set.levels[level]));
         told.json["levels"].back()["slice"] = nullptr;
         told.text += report::volume_text(name, set.levels[level]);

@@ -129,7 +129,7 @@ std::optional<Volume> filled_for(const readers::Reader& sampler, const Volume& v
 
 std::optional<volume::VolumeSet> filled_for(const readers::Reader& sampler,
                                             const volume::VolumeSet& levels) {
-    volume::VolumeSet filled{{}, levels.blend, levels.bricks};
+    volume::VolumeSet filled{{}, levels.blend, levels.places, levels.bricks};
     for (const Volume& level : levels.levels) {
         std::optional<Volume> own = filled_for(sampler, level);
         if (!own)

@@ -15,6 +15,7 @@
 #include "render/flip.h"
 #include "scene_options.h"
 #include "text.h"
+#include "volume/grid.h"
 
 #include <algorithm>
 #include <cstdio>
@@ -193,12 +194,22 @@ std::string name_of_fog(const RenderOptions& o) {
     return o.fog_steps > 0 ? "march:" + std::to_string(o.fog_steps) : "exact";
 }
 
+/// All that has cells: of nested levels the outermost.
+Bounds box_of(const volume::VolumeSet& set) {
+    const volume::GridBox outermost = volume::box_of(set.outermost());
+    Bounds box{outermost.lo, outermost.hi};
+    for (std::size_t i = 0; i < set.places.size(); ++i) {
+        const volume::GridBox own = volume::box_of(set.levels[i].grid);
+        box = {glm::min(box.lo, own.lo), glm::max(box.hi, own.hi)};
+    }
+    return box;
+}
+
 /// The camera, and the picture's size: of a camera that has an aspect, as high as usual.
-Camera choose_camera(const RenderOptions& o, const Scene& scene, const Grid& grid,
+Camera choose_camera(const RenderOptions& o, const Scene& scene, const Bounds& box,
                      const visibility::Visibility& visibility, const scene::Frame& frame,
                      glm::ivec2& size) {
     size = o.size.value_or(glm::ivec2(960, 540));
-    const Bounds box{grid.origin, grid.origin + grid.cell * glm::dvec3(grid.dims)};
     const Camera camera = render::choose_camera(o.camera, scene, box, visibility, frame,
                                                 double(size.x) / double(size.y));
     if (!o.size && camera.aspect > 0)
@@ -236,19 +247,19 @@ void check_options(const RenderOptions& o) {
 // ---------------------------------------------------------------- what is drawn
 
 /// What makes the volume one of another scene or other lights, if it is looked at.
-void warn_of_mismatch(const RenderOptions& o, const Scene& scene, const Volume& volume,
+void warn_of_mismatch(const RenderOptions& o, const Scene& scene, const volume::VolumeSet& set,
                       TerminalProgress& progress) {
+    const Volume& volume = set.levels.back();
     if (o.show == render::Show::direct || o.show == render::Show::albedo
         || o.show == render::Show::normal)
         return;
     if (const auto other = mismatch(o.volume, volume, scene))
         progress.warn(*other);
     const Bounds bounds = bounds_of(scene);
-    const Grid& grid = volume.grid;
-    const double slack = 0.5 * grid.cell;
-    const glm::dvec3 end = grid.origin + grid.cell * glm::dvec3(grid.dims);
-    if (glm::any(glm::lessThan(bounds.lo, grid.origin - slack))
-        || glm::any(glm::greaterThan(bounds.hi, end + slack)))
+    const double slack = 0.5 * volume.grid.cell;
+    const Bounds box = box_of(set);
+    if (glm::any(glm::lessThan(bounds.lo, box.lo - slack))
+        || glm::any(glm::greaterThan(bounds.hi, box.hi + slack)))
         progress.warn(o.volume
                       + ": ends inside the scene, beyond it its outermost cells are read; bake "
                         "with larger --bounds");
@@ -417,7 +428,7 @@ void run(const RenderOptions& o) {
     const Scene scene = run.load();
     if (scene::triangle_count(scene) == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to draw");
-    warn_of_mismatch(o, scene, levels.levels.back(), run.progress);
+    warn_of_mismatch(o, scene, levels, run.progress);
     const std::unique_ptr<gpu::Device> device = opening.get();
     run.end_stage("load");
 
@@ -430,7 +441,7 @@ void run(const RenderOptions& o) {
     render::ViewSettings view;
     const std::optional<visibility::Visibility> eye = render::eye_of(scene, frame);
     const visibility::Visibility& seen = eye ? *eye : visibility;
-    view.camera = choose_camera(o, scene, levels.outermost(), seen, frame, view.size);
+    view.camera = choose_camera(o, scene, box_of(levels), seen, frame, view.size);
     view.samples = o.samples;
     view.show = o.show;
     RenderResult result{
@@ -483,9 +494,11 @@ options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<RenderOptions>();
     RenderOptions& o = *fields;
     add_scene_option(options, o);
-    options.text("volume", o.volume, "VOLUME",
-                 "Volume of bake or reference, " + io::format_list()
-                     + ", or the .levels.json of nested ones; default: that of the scene's .glb");
+    options.text(
+        "volume", o.volume, "VOLUME",
+        "Volume of bake or reference, " + io::format_list()
+            + ", or the .levels.json of nested ones, the .volumes.json of ones beside each "
+              "other; default: that of the scene's .glb");
     options
         .texts("-o,--output", o.outputs, "FILE", "Picture to write, .png or .exr; may be repeated")
         .keep_to_one_run();

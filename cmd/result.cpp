@@ -30,9 +30,18 @@ std::string bytes_text(uint64_t bytes) {
     return text;
 }
 
+std::string turn_text(const Grid& grid) {
+    if (!grid.is_turned())
+        return "";
+    const glm::dvec3 axis = glm::axis(grid.turn);
+    return format(", turned by %.4g degrees about (%.4g, %.4g, %.4g)",
+                  glm::degrees(glm::angle(grid.turn)), axis.x, axis.y, axis.z);
+}
+
 void print_grid(const Grid& grid) {
-    std::printf("grid          %d x %d x %d cells of %.4g m from (%.5g, %.5g, %.5g)\n", grid.dims.x,
-                grid.dims.y, grid.dims.z, grid.cell, grid.origin.x, grid.origin.y, grid.origin.z);
+    std::printf("grid          %d x %d x %d cells of %.4g m from (%.5g, %.5g, %.5g)%s\n",
+                grid.dims.x, grid.dims.y, grid.dims.z, grid.cell, grid.origin.x, grid.origin.y,
+                grid.origin.z, turn_text(grid).c_str());
 }
 
 report::Json device_json(const gpu::DeviceInfo& device) {

@@ -21,6 +21,8 @@ double seconds_since(std::chrono::steady_clock::time_point begin);
 /// A size for people, such as "1.5 MiB".
 std::string bytes_text(uint64_t bytes);
 
+/// ", turned by 30 degrees about (0, 1, 0)"; nothing of most.
+std::string turn_text(const Grid& grid);
 void print_grid(const Grid& grid);
 
 /// Index, name, type, uuid, driver and api.

@@ -621,32 +621,37 @@ std::vector<Written> write_outputs(const OutputOptions& o, const std::vector<std
 }
 
 void check_level_outputs(const std::vector<std::string>& paths,
-                         const std::vector<std::string>& inputs) {
+                         const std::vector<std::string>& inputs,
+                         const std::vector<volume::Place>& places) {
+    const auto manifest_of = [&](const std::string& path) {
+        return io::manifest_path(path, !places.empty());
+    };
     for (const std::string& path : paths) {
         if (io::volume_format(path) == &io::glb_format)
             throw Error(ErrorKind::argument, path
                                                  + ": a .glb has room for one light volume, not "
-                                                   "for levels; write another kind of file");
+                                                   "for several; write another kind of file");
         const auto writes = [&](const std::string& file) {
-            for (std::size_t level = 1; level < volume::most_levels; ++level)
-                if (has_file(io::level_path(path, level), file))
+            const std::size_t count = places.empty() ? volume::most_levels : places.size();
+            for (std::size_t i = places.empty() ? 1 : 0; i < count; ++i)
+                if (has_file(io::member_path(path, places, i), file))
                     return true;
-            return is_same(io::manifest_path(path), file);
+            return is_same(manifest_of(path), file);
         };
         for (const std::string& input : inputs)
             if (!input.empty() && writes(input))
                 throw Error(ErrorKind::argument, path + ": would replace the input " + input);
         for (const std::string& other : paths)
-            if (&other != &path && is_same(io::manifest_path(other), io::manifest_path(path)))
+            if (&other != &path && is_same(manifest_of(other), manifest_of(path)))
                 throw Error(ErrorKind::argument,
                             path + " and " + other + " would share the manifest "
-                                + io::manifest_path(path) + "; give them other names");
+                                + manifest_of(path) + "; give them other names");
             else if (&other != &path
-                     && (writes(other) || writes(io::manifest_path(other))
-                         || has_file(path, io::manifest_path(other))))
-                throw Error(ErrorKind::argument,
-                            path + " and " + other
-                                + " would share files of levels; give them other names");
+                     && (writes(other) || writes(manifest_of(other))
+                         || has_file(path, manifest_of(other))))
+                throw Error(ErrorKind::argument, path + " and " + other + " would share files of "
+                                                     + (places.empty() ? "levels" : "volumes")
+                                                     + "; give them other names");
     }
 }
 
@@ -691,31 +696,36 @@ std::vector<Written> write_levels(const OutputOptions& o, const std::vector<std:
                                   const std::optional<PackedScene>& scene) {
     if (set.bricks)
         return write_bricks(o, paths, set, progress);
-    if (set.levels.size() == 1)
+    const bool placed = !set.places.empty();
+    if (set.levels.size() == 1 && !placed)
         return write_outputs(o, paths, set.levels.front(), progress, scene);
-    check_level_outputs(paths, {});
+    check_level_outputs(paths, {}, set.places);
     std::vector<Written> written;
     std::vector<Grid> grids;
     for (const Volume& level : set.levels)
         grids.push_back(level.grid);
+    io::check_places(*o.target, set.places, grids);
     for (const std::string& path : paths) {
         Written& own = written.emplace_back(Written{path, {}});
         const bool last = &path == &paths.back();
-        io::PublishTogether together; // the old levels or the new ones, the manifest last
+        io::PublishTogether together; // the old files or the new ones, the manifest last
         for (std::size_t i = 0; i < set.levels.size(); ++i) {
             Volume& level = set.levels[i];
-            level.metadata["level"] = std::to_string(i);
-            level.metadata["level_set"] = fs::path(io::manifest_path(path)).filename().string();
+            level.metadata[placed ? "volume" : "level"] =
+                placed ? set.places[i].name : std::to_string(i);
+            level.metadata[placed ? "volume_set" : "level_set"] =
+                fs::path(io::manifest_path(path, placed)).filename().string();
             std::optional<Volume> copy;
             if (!last)
                 copy = level;
-            std::vector<Written> one =
-                write_outputs(o, {io::level_path(path, i)}, last ? level : *copy, progress);
+            std::vector<Written> one = write_outputs(o, {io::member_path(path, set.places, i)},
+                                                     last ? level : *copy, progress);
             std::ranges::move(one.front().files, std::back_inserter(own.files));
             if (i == 0)
                 own.packing = one.front().packing;
         }
-        own.files.push_back(io::write_manifest(path, grids, o.storage().encoding.axes, set.blend));
+        own.files.push_back(
+            io::write_manifest(path, grids, o.storage().encoding.axes, set.blend, set.places));
         together.publish();
         tell("wrote " + own.files.back().path);
     }

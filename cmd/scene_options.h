@@ -200,7 +200,8 @@ void check_brick_outputs(const OutputOptions& o);
 /// Throws Error (argument) for outputs that have no form for levels, or whose files would be each
 /// other's or an input.
 void check_level_outputs(const std::vector<std::string>& paths,
-                         const std::vector<std::string>& inputs);
+                         const std::vector<std::string>& inputs,
+                         const std::vector<volume::Place>& places = {});
 
 /// Bounds the process's threads, from now on; 0: one a core. Before any thread starts that would
 /// read the environment.

@@ -177,7 +177,8 @@ options::Action declare(options::Options& options) {
     VerifyOptions& o = *fields;
     options.text("volume", o.volume, "VOLUME",
                  "Volume of bake or reference, " + io::format_list(", ", true)
-                     + ", or the .levels.json of nested ones or of bricks");
+                     + ", the .levels.json of nested ones or of bricks, or the .volumes.json of "
+                       "ones beside each other");
     add_scene_option(options, o);
     add_light_options(options, o);
 

@@ -1,12 +1,12 @@
 """A light volume as numpy arrays: where its cells are, and the irradiance that it gives a surface.
 
-load_vdb.py and load_exr.py make one of a file, and LightLevels or LightBricks of a manifest.
+load_vdb.py and load_exr.py make one of a file, and LightLevels, LightBricks or LightPlaces of a manifest.
 """
 
 import json
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,10 +22,17 @@ class LightVolume:
     walls: np.ndarray     # [wall, x, y, z, axis]: way from the centre to a plane, in cells; or 0
     origin: np.ndarray    # corner of the first cell, metres
     cell: float           # edge of a cell, metres
+    axes: np.ndarray = field(default_factory=lambda: np.eye(3))  # columns: the lattice's, in the world's
 
     def to_lattice(self, point):
         """Metres to cells: cell (i, j, k) has its centre at (i, j, k)."""
-        return (np.asarray(point, float) - self.origin) / self.cell - 0.5
+        return (np.asarray(point, float) - self.origin) @ self.axes / self.cell - 0.5
+
+    def depth(self, point):
+        """Metres inside the nearest face of the cells; below 0: outside."""
+        at = self.to_lattice(point) + 0.5
+        inside = self.cell * np.minimum(at, np.array(self.validity.shape) - at)
+        return inside.min() if inside.min() >= 0 else -np.linalg.norm(np.minimum(inside, 0))
 
     def hull(self):
         """The first and the last cell's centre."""
@@ -40,6 +47,7 @@ class LightVolume:
         at cells farther off, too.) The last result is False where the walls or the direction hide all."""
         dims = np.array(self.validity.shape)
         at = self.to_lattice(point)
+        normal = np.asarray(normal, float) @ self.axes
         clamped = np.clip(at, 0, dims - 1)
         low = np.minimum(clamped.astype(int), np.maximum(dims - 2, 0))
         cells = np.minimum(low + CORNERS, dims - 1)
@@ -47,7 +55,7 @@ class LightVolume:
         valid = np.prod(np.where(CORNERS, share, 1 - share), axis=1)
         valid = valid * (self.validity[tuple(cells.T)] > 0)
         way = cells - at
-        below = way + 0.1 * np.asarray(normal, float)
+        below = way + 0.1 * normal
         square, along = np.sum(below * below, axis=1), np.maximum(0, below @ normal)
         facing = valid * np.divide(along * along, square, out=np.ones(8), where=square > 0)
         clear = facing * np.prod(self.before_walls(cells, 0.2 * normal - way), axis=0)
@@ -125,6 +133,42 @@ class LightLevels:
 
 
 @dataclass
+class LightPlaces:
+    levels: list   # of LightVolume, by falling priority
+    falloff: list  # of each, metres
+
+    @staticmethod
+    def load(path, load):
+        """Of NAME.volumes.json, each file of it by `load`."""
+        with open(path, encoding="utf-8") as file:
+            volumes = json.load(file)["volumes"]
+        folder = os.path.dirname(path)
+        return LightPlaces([load(os.path.join(folder, volume["file"])) for volume in volumes],
+                           [volume["falloff"] for volume in volumes])
+
+    def irradiance(self, point, normal):
+        """Of the volumes around a point, each by what those before it leave: 0 at its faces to all
+        its falloff inside; where there is none that of the nearest."""
+        depths = [volume.depth(point) for volume in self.levels]
+        shares = [np.clip(depth / max(falloff, 1e-300), 0, 1) for depth, falloff in zip(depths, self.falloff)]
+        if max(shares) == 0:
+            return self.levels[int(np.argmax(depths))].irradiance(point, normal)
+        total, left, fallback = 0.0, 1.0, None
+        light = np.zeros(3)
+        for t, volume in zip(shares, self.levels):
+            share = t * t * (3 - 2 * t)
+            if share == 0 or left == 0:
+                continue
+            value, clear = volume.read(point, normal)
+            fallback = value if fallback is None else fallback
+            if clear:
+                light += left * share * value
+                total += left * share
+                left *= 1 - share
+        return light / total if total > 0 else fallback
+
+
+@dataclass
 class LightBricks:
     bricks: dict  # LightVolume of 9 x 9 x 9 samples by (level, i, j, k), level 0 the finest
     lo: np.ndarray  # the first sample, metres
@@ -168,6 +212,14 @@ class LightBricks:
         return first
 
 
+def axes_of(turn):
+    """Columns of the rotation by a quaternion x, y, z, w."""
+    x, y, z, w = turn
+    return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                     [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                     [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])
+
+
 def cosine_basis(n):
     """What the coefficients are multiplied with and summed: pi, 2 pi / 3, pi / 4 by band, times
     real spherical harmonics without Condon-Shortley signs."""
@@ -195,12 +247,14 @@ def check_canonical(path, convention, axes, packing="band"):
 
 
 def main(load):
-    """The command line of the loaders: FILE X Y Z NX NY NZ; of levels the manifest."""
+    """The command line of the loaders: FILE X Y Z NX NY NZ; of levels, or volumes beside each other, the manifest."""
     if len(sys.argv) != 8:
         sys.exit(f"usage: {sys.argv[0]} FILE X Y Z NX NY NZ")
     try:
         if sys.argv[1].endswith(".levels.json"):
             light = LightLevels.load(sys.argv[1], load)
+        elif sys.argv[1].endswith(".volumes.json"):
+            light = LightPlaces.load(sys.argv[1], load)
         else:
             light = load(sys.argv[1])
     except OSError as error:

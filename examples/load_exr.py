@@ -41,6 +41,7 @@ def load(path, firsts=None):
         walls=np.reshape(walls, (-1, *dims, 3)),
         origin=np.array(facts["grid"]["origin"]),
         cell=facts["grid"]["cell"],
+        axes=light_volume.axes_of(facts["grid"].get("turn", (0, 0, 0, 1))),
     )
     if firsts is None:
         return volume

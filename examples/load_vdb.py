@@ -39,6 +39,7 @@ def part(facts, grids, first, dims):
         walls=np.reshape(walls, (-1, *dims, 3)),
         origin=np.array(facts["lpv:grid_origin"]),
         cell=facts["lpv:cell_size"],
+        axes=light_volume.axes_of(facts.get("lpv:grid_turn", (0, 0, 0, 1))),
     )
 
 

@@ -48,6 +48,7 @@ constexpr Wording table[] = {
     {"`target`", "--target"},
     {"`time_budget`", "--time-budget"},
     {"`variant`", "--variant"},
+    {"`volume`", "--volume"},
 };
 
 } // namespace

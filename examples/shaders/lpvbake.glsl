@@ -39,6 +39,9 @@
 //
 // Coefficients are canonical, as `lpvbake bake` writes them unless --sh-convention says otherwise,
 // in whatever --axes. A Lambert surface's luminance is albedo / pi times its irradiance.
+//
+// Where a volume is turned (grid.turn of its .json) points and normals of lookups are to be in its axes, with
+// point = origin + axes * (point in them - origin); irradiance is of the world's normal all the same.
 
 struct LpvVolume {
     vec3 origin; // corner of the first cell, metres

@@ -65,7 +65,11 @@ function channelsOf({ packing, files, grid: { dims } }) {
 /// `vec3 irradiance(vec3 position, vec3 normal)`, in lux, in GLSL ES 3.00. As three.js does, and as the
 /// volume is fitted to, it looks half a cell before the surface.
 function glslOf(facts, count) {
-    const { dims, origin, cell } = facts.grid;
+    const { dims, origin, cell, turn: [x, y, z, w] = [0, 0, 0, 1] } = facts.grid;
+    // Columns: the lattice's axes in the world's.
+    const axes = [[1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)],
+                  [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)],
+                  [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)]];
     const { lookUps, channels } = channelsOf(facts);
     const isRatio = facts.packing === 'ratio';
     const coefficients = bands.map((band, k) => {
@@ -76,7 +80,8 @@ function glslOf(facts, count) {
 ${Array.from({ length: count }, (_, i) => `uniform highp sampler3D volume${i};`).join('\n')}
 vec3 irradiance(vec3 position, vec3 normal) {
     const vec3 cells = ${vec3(dims)};
-    vec3 at = clamp((position - ${vec3(origin)}) / ${number(cell)} + 0.5 * normal, vec3(0.5), cells - 0.5);
+    const mat3 axes = mat3(${axes.map(vec3).join(', ')});
+    vec3 at = clamp(((position - ${vec3(origin)}) / ${number(cell)} + 0.5 * normal) * axes, vec3(0.5), cells - 0.5);
     ${lookUps.join('\n    ')}
 ${coefficients.join('\n')}
     float x = normal.x, y = normal.y, z = normal.z;

@@ -7,9 +7,13 @@
 #include "text.h"
 #include "visibility/visibility.h"
 #include "visibility/walls.h"
+#include "volume/convention.h"
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
+#include <numeric>
+#include <tuple>
 
 namespace lpvbake::bake {
 namespace {
@@ -20,11 +24,35 @@ std::string share_with_walls(const std::vector<std::vector<glm::vec3>>& walls) {
                   100.0 * (1.0 - double(without) / double(walls[0].size())));
 }
 
-/// A grid, and the scene in units of its cells.
+/// The scene as it is, or turned into the axes of boxes: about the origin of the plan's frame,
+/// which stays its own.
+struct Axes {
+    const Scene& scene;
+    const visibility::Visibility& visibility;
+    std::vector<volume::Adjustment> adjust;
+};
+
+/// A grid, and the scene in units of its cells, in its axes.
 struct Level {
+    const Axes& axes;
     const Grid& grid;
+    Grid upright; ///< where it is in those
     scene::Frame frame;
     visibility::Visibility visibility;
+
+    Level(const Axes& in, const Grid& of, const scene::Frame& whole)
+        : axes(in),
+          grid(of),
+          upright(upright_in(of, whole.origin)),
+          frame(scene::frame_of(upright)),
+          visibility(in.visibility.in_frame(whole, frame)) {}
+
+    static Grid upright_in(Grid grid, glm::dvec3 about) {
+        if (grid.is_turned())
+            grid.origin = about + glm::conjugate(grid.turn) * (grid.origin - about);
+        grid.turn = Grid().turn;
+        return grid;
+    }
 };
 
 /// The surfaces as they are lit, in the frame of one level after the other.
@@ -46,7 +74,8 @@ void warn_of_contested(const Contested& contested, const BakePlan& plan, const G
     const glm::ivec3 dims = grid.dims;
     const double cells = std::max({dims.x, dims.y, dims.z}) * grid.cell / contested.cell;
     const std::string finer =
-        !plan.coarser.empty() && !plan.settings.levels.front().made
+        !plan.settings.volumes.empty() ? format("a `volume` of %.4g m cells", contested.cell)
+        : !plan.coarser.empty() && !plan.settings.levels.front().made
             ? format("a `level` of %.4g m cells", contested.cell)
         : plan.settings.grid.cell > 0
             ? format("`cell_size` %.4g", contested.cell * plan.grid.cell / grid.cell)
@@ -60,16 +89,17 @@ void warn_of_contested(const Contested& contested, const BakePlan& plan, const G
 }
 
 /// Where maps hold some of the light, surfaces are lit anew for all of it.
-void fit_volume(const Scene& scene, const BakePlan& plan, const Level& level, Surfaces& surfaces,
+void fit_volume(const BakePlan& plan, const Level& level, Surfaces& surfaces,
                 solver::Stages& stages, Volume& volume) {
     const readers::Reader& reader = *plan.settings.fit;
+    const Scene& turned = level.axes.scene;
     stages.begin("fit");
     surface::LitSurfaces all;
     const bool anew = !plan.lit || plan.maps.count > 0;
     if (anew) {
         surface::LightingSettings lighting = lighting_of(plan);
         lighting.maps = false;
-        all = surface::light_surfaces(scene, level.visibility, level.frame, lighting,
+        all = surface::light_surfaces(turned, level.visibility, level.frame, lighting,
                                       stages.progress());
     } else {
         surfaces.move_to(level);
@@ -77,8 +107,8 @@ void fit_volume(const Scene& scene, const BakePlan& plan, const Level& level, Su
     SurfaceFitSettings settings;
     settings.dering = plan.settings.dering;
     const SurfaceFit fit =
-        fit_to_surfaces(scene, anew ? all : surfaces.lit, level.frame, plan.emitters, reader,
-                        settings, volume, stages.progress());
+        fit_to_surfaces(turned, anew ? all : surfaces.lit, scene::frame_of(level.grid),
+                        plan.emitters, reader, settings, volume, stages.progress());
     if (fit.fit.points == 0) {
         stages.end("no light arrives on surfaces of the grid");
         stages.warn(format("no light arrives on surfaces of the grid: nothing is fitted to what %s "
@@ -116,13 +146,55 @@ void finish_level(const Scene& scene, const BakePlan& plan, const gpu::Device& d
                                           most_walls, walls_reach);
     stages.end(share_with_walls(volume.walls));
 
-    add_direct(scene, plan, level.visibility, level.frame, stages, volume);
+    add_direct(level.axes.scene, plan, level.visibility, level.frame, stages, volume);
+    volume.grid = level.grid;
+    if (volume.grid.is_turned())
+        volume::turn_directions(glm::mat3_cast(volume.grid.turn), volume);
     if (plan.settings.fit)
-        fit_volume(scene, plan, level, surfaces, stages, volume);
+        fit_volume(plan, level, surfaces, stages, volume);
     volume::adjust_intensity(plan.settings.adjust, volume);
     if (!plan.settings.adjust.empty())
         volume.metadata["adjust"] = volume::text_of(plan.settings.adjust);
     describe_light(scene, plan, device, level.visibility, volume);
+}
+
+} // namespace
+
+namespace {
+
+/// The scene in the axes of boxes of one turn.
+struct TurnedScene {
+    glm::dquat turn;
+    Scene scene;
+    visibility::Visibility visibility;
+    Axes axes;
+
+    TurnedScene(const Scene& of, const BakePlan& plan, glm::dquat box_turn)
+        : turn(box_turn),
+          scene(scene::turned(of, back(), plan.frame.origin)),
+          visibility(scene, plan.frame, plan.settings.isa),
+          axes{scene, visibility, plan.settings.adjust} {
+        for (volume::Adjustment& box : axes.adjust) {
+            box.turn = turn;
+            box.about = plan.frame.origin;
+        }
+    }
+    glm::dmat3 back() const { return glm::mat3_cast(glm::conjugate(turn)); }
+};
+
+/// In which order grids are solved: of coupled ones the outermost first; else those of one turn one
+/// after the other.
+std::vector<std::size_t> order_of(const std::vector<Grid>& grids, bool coupled) {
+    std::vector<std::size_t> order(grids.size());
+    std::iota(order.begin(), order.end(), std::size_t(0));
+    if (coupled)
+        std::ranges::reverse(order);
+    else
+        std::ranges::stable_sort(order, {}, [&](std::size_t i) {
+            const glm::dquat& turn = grids[i].turn;
+            return std::tuple(grids[i].is_turned(), turn.x, turn.y, turn.z, turn.w);
+        });
+    return order;
 }
 
 } // namespace
@@ -136,36 +208,55 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
     const solver::SolverKind& kind = plan.settings.solver.kind();
     const std::vector<Grid> grids = grids_in(plan);
     warn_of_empty(plan.settings.adjust, grids, stages);
-    std::vector<std::unique_ptr<solver::Solver>> solvers;
-    for (const Grid& grid : grids)
-        solvers.push_back(kind.make(device, grid, plan.settings.solver));
+    const bool coupled = kind.nesting == solver::Nesting::coupled && grids.size() > 1;
+    const std::vector<std::size_t> order = order_of(grids, coupled);
+    std::vector<std::unique_ptr<solver::Solver>> solvers(grids.size());
+    const auto make = [&](std::size_t l) {
+        solvers[l] = kind.make(device, grids[l], plan.settings.solver);
+    };
+    // It is compiled while surfaces are lit; what each has on the device is there one at a time.
+    for (const std::size_t l : order)
+        if (coupled || l == order.front())
+            make(l);
 
     const visibility::Visibility visibility = open_scene(scene, plan, stages);
     Surfaces surfaces{light_scene(scene, plan, visibility, stages), plan.frame};
     const surface::LitSurfaces* lit = plan.lit ? &surfaces.lit : nullptr;
+    // What moves from one volume to the next would carry the rounding of all before.
+    std::optional<Surfaces> unmoved;
+    if (!plan.settings.volumes.empty())
+        unmoved = surfaces;
     const solver::Inputs whole{scene,      device, grids.front(), plan.frame,
                                visibility, lit,    plan.maps,     plan.settings.adjust};
+    const Axes world{scene, visibility, plan.settings.adjust};
+    std::unique_ptr<TurnedScene> turned; // that of the box before
 
-    const bool coupled = kind.nesting == solver::Nesting::coupled && grids.size() > 1;
     baked.levels.resize(grids.size());
-    for (std::size_t i = 0; i < grids.size(); ++i) {
-        const std::size_t l = coupled ? grids.size() - 1 - i : i;
-        if (grids.size() > 1)
-            stages.set_of(format("level %zu: ", l));
-        const scene::Frame frame = scene::frame_of(grids[l]);
-        const Level level{grids[l], frame, visibility.in_frame(plan.frame, frame)};
+    for (const std::size_t l : order) {
+        if (!solvers[l])
+            make(l);
+        if (grids[l].is_turned() && !(turned && turned->turn == grids[l].turn)) {
+            stages.set_of("");
+            stages.begin("turn");
+            turned.reset();
+            turned = std::make_unique<TurnedScene>(scene, plan, grids[l].turn);
+            stages.end("the scene into a box's axes");
+        }
+        if (const std::string of = of_level(l, plan); !of.empty())
+            stages.set_of(of);
+        const Level level(grids[l].is_turned() ? turned->axes : world, grids[l], plan.frame);
+        if (unmoved)
+            surfaces = *unmoved;
+        if (grids[l].is_turned())
+            surfaces.lit = surface::turned(std::move(surfaces.lit), glm::mat3(turned->back()),
+                                           turned->visibility);
         if (!coupled)
             surfaces.move_to(level);
         Volume& volume = baked.levels[l];
-        volume.grid = level.grid;
-        solver::Inputs inputs{scene,
-                              device,
-                              level.grid,
-                              level.frame,
-                              level.visibility,
-                              coupled ? nullptr : lit,
-                              plan.maps,
-                              plan.settings.adjust};
+        volume.grid = level.upright;
+        solver::Inputs inputs{level.axes.scene, device,           level.upright,
+                              level.frame,      level.visibility, coupled ? nullptr : lit,
+                              plan.maps,        level.axes.adjust};
         if (coupled) {
             inputs.finest = &whole;
             inputs.around = std::span(solvers).subspan(l + 1);

@@ -16,7 +16,7 @@
 namespace lpvbake::bake {
 
 struct BakedLevels {
-    std::vector<Volume> levels; ///< finest first
+    std::vector<Volume> levels; ///< as grids_in has them
     std::vector<StageReport> stages;
     std::vector<std::string> warnings; ///< a line each
 };

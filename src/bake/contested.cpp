@@ -29,7 +29,8 @@ public:
         : grid_(volume.grid),
           order_(points.size()) {
         for (const readers::FitPoint& point : points)
-            at.push_back(volume.grid.to_grid(point.position) + reader.offset * point.normal);
+            at.push_back(volume.grid.to_grid(point.position)
+                         + reader.offset * volume.grid.to_axes(point.normal));
         std::iota(order_.begin(), order_.end(), std::size_t(0));
         std::vector<std::size_t> key;
         for (const glm::dvec3& p : at)
@@ -87,7 +88,7 @@ struct Asked {
 /// Of point p, whose error is known.
 void ask(const readers::Reader& reader, const Volume& volume,
          std::span<const readers::FitPoint> points, const visibility::Visibility& visibility,
-         const scene::Frame& frame, const Places& places, std::size_t p, Asked& asked) {
+         const Places& places, std::size_t p, Asked& asked) {
     const readers::FitPoint& point = points[p];
     std::vector<std::pair<double, std::size_t>> rivals; // distance, point
     places.around(places.at[p], [&](std::size_t q) {
@@ -103,7 +104,8 @@ void ask(const readers::Reader& reader, const Volume& volume,
         rivals.resize(most_looks);
     const auto taps = readers::taps_of(reader, volume, point.position, point.normal);
     const auto above = [&](const readers::FitPoint& of) {
-        return glm::vec3(frame.from_world(of.position)) + lift * glm::vec3(of.normal);
+        return glm::vec3(volume.grid.to_grid(of.position))
+               + lift * glm::vec3(volume.grid.to_axes(of.normal));
     };
     const glm::vec3 from = above(point);
     for (const auto& [distance, q] : rivals) {
@@ -138,7 +140,7 @@ double factor_of(double strips, std::span<const std::pair<double, double>> steps
 
 Contested find_contested(const readers::Reader& reader, const Volume& volume,
                          std::span<const readers::FitPoint> points,
-                         const visibility::Visibility& visibility, const scene::Frame& frame) {
+                         const visibility::Visibility& visibility) {
     Contested result{.cell = volume.grid.cell};
     const std::size_t stride = (points.size() + most_asked - 1) / most_asked;
     double arrives = 0, weight = 0; // of the points that are asked
@@ -157,7 +159,7 @@ Contested find_contested(const readers::Reader& reader, const Volume& volume,
             luminance(readers::irradiance(reader, volume, point.position, point.normal))
             - luminance(point.irradiance);
         if (std::abs(asked[n].error) > felt * mean)
-            ask(reader, volume, points, visibility, frame, places, n * stride, asked[n]);
+            ask(reader, volume, points, visibility, places, n * stride, asked[n]);
     });
 
     double strips = 0, most = 0;

@@ -27,10 +27,10 @@ struct Contested {
     double cell = 0;
 };
 
-/// Of what the reader shows of a volume that is fitted to the points. `frame` is that of the grid
-/// and of `visibility`. The same bits for any number of threads.
+/// Of what the reader shows of a volume that is fitted to the points; `visibility` is in units of
+/// its grid. The same bits for any number of threads.
 Contested find_contested(const readers::Reader& reader, const Volume& volume,
                          std::span<const readers::FitPoint> points,
-                         const visibility::Visibility& visibility, const scene::Frame& frame);
+                         const visibility::Visibility& visibility);
 
 } // namespace lpvbake::bake

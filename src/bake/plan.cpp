@@ -61,7 +61,8 @@ int largest_resolution(const Bounds& box, const BakeSettings& settings, uint64_t
 }
 
 Bounds box_of(const Grid& grid) {
-    return {grid.origin, grid.origin + grid.cell * glm::dvec3(grid.dims)};
+    const volume::GridBox box = volume::box_of(grid);
+    return {box.lo, box.hi};
 }
 
 /// Warns of lights so far outside of the scene that hardly any of their light arrives, as one has
@@ -81,17 +82,27 @@ void warn_of_far_lights(const SceneFacts& scene, std::vector<std::string>& warni
     }
 }
 
-/// What to do where levels are too many cells.
+/// What to do where levels, or volumes beside each other, are too many cells.
 const char* less_of_levels(const BakeSettings& settings) {
+    if (!settings.volumes.empty())
+        return "give that `volume` larger cells or a smaller box";
     return settings.levels.front().made
                ? "use a larger `cell_size`, a smaller `focus` or more `levels`"
                : "give a `level` larger cells or a smaller box";
 }
 
-void plan_levels(const std::vector<volume::LevelBox>& levels, BakePlan& plan) {
-    std::vector<Grid> grids = volume::nest_grids(levels);
+/// Of nested levels, or volumes beside each other.
+void plan_grids(BakePlan& plan) {
+    BakeSettings& settings = plan.settings;
+    const std::vector<Grid> grids = settings.volumes.empty()
+                                        ? volume::nest_grids(settings.levels)
+                                        : volume::place_grids(settings.volumes);
     plan.grid = grids.front();
     plan.frame = scene::frame_of(plan.grid);
+    if (plan.grid.is_turned()) { // the scene is lit along the axes
+        const Bounds box = box_of(plan.grid);
+        plan.frame = {box.lo, plan.grid.cell, (box.hi - box.lo) / plan.grid.cell};
+    }
     plan.coarser.assign(grids.begin() + 1, grids.end());
     for (const Grid& grid : plan.coarser) {
         const Bounds box = box_of(grid);
@@ -139,35 +150,47 @@ uint64_t places_of(const BakePlan& plan) {
     return plan.bricks ? plan.bricks->expected * volume::brick_samples : plan.settings.points;
 }
 
-/// Begins what is told of a stage of one of several levels.
-std::string of_level(std::size_t level, const BakePlan& plan) {
-    return plan.coarser.empty() ? "" : format("level %zu: ", level);
+bool is_apart(const Bounds& box, const Bounds& scene) {
+    return glm::any(glm::greaterThan(box.lo, scene.hi))
+           || glm::any(glm::lessThan(box.hi, scene.lo));
+}
+
+/// Of volumes beside each other each should meet the scene.
+void warn_of_boxes_apart(const SceneFacts& scene, BakePlan& plan) {
+    const std::vector<Grid> grids = grids_in(plan);
+    for (std::size_t i = 0; i < plan.settings.volumes.size(); ++i)
+        if (is_apart(box_of(grids[i]), scene.bounds))
+            plan.warnings.push_back(about(scene.path, "`volume` "
+                                                          + plan.settings.volumes[i].place.name
+                                                          + " does not meet the scene's surfaces"));
 }
 
 void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan) {
     const BakeSettings& settings = plan.settings;
     const solver::SolverSettings& solver = settings.solver;
     const auto& [lo, hi] = scene.bounds;
-    if (!settings.levels.empty())
-        plan_levels(settings.levels, plan);
+    const bool several = !settings.levels.empty() || !settings.volumes.empty();
+    if (several)
+        plan_grids(plan);
     if (settings.adaptive)
         plan_bricks(scene, plan);
+    warn_of_boxes_apart(scene, plan);
     const Bounds box =
         plan.coarser.empty() ? settings.bounds.value_or(scene.bounds) : box_of(plan.coarser.back());
-    if (!settings.bounds && settings.points == 0 && settings.levels.empty())
+    if (!settings.bounds && settings.points == 0 && !several)
         warn_of_empty_bounds(scene, plan.warnings);
-    if (glm::any(glm::greaterThan(box.lo, hi)) || glm::any(glm::lessThan(box.hi, lo)))
+    if (settings.volumes.empty() && is_apart(box, scene.bounds))
         plan.warnings.push_back(
             about(scene.path, format("`bounds` do not meet the scene's, %.6g,%.6g,%.6g to "
                                      "%.6g,%.6g,%.6g",
                                      lo.x, lo.y, lo.z, hi.x, hi.y, hi.z)));
-    if (settings.levels.empty() && !settings.adaptive) {
+    if (!several && !settings.adaptive) {
         plan.grid = volume::fit_grid(box.lo, box.hi, settings.grid);
         plan.frame = scene::frame_of(plan.grid);
     }
     for (const Grid& grid : grids_in(plan)) {
         plan.device_bytes = std::max(plan.device_bytes, solver.kind().device_bytes(grid, solver));
-        if (plan.device_bytes > device.memory && !settings.levels.empty())
+        if (plan.device_bytes > device.memory && several)
             throw Error(ErrorKind::memory,
                         dims_text(grid.dims)
                             + format(" needs %.1f GiB of %s's %.1f GiB; %s",
@@ -324,11 +347,11 @@ void check_host_memory(const BakePlan& plan) {
                                  "them in parts",
                                  double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30));
     if (!plan.coarser.empty())
-        throw Error(
-            ErrorKind::memory,
-            format("these levels need about %.1f GiB of this machine's %.1f GiB of memory; %s",
-                   double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30,
-                   less_of_levels(plan.settings)));
+        throw Error(ErrorKind::memory,
+                    format("these %s need about %.1f GiB of this machine's %.1f GiB of memory; %s",
+                           plan.settings.volumes.empty() ? "levels" : "volumes",
+                           double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30,
+                           less_of_levels(plan.settings)));
     const glm::ivec3 dims = plan.grid.dims;
     const double fits =
         std::max({dims.x, dims.y, dims.z}) * std::cbrt(double(memory) / double(plan.host_bytes));
@@ -453,6 +476,12 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                                     + 24 * uint64_t(volume::sh_count(solver.order()) + most_walls));
     check_host_memory(plan);
     return plan;
+}
+
+std::string of_level(std::size_t level, const BakePlan& plan) {
+    if (!plan.settings.volumes.empty())
+        return "volume " + plan.settings.volumes[level].place.name + ": ";
+    return plan.coarser.empty() ? "" : format("level %zu: ", level);
 }
 
 std::vector<Grid> grids_in(const BakePlan& plan) {

@@ -28,11 +28,11 @@ uint64_t sample_bytes(int order);
 uint64_t brick_numbers(int order);
 
 struct BakePlan {
-    BakeSettings settings;
-    Grid grid;                       ///< of nested ones the finest
-    std::vector<Grid> coarser;       ///< the levels around it; mostly none
+    BakeSettings settings;           ///< its volumes in the order of grids_in
+    Grid grid;                       ///< of several the finest
+    std::vector<Grid> coarser;       ///< the levels around it, or volumes beside it; mostly none
     std::optional<BrickPlan> bricks; ///< instead; the grid is all of the finest level
-    scene::Frame frame;              ///< the grid's, with the boxes of the levels around it
+    scene::Frame frame;              ///< the grid's, with the boxes of the others
     int lights = 0;                  ///< punctual ones
     bool emitters = false;           ///< some surface emits, and is wanted to
     bool lit = false; ///< surfaces are lit as a whole, not by reflective shadow maps alone
@@ -54,6 +54,9 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
 
 /// The grid and those around it, finest first.
 std::vector<Grid> grids_in(const BakePlan& plan);
+
+/// Begins what is told of one of several: "level 1: ", "volume hall: ".
+std::string of_level(std::size_t level, const BakePlan& plan);
 
 /// A volume of one cell with the grids that the bake's will have.
 Volume grids_of(const BakePlan& plan);

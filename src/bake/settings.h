@@ -49,6 +49,8 @@ struct BakeSettings {
     /// Nested grids instead (volume/levels.h), by a solver of lit surfaces and without its
     /// reflective shadow maps; empty: one grid, by the two above.
     std::vector<volume::LevelBox> levels;
+    /// Or grids beside each other, by such a solver.
+    std::vector<volume::VolumeBox> volumes;
     /// By a solver that is SolverKind::at_places, in `bounds`, or a cell around the scene.
     std::optional<AdaptiveSettings> adaptive;
     bool emitters = true;       ///< emissive surfaces give light

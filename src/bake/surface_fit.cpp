@@ -27,6 +27,14 @@ std::vector<readers::FitPoint> check_points(const Scene& scene, const surface::L
     return points;
 }
 
+/// Turns points of a frame that begins where the grid does, whatever the grid's turn, as that is.
+void turn(const Grid& grid, std::vector<readers::FitPoint>& points) {
+    for (readers::FitPoint& point : points) {
+        point.position = grid.origin + grid.turn * (point.position - grid.origin);
+        point.normal = grid.turn * point.normal;
+    }
+}
+
 } // namespace
 
 std::vector<readers::FitPoint> weighed_points(const scene::Frame& frame,
@@ -95,12 +103,16 @@ SurfaceFit fit_to_points(const readers::Reader& reader, std::span<const readers:
 SurfaceFit fit_to_surfaces(const Scene& scene, const surface::LitSurfaces& lit,
                            const scene::Frame& frame, bool emitters, const readers::Reader& reader,
                            const SurfaceFitSettings& settings, Volume& volume, Progress& progress) {
-    const auto checks = check_points(scene, lit, frame, emitters, settings, progress);
+    auto checks = check_points(scene, lit, frame, emitters, settings, progress);
     if (!any_light(checks))
         return {};
-    const auto points = fit_points(scene, lit, frame, emitters, settings, progress);
+    auto points = fit_points(scene, lit, frame, emitters, settings, progress);
+    if (volume.grid.is_turned()) {
+        turn(volume.grid, checks);
+        turn(volume.grid, points);
+    }
     SurfaceFit result = fit_to_points(reader, points, checks, settings, volume);
-    result.contested = find_contested(reader, volume, points, *lit.visibility, frame);
+    result.contested = find_contested(reader, volume, points, *lit.visibility);
     volume.metadata["fit_contested"] = format("%.3g", result.contested.share);
     volume.metadata["fit_cell"] = format("%.4g", result.contested.cell);
     return result;

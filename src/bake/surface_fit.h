@@ -59,8 +59,9 @@ SurfaceFit fit_to_points(const readers::Reader& reader, std::span<const readers:
 
 /// Fits the volume to a reader by points of the scene's lit surfaces; metadata fit_contested and
 /// fit_cell tell of SurfaceFit::contested. Where no light arrives on any
-/// surface of the grid the volume stays as it is, and FitReport::points is 0. Throws whatever
-/// `progress` throws.
+/// surface of the grid the volume stays as it is, and FitReport::points is 0. Of a turned grid the
+/// scene, its light and the frame, which begins where the grid does, are in the grid's axes. Throws
+/// whatever `progress` throws.
 SurfaceFit fit_to_surfaces(const Scene& scene, const surface::LitSurfaces& lit,
                            const scene::Frame& frame, bool emitters, const readers::Reader& reader,
                            const SurfaceFitSettings& settings, Volume& volume, Progress& progress);

@@ -34,7 +34,7 @@ std::vector<readers::FitPoint> points_on_walls(const Volume& volume, int along) 
     for (size_t cell = 0; cell < volume.grid.size(); ++cell) {
         if (!volume.is_valid(cell))
             continue;
-        const glm::dvec3 centre = volume.grid.center(volume.grid.cell_at(cell));
+        const glm::dvec3 centre = glm::dvec3(volume.grid.cell_at(cell)) + 0.5;
         for (size_t k = 0; k < volume.walls.size(); ++k) {
             const glm::vec3 w = volume.walls[k][cell];
             const float distance = glm::length(w);
@@ -51,8 +51,8 @@ std::vector<readers::FitPoint> points_on_walls(const Volume& volume, int along) 
                             b = float(i / along) / float(along) - 0.25f * float(along - 1);
                 const glm::vec3 x = w + a * u + b * v;
                 if (is_before_others(volume, cell, k, x))
-                    points.push_back({centre + volume.grid.cell * glm::dvec3(x),
-                                      glm::normalize(glm::dvec3(normal)),
+                    points.push_back({volume.grid.to_world(centre + glm::dvec3(x)),
+                                      glm::normalize(volume.grid.turn * glm::dvec3(normal)),
                                       face / (along * along),
                                       {}});
             }

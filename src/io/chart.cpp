@@ -118,8 +118,9 @@ image::Pixels chart(const image::Pixels& slice, const Grid& grid, int axis, cons
             sheet.put(x, top + slice.height + tick, ink);
             sheet.put(left - 1 - tick, y, ink);
         }
-        const auto place = [&](int of, double at) {
-            return format("%.3g", grid.origin[of] + grid.cell * grid.dims[of] * at);
+        const auto place = [&](int of, double at) { // of a turned grid from its corner
+            return format("%.3g", (grid.is_turned() ? 0.0 : grid.origin[of])
+                                      + grid.cell * grid.dims[of] * at);
         };
         sheet.write(place(across, share), x, top + slice.height + 5, 0.5);
         sheet.write(place(along, axis == 1 ? share : 1 - share), left - 5, y - 3, 1);

@@ -185,6 +185,8 @@ Json describe(const char* format, const Stored& stored, Precision precision) {
         {"precision", name_of(precision)},
         {"sh_order", stored.volume().sh_order},
     };
+    if (const glm::dquat& turn = grid.turn; grid.is_turned())
+        json["grid"]["turn"] = {turn.x, turn.y, turn.z, turn.w};
     for (const auto& [key, value] : field_facts(stored.encoding()))
         json[key] = value;
     return json;
@@ -270,6 +272,9 @@ Volume empty_volume(const std::string& path, const Json& json, const char* forma
         volume.grid.origin[a] = grid.at("origin").at(size_t(a)).get<double>();
     }
     volume.grid.cell = grid.at("cell").get<double>();
+    if (grid.contains("turn"))
+        for (int a = 0; a < 4; ++a)
+            volume.grid.turn[a] = grid["turn"].at(size_t(a)).get<double>();
     volume.sh_order = integer(json.at("sh_order"), 0, volume::sh_max_order);
     check_dims(volume.grid.dims, volume.sh_order, kinds, path);
     for (const auto& [key, value] : json.at("metadata").items())

@@ -16,7 +16,8 @@ using Json = nlohmann::ordered_json;
 ///
 ///     {
 ///       "format": format, "version": 1,
-///       "grid": { "dims": [x, y, z], "origin": [x, y, z] (metres), "cell": metres },
+///       "grid": { "dims": [x, y, z], "origin": [x, y, z] (metres), "cell": metres,
+///                 "turn": [x, y, z, w] (Grid::turn; of turned ones alone) },
 ///       "precision": "float" | "half" | "rgb9e5" | "unorm8" | "bc6h", "sh_order": 0 to 4,
 ///       "convention": "radiance", ..., "direction": "incident" | "travel", "axes": "gltf", ...,
 ///       "probe_position": "center"

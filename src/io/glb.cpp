@@ -93,6 +93,13 @@ Json volume_json(const Stored& stored, Precision precision, Packing packing,
     return volume;
 }
 
+/// Its harmonics would be in the node's axes.
+void refuse_turned(const Grid& grid, const std::string& path) {
+    if (grid.is_turned())
+        refuse(path, "a .glb holds no volume that is turned against its scene; write another kind "
+                     "of file");
+}
+
 /// Where the volume stands: a node whose unit cube is its box.
 void add_node(const Grid& grid, int scene, Json& root) {
     const glm::dvec3 size = grid.cell * glm::dvec3(grid.dims), middle = grid.origin + 0.5 * size;
@@ -382,6 +389,7 @@ WriteReport write_glb(const std::string& path, const Stored& stored, Precision w
     const Volume& volume = stored.volume();
     const Packing packing = pictures.packing;
     check_form(path, stored.encoding(), packing);
+    refuse_turned(volume.grid, path);
     const PackedScene empty{
         R"({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{}]})", {}, 0, {}};
     const PackedScene& scene = pictures.scene ? *pictures.scene : empty;

@@ -131,8 +131,8 @@ Volume read_volume(const std::string& path, volume::GridKinds kinds, VolumeForma
     if (is_manifest(path))
         throw Error(ErrorKind::unsupported,
                     path
-                        + ": lists nested levels, where one volume is wanted; flatten them with "
-                          "lpvbake convert, or give the file of one");
+                        + ": lists several volumes, where one is wanted; give the file of one, or "
+                          "flatten nested levels with lpvbake convert");
     Volume volume = required(readable_format(path, formats), path, formats).read(path, kinds);
     if (const auto scale = volume.metadata.find("l1_scale"); scale != volume.metadata.end()) {
         const double factor = std::strtod(scale->second.c_str(), nullptr);

@@ -60,7 +60,7 @@ void check_volume(const Volume& volume, const std::string& path, ErrorKind error
     const glm::ivec3 dims = grid.dims;
     if (dims.x < 1 || dims.y < 1 || dims.z < 1 || !std::isnormal(grid.cell) || grid.cell < 0
         || !std::isfinite(grid.origin.x) || !std::isfinite(grid.origin.y)
-        || !std::isfinite(grid.origin.z))
+        || !std::isfinite(grid.origin.z) || !(std::abs(glm::length(grid.turn) - 1) < 1e-6))
         reject("the lattice of ", dims.x, " x ", dims.y, " x ", dims.z, " cells of ", grid.cell,
                " m is not valid");
     if (volume.sh_order < 0 || volume.sh_order > volume::sh_max_order)

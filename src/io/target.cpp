@@ -116,13 +116,17 @@ Json common_notes(const std::string& program, const std::string& path, const Wri
     const std::string sidecar = volume_format(path)->sidecar;
     const glm::dvec3 lo = units_a_metre * grid.origin,
                      hi = lo + units_a_metre * grid.cell * glm::dvec3(grid.dims);
+    Json volume{{"min", {lo.x, lo.y, lo.z}}, {"max", {hi.x, hi.y, hi.z}}};
+    if (const glm::dquat& turn = grid.turn; grid.is_turned())
+        volume["turn"] = {{"rotation", {turn.x, turn.y, turn.z, turn.w}},
+                          {"about", "min: positions are first turned back"}};
     return {
         {"program", program},
         {"textures", names},
         {"channels", "see "
                          + (sidecar.empty() ? "the key lpvbake of each texture"
                                             : fs::path(path).stem().string() + sidecar)},
-        {"volume", {{"min", {lo.x, lo.y, lo.z}}, {"max", {hi.x, hi.y, hi.z}}}},
+        {"volume", volume},
         {"units", units_a_metre == 1.0 ? "metres" : "centimetres"},
         {"axes", volume::name_of(axes)},
     };
@@ -200,7 +204,8 @@ Json godot_notes() {
 }
 
 Json bevy_notes(const Grid& grid, const WriteReport& report) {
-    const glm::dvec3 size = grid.cell * glm::dvec3(grid.dims), middle = grid.origin + 0.5 * size;
+    const glm::dvec3 size = grid.cell * glm::dvec3(grid.dims),
+                     middle = grid.to_world(0.5 * glm::dvec3(grid.dims));
     Json texture = {{"size", {grid.dims.x, 2 * grid.dims.y, 3 * grid.dims.z}}};
     if (has_flipbooks(report))
         texture.update(
@@ -211,7 +216,9 @@ Json bevy_notes(const Grid& grid, const WriteReport& report) {
     return {
         {"texture", texture},
         {"Transform",
-         {{"translation", {middle.x, middle.y, middle.z}}, {"scale", {size.x, size.y, size.z}}}},
+         {{"translation", {middle.x, middle.y, middle.z}},
+          {"rotation", {grid.turn.x, grid.turn.y, grid.turn.z, grid.turn.w}},
+          {"scale", {size.x, size.y, size.z}}}},
         {"IrradianceVolume", {{"intensity", 1.0}}},
     };
 }
@@ -219,12 +226,15 @@ Json bevy_notes(const Grid& grid, const WriteReport& report) {
 /// A scene of Bevy 0.19 or later, in which assets go by their paths: a node whose unit cube is the
 /// box. Components that it needs beside come by themselves.
 std::string bevy_scene(const Grid& grid, const std::string& texture) {
-    const glm::dvec3 size = grid.cell * glm::dvec3(grid.dims), middle = grid.origin + 0.5 * size;
+    const glm::dvec3 size = grid.cell * glm::dvec3(grid.dims),
+                     middle = grid.to_world(0.5 * glm::dvec3(grid.dims));
     const auto three = [](glm::dvec3 v) { return format("(%.9g, %.9g, %.9g)", v.x, v.y, v.z); };
     return "(\n  resources: {},\n  entities: {\n    4294967297: (\n      components: {\n"
            "        \"bevy_transform::components::transform::Transform\": (\n"
            "          translation: "
-           + three(middle) + ",\n          rotation: (0, 0, 0, 1),\n          scale: " + three(size)
+           + three(middle) + ",\n          rotation: "
+           + format("(%.9g, %.9g, %.9g, %.9g)", grid.turn.x, grid.turn.y, grid.turn.z, grid.turn.w)
+           + ",\n          scale: " + three(size)
            + ",\n        ),\n"
              "        \"bevy_light::probe::IrradianceVolume\": (\n"
              "          voxels: Path("

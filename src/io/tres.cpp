@@ -308,6 +308,11 @@ WriteReport write_tres(const std::string& path, const Stored& stored, Precision 
         || stored.encoding().axes != volume::Axes::gltf || volume.sh_order > 2)
         throw Error(ErrorKind::unsupported,
                     path + ": holds light as Godot has it; add `target` godot");
+    if (volume.grid.is_turned())
+        throw Error(ErrorKind::unsupported,
+                    path
+                        + ": probes stand along the axes, and the volume is turned against them; "
+                          "write .exr, .ktx2 or .dds");
     if (volume.grid.size() > most_cells)
         throw Error(ErrorKind::unsupported,
                     path + ": " + std::to_string(volume.grid.size())

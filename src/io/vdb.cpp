@@ -247,6 +247,9 @@ void insert_lattice(MetaMap& metadata, const Volume& volume, const volume::Encod
                         openvdb::Vec3IMetadata({grid.dims.x, grid.dims.y, grid.dims.z}));
     metadata.insertMeta("lpv:grid_origin",
                         openvdb::Vec3DMetadata({grid.origin.x, grid.origin.y, grid.origin.z}));
+    if (const glm::dquat& turn = grid.turn; grid.is_turned())
+        metadata.insertMeta("lpv:grid_turn",
+                            openvdb::Vec4DMetadata({turn.x, turn.y, turn.z, turn.w}));
     metadata.insertMeta("lpv:cell_size", openvdb::DoubleMetadata(grid.cell));
     metadata.insertMeta("lpv:sh_order", openvdb::Int32Metadata(volume.sh_order));
 }
@@ -323,6 +326,10 @@ Volume volume_of(const VdbContent& content, const std::string& path, volume::Gri
     volume.grid = {{origin.x(), origin.y(), origin.z()},
                    required<double>(*metadata, "lpv:cell_size", path),
                    {dims.x(), dims.y(), dims.z()}};
+    if ((*metadata)["lpv:grid_turn"]) {
+        const auto turn = required<openvdb::Vec4d>(*metadata, "lpv:grid_turn", path);
+        volume.grid.turn = glm::dquat(turn.w(), turn.x(), turn.y(), turn.z());
+    }
     if (bricks) {
         const Grid& listed = bricks->lattice;
         if (listed.dims != volume.grid.dims

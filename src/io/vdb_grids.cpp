@@ -12,8 +12,19 @@ constexpr GridKind density_kind{.name = "density",
                                 .quantity = {"mean luminance over all directions", "cd/m^2"}};
 
 openvdb::math::Transform::Ptr transform_of(const Grid& grid, bool corner_index) {
-    auto transform = openvdb::math::Transform::createLinearTransform(grid.cell);
     const glm::dvec3 first = corner_index ? grid.origin : grid.center({0, 0, 0});
+    if (grid.is_turned()) {
+        openvdb::math::Mat4d affine = openvdb::math::Mat4d::identity(); // of row vectors
+        for (int axis = 0; axis < 3; ++axis) {
+            glm::dvec3 edge(0);
+            edge[axis] = grid.cell;
+            edge = grid.turn * edge;
+            affine.setRow(axis, {edge.x, edge.y, edge.z, 0});
+        }
+        affine.setTranslation({first.x, first.y, first.z});
+        return openvdb::math::Transform::createLinearTransform(affine);
+    }
+    auto transform = openvdb::math::Transform::createLinearTransform(grid.cell);
     transform->postTranslate({first.x, first.y, first.z});
     return transform;
 }

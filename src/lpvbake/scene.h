@@ -130,6 +130,14 @@ struct SceneFile {
         size_t begin = 0;
         size_t end = 0;
     };
+    /// What a node that LoadSettings::boxes fits bounds: its mesh or, without one, a unit cube
+    /// around its origin.
+    struct Box {
+        std::string name; ///< empty: it has none
+        glm::dvec3 lo{-0.5}, hi{0.5};
+        glm::dmat4 to_world{1.0};
+        std::optional<double> cell, priority, falloff; ///< numbers of these names in its extras
+    };
     std::string generator; ///< the program that wrote it
     std::vector<std::string> extensions_used;
     std::vector<std::string> extensions_required;
@@ -137,6 +145,7 @@ struct SceneFile {
     std::vector<std::string> variants;
     std::vector<Animation> animations;
     std::vector<Node> nodes; ///< of the scene that was taken, but for those that place nothing
+    std::vector<Box> boxes;  ///< in the scene's order, of hidden and excluded nodes too
 };
 
 struct Scene {
@@ -186,6 +195,8 @@ struct LoadSettings {
     bool allow_external = false;      ///< URIs may leave the scene's folder
     bool skip_colors = false; ///< images that do nothing but colour surfaces have a size alone
     uint64_t max_memory = uint64_t{4} << 30; ///< bytes that loading may take
+    /// A pattern as RoleRule's, of nodes that bound volumes (SceneFile::boxes); empty: none do.
+    std::string boxes = {};
 };
 
 /// The path of a scene that is read from standard input, with its buffers and images embedded.

@@ -10,6 +10,7 @@
 #include "lpvbake/export.h"
 
 #include <glm/glm.hpp>
+#include <glm/gtc/quaternion.hpp>
 
 #include <cstddef>
 #include <map>
@@ -20,12 +21,16 @@ namespace lpvbake {
 
 /// The lattice of a bake: cubic cells, any number along each axis.
 ///
-/// Cell (i, j, k) spans origin + cell * [i, i+1] x [j, j+1] x [k, k+1], in metres; values belong to
-/// its centre. Grid units are cells: p_grid = (p - origin) / cell, so centres lie at i + 1/2.
+/// Cell (i, j, k) spans origin + turn * (cell * [i, i+1] x [j, j+1] x [k, k+1]), in metres; values
+/// belong to its centre. Grid units are cells: p_grid = turn^-1 * (p - origin) / cell, so centres
+/// lie at i + 1/2. Directions of spherical harmonics are the world's, whatever the turn; walls are
+/// in grid units.
 struct Grid {
     glm::dvec3 origin{0.0};
     double cell = 1.0; ///< edge of a cell, metres
     glm::ivec3 dims{0};
+    /// From the lattice's axes to the world's: a unit quaternion, for most lattices none.
+    glm::dquat turn{1.0, 0.0, 0.0, 0.0};
 
     std::size_t size() const {
         return std::size_t(dims.x) * std::size_t(dims.y) * std::size_t(dims.z);
@@ -43,8 +48,16 @@ struct Grid {
     bool contains(glm::ivec3 c) const {
         return c.x >= 0 && c.y >= 0 && c.z >= 0 && c.x < dims.x && c.y < dims.y && c.z < dims.z;
     }
-    glm::dvec3 center(glm::ivec3 c) const { return origin + cell * (glm::dvec3(c) + 0.5); }
-    glm::dvec3 to_grid(glm::dvec3 world) const { return (world - origin) / cell; }
+    bool is_turned() const { return turn != glm::dquat(1.0, 0.0, 0.0, 0.0); }
+    glm::dvec3 to_world(glm::dvec3 grid) const {
+        return origin + (is_turned() ? turn * (cell * grid) : cell * grid);
+    }
+    glm::dvec3 center(glm::ivec3 c) const { return to_world(glm::dvec3(c) + 0.5); }
+    glm::dvec3 to_grid(glm::dvec3 world) const { return to_axes(world - origin) / cell; }
+    /// A direction of the world in the lattice's axes.
+    glm::dvec3 to_axes(glm::dvec3 way) const {
+        return is_turned() ? glm::conjugate(turn) * way : way;
+    }
     bool operator==(const Grid&) const = default;
 };
 

@@ -381,6 +381,10 @@ std::string volume_text(const std::string& path, const Volume& volume) {
     text += format("transform  index (i, j, k) at (%.6g, %.6g, %.6g) + %.6g (i, j, k) m\n",
                    grid.center({0, 0, 0}).x, grid.center({0, 0, 0}).y, grid.center({0, 0, 0}).z,
                    grid.cell);
+    if (const glm::dquat& turn = grid.turn; grid.is_turned())
+        text += format("turn       (i, j, k) by the quaternion (%.6g, %.6g, %.6g, %.6g), %.4g "
+                       "degrees\n",
+                       turn.x, turn.y, turn.z, turn.w, glm::degrees(glm::angle(turn)));
     text += format("energy     %.6g nit sr over valid cells (luminance)\n",
                    volume::total_energy(volume));
     for (const auto& [name, range] : ranges_of(volume)) {

@@ -17,7 +17,9 @@ constexpr uint64_t usual_rays = 256;
 Volume empty_layer(const Grid& grid, LayerChoice layer, int order) {
     Volume volume;
     volume.grid = grid;
-    volume.grid.origin[layer.axis] += grid.cell * layer.index;
+    glm::dvec3 corner(0);
+    corner[layer.axis] = layer.index;
+    volume.grid.origin = grid.to_world(corner);
     volume.grid.dims[layer.axis] = 1;
     volume.sh_order = order;
     volume.sh.assign(std::size_t(volume::sh_count(order)),

@@ -5,6 +5,7 @@
 #include "report/measure.h"
 #include "visibility/visibility.h"
 #include "volume/compare.h"
+#include "volume/grid.h"
 
 #include <glm/gtc/constants.hpp>
 #include <tbb/parallel_for.h>
@@ -110,7 +111,10 @@ public:
         const glm::ivec3 at = grid.cell_at(cell.cell);
         if (levels_.bricks)
             return visibility_.capture_at(glm::vec3(frame_.from_world(grid.center(at)))).point;
-        const glm::vec3 point = seen_[cell.level].capture(at).point;
+        const visibility::Visibility& seen = seen_[cell.level];
+        const glm::vec3 place(frames_[cell.level].from_world(grid.center(at)));
+        const glm::vec3 point =
+            (grid.is_turned() ? seen.capture_at(place) : seen.capture(at)).point;
         return cell.level == 0
                    ? point
                    : glm::vec3(frame_.from_world(frames_[cell.level].to_world(glm::dvec3(point))));
@@ -172,15 +176,22 @@ Sample sample_surfaces(const Scene& scene, const volume::Levels& levels,
         const Grid& all = levels.bricks->levels().finest;
         box = {all.center(glm::ivec3(0)), all.center(all.dims - 1)};
     } else {
-        const Grid& all = levels.volumes.back().grid;
-        box = {all.origin, all.origin + all.cell * glm::dvec3(all.dims)};
+        for (const Volume& volume : levels.volumes) {
+            const volume::GridBox own = volume::box_of(volume.grid);
+            box = {glm::min(box.lo, own.lo), glm::max(box.hi, own.hi)};
+        }
     }
     if (within)
         box = {glm::max(box.lo, within->lo), glm::min(box.hi, within->hi)};
     if (glm::any(glm::greaterThanEqual(box.lo, box.hi)))
         return {};
-    const std::vector<FrontPoint> points =
+    std::vector<FrontPoint> points =
         draw_surface_points(scene, visibility, frame, box, 8 * count, seed);
+    std::erase_if(points, [&](const FrontPoint& point) {
+        return !levels.bricks && std::ranges::none_of(levels.volumes, [&](const Volume& volume) {
+            return volume::depth_in(volume.grid, point.position) >= 0;
+        });
+    });
     std::vector<glm::dvec3> shown;
     std::vector<double> light;
     for (const FrontPoint& point : points) {

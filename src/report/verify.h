@@ -52,8 +52,9 @@ struct Verified {
 /// Cells and points are drawn by even steps, half in proportion to their number and half to their
 /// light, which is where most of an error is; intervals are from 1000 samples of the points drawn
 /// (Efron's bootstrap, percentiles). `levels` is a volume of the scene, nested ones or bricks,
-/// which are read as one field; of a level cells count that no finer one has a share in, of bricks
-/// the samples that are the finest there. `rules` are those of its light. Depends on no clock.
+/// which are read as one field, or ones beside each other; of a level cells count that no finer one
+/// has a share in, of bricks the samples that are the finest there, of volumes beside each other
+/// those that no other one is read at first. `rules` are those of its light. Depends on no clock.
 /// Throws Error (invalid) as trace_probes.
 Verified verify(const Scene& scene, const volume::Levels& levels, const reference::PathRules& rules,
                 const readers::Reader& reader, const VerifySettings& settings, Progress& progress);

@@ -46,8 +46,7 @@ Views draw_views(const Scene& scene, const visibility::Visibility& visibility,
     const std::optional<visibility::Visibility> eye = render::eye_of(scene, frame);
     const visibility::Visibility& seen = eye ? *eye : visibility;
     view.camera = render::choose_camera(
-        {}, scene, {grid.origin, grid.origin + grid.cell * glm::dvec3(grid.dims)}, seen, frame,
-        usual_aspect);
+        {}, scene, {grid.origin, grid.to_world(glm::dvec3(grid.dims))}, seen, frame, usual_aspect);
     const double aspect = view.camera.aspect > 0 ? view.camera.aspect : usual_aspect;
     view.size = {int(std::round(std::clamp(aspect, 0.5, 2.0) * height)), height};
 

@@ -122,6 +122,22 @@ Bounds union_of(std::span<const Bounds> boxes) {
     return all;
 }
 
+Scene turned(const Scene& scene, const glm::dmat3& rotation, glm::dvec3 about) {
+    Scene result = scene;
+    glm::dmat4 motion(rotation);
+    motion[3] = glm::dvec4(about - rotation * about, 1);
+    for (Instance& instance : result.instances)
+        instance.to_world = motion * instance.to_world;
+    for (Camera& camera : result.cameras)
+        camera.to_world = motion * camera.to_world;
+    for (Light& light : result.lights) {
+        light.position = glm::dvec3(motion * glm::dvec4(light.position, 1));
+        light.direction = rotation * light.direction;
+    }
+    result.sky = turned_sky(scene.sky, rotation);
+    return result;
+}
+
 uint64_t triangle_count(const Scene& scene) {
     uint64_t count = 0;
     for (const Instance& instance : scene.instances)

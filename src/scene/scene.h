@@ -25,6 +25,9 @@ std::vector<Bounds> instance_boxes(const Scene& scene);
 /// The boxes of a part of them in one.
 Bounds union_of(std::span<const Bounds> boxes);
 
+/// The scene and all its light, turned by the rotation about a point.
+Scene turned(const Scene& scene, const glm::dmat3& rotation, glm::dvec3 about);
+
 /// Number of placed triangles (instances counted as often as they are placed).
 uint64_t triangle_count(const Scene& scene);
 

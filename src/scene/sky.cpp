@@ -268,6 +268,40 @@ Sky averaged_sky(const Sky& sky, std::span<const glm::vec3> directions) {
     return averaged;
 }
 
+Sky turned_sky(const Sky& sky, const glm::dmat3& rotation) {
+    if (!sky.map)
+        return sky;
+    auto map = std::make_shared<SkyMap>(*sky.map);
+    for (Light& sun : map->suns)
+        sun.direction = rotation * sun.direction;
+    if (rotation[1] == glm::dvec3(0, 1, 0)) {
+        map->turn += std::atan2(rotation[2].x, rotation[2].z);
+    } else {
+        constexpr int looks = 3;
+        const glm::dmat3 back = glm::transpose(rotation);
+        for (size_t i = 0; i < map->texels.size(); ++i) {
+            const int column = int(i % size_t(map->width)), row = int(i / size_t(map->width));
+            const double high = edge_of(row, map->height), low = edge_of(row + 1, map->height);
+            glm::vec3 all(0.0f), rest(0.0f);
+            for (int look = 0; look < looks * looks; ++look) {
+                const double across = (look % looks + 0.5) / looks,
+                             down = (look / looks + 0.5) / looks;
+                const glm::vec3 towards(
+                    back * direction_at(*map, column + across, glm::mix(high, low, down)));
+                all += sky_luminance(sky, towards);
+                rest += sky_rest(sky, towards);
+            }
+            map->texels[i] = all / float(looks * looks);
+            map->rest[i] = rest / float(looks * looks);
+        }
+        map->cumulative.clear();
+        add_sums(*map);
+    }
+    Sky turned;
+    turned.map = std::move(map);
+    return turned;
+}
+
 glm::dvec3 sample_sky(const SkyMap& map, glm::dvec2 u) {
     const auto found = std::ranges::upper_bound(map.cumulative, u.x);
     const auto at = std::min(size_t(found - map.cumulative.begin()), map.cumulative.size() - 1);

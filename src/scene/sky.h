@@ -53,6 +53,10 @@ glm::dvec3 sky_mean(const Sky& sky, double low, double high, double from, double
 /// directions that over the sky.
 Sky averaged_sky(const Sky& sky, std::span<const glm::vec3> directions);
 
+/// The sky of a scene that is turned by the rotation. Exact about +Y; about other axes the texels
+/// of a map are means of nine looks at its own, suns alone are exact.
+Sky turned_sky(const Sky& sky, const glm::dmat3& rotation);
+
 /// A direction drawn from the unit square by the luminance of a sky with a map that is not black.
 glm::dvec3 sample_sky(const SkyMap& map, glm::dvec2 u);
 /// The density of that, per solid angle.

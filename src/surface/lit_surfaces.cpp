@@ -834,4 +834,16 @@ LitSurfaces in_frame(LitSurfaces lit, const scene::Frame& own, const scene::Fram
     return lit;
 }
 
+LitSurfaces turned(LitSurfaces lit, const glm::mat3& rotation,
+                   const visibility::Visibility& visibility) {
+    lit.visibility = &visibility;
+    const auto turn = [&](Patch& patch) {
+        for (glm::vec3* way : {&patch.position, &patch.normal, &patch.edge_u, &patch.edge_v})
+            *way = rotation * *way;
+    };
+    tbb::parallel_for_each(lit.patches, turn);
+    tbb::parallel_for_each(lit.receivers, turn);
+    return lit;
+}
+
 } // namespace lpvbake::surface

@@ -70,6 +70,11 @@ struct LitSurfaces {
 LitSurfaces in_frame(LitSurfaces lit, const scene::Frame& own, const scene::Frame& other,
                      const visibility::Visibility& visibility);
 
+/// The same surfaces and light of a scene that is turned about the frame's origin by the rotation;
+/// `visibility` is of that scene, in the same frame, and outlives the result.
+LitSurfaces turned(LitSurfaces lit, const glm::mat3& rotation,
+                   const visibility::Visibility& visibility);
+
 /// What a luminance has above a limit, both by the mean of the channels; of the same colour.
 inline glm::vec3 luminance_above(glm::vec3 luminance, float limit) {
     const float mean = (luminance.x + luminance.y + luminance.z) / 3.0f;

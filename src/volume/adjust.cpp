@@ -12,6 +12,16 @@ namespace {
 template <class Set>
 void for_cells_in(const Adjustment& box, const Grid& grid, const Set& set) {
     constexpr double slack = 1e-6; // of a cell
+    if (grid.is_turned() || box.turn != glm::dquat(1.0, 0.0, 0.0, 0.0)) {
+        for (std::size_t cell = 0; cell < grid.size(); ++cell) {
+            const glm::dvec3 at =
+                box.about + box.turn * (grid.center(grid.cell_at(cell)) - box.about);
+            if (glm::all(glm::lessThanEqual(box.lo - slack * grid.cell, at))
+                && glm::all(glm::lessThanEqual(at, box.hi + slack * grid.cell)))
+                set(cell);
+        }
+        return;
+    }
     const glm::dvec3 lo = grid.to_grid(box.lo) - 0.5 - slack,
                      hi = grid.to_grid(box.hi) - 0.5 + slack;
     const glm::dvec3 last(grid.dims - 1);

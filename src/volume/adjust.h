@@ -17,6 +17,9 @@ struct Adjustment {
     /// Whatever geometry says: true, the cell counts as outside of solids; false, as inside.
     std::optional<bool> valid;
     double intensity = 1; ///< their light is multiplied by it
+    /// Where cells are in axes that were turned about a point: from those to the box's.
+    glm::dquat turn{1.0, 0.0, 0.0, 0.0};
+    glm::dvec3 about{0.0};
 };
 
 /// Whether any cell lies in it.

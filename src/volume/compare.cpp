@@ -2,6 +2,7 @@
 
 #include "colour/colour.h"
 #include "lpvbake/error.h"
+#include "text.h"
 #include "volume/sh.h"
 
 #include <tbb/blocked_range.h>
@@ -364,12 +365,16 @@ std::optional<std::string> lattice_difference(const Grid& a, const Grid& b) {
     const double tolerance = 1e-6 * b.cell;
     const int longest = std::max({b.dims.x, b.dims.y, b.dims.z, 1});
     const glm::dvec3 shift = glm::abs(a.origin - b.origin);
+    const glm::dquat off = glm::conjugate(a.turn) * b.turn;
     if (a.dims != b.dims)
         return "dims: " + triple(a.dims, " x ") + " and " + triple(b.dims, " x ") + " cells";
     if (!(std::abs(a.cell - b.cell) * longest <= tolerance))
         return "cell: " + shortest(a.cell) + " and " + shortest(b.cell) + " m";
     if (!(std::max({shift.x, shift.y, shift.z}) <= tolerance))
         return "origin: (" + triple(a.origin, ", ") + ") and (" + triple(b.origin, ", ") + ") m";
+    if (!(2 * glm::length(glm::dvec3(off.x, off.y, off.z)) * longest <= 1e-6))
+        return format("turn: they lie %.3g degrees apart",
+                      glm::degrees(2 * std::acos(std::min(1.0, std::abs(off.w)))));
     return {};
 }
 

@@ -86,8 +86,8 @@ struct Comparison {
     std::vector<std::string> only_a, only_b; ///< names of the others
 };
 
-/// Why the two are not one lattice, as "dims: 8 x 8 x 8 and 9 x 8 x 8 cells" (dims, cell or
-/// origin); none if no cell of one is off by more than a millionth of a cell.
+/// Why the two are not one lattice, as "dims: 8 x 8 x 8 and 9 x 8 x 8 cells" (dims, cell,
+/// origin or turn); none if no cell of one is off by more than a millionth of a cell.
 std::optional<std::string> lattice_difference(const Grid& a, const Grid& b);
 
 /// Compares two volumes whose grids all fit their lattice. The result has the same bits for any

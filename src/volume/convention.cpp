@@ -213,18 +213,24 @@ glm::dmat3 from_gltf(Axes axes) {
 }
 
 Grid turned_grid(const Grid& grid, const glm::dmat3& turn) {
+    if (grid.is_turned()) {
+        // Its own turn is about an axis that goes with the others, the other way round in a mirror.
+        const glm::dquat& own = grid.turn;
+        const glm::dvec3 axis = glm::determinant(turn) * (turn * glm::dvec3(own.x, own.y, own.z));
+        const glm::dvec3 dims = turn * glm::dvec3(grid.dims);
+        const glm::dquat turned(own.w, axis.x, axis.y, axis.z);
+        return {turn * grid.origin + turned * (grid.cell * glm::min(dims, 0.0)), grid.cell,
+                glm::ivec3(glm::abs(dims)), turned};
+    }
     const glm::dvec3 one = turn * grid.origin,
                      other = turn * (grid.origin + grid.cell * glm::dvec3(grid.dims));
     return {glm::min(one, other), grid.cell, glm::ivec3(glm::abs(turn * glm::dvec3(grid.dims)))};
 }
 
-void turn_axes(const glm::dmat3& turn, Volume& volume) {
-    if (turn == glm::dmat3(1.0))
-        return;
-    const Grid from = volume.grid;
-    const Grid to = volume.grid = turned_grid(from, turn);
-    const glm::mat3 rotation(turn);
-    const std::vector<GridView> grids = grids_of(volume);
+namespace {
+
+/// Turns harmonics and, where they are to be, vectors.
+void turn_values(const glm::mat3& rotation, bool vectors, const std::vector<GridView>& grids) {
     for (size_t first = 0, last; first < grids.size(); first = last) {
         const GridKind* kind = grids[first].kind;
         last = first + 1;
@@ -233,10 +239,25 @@ void turn_axes(const glm::dmat3& turn, Volume& volume) {
         const std::span<const GridView> of_kind(&grids[first], last - first);
         if (kind->turning == Turning::harmonics)
             turn_harmonics(rotation, of_kind);
-        else if (kind->turning == Turning::vector)
+        else if (vectors && kind->turning == Turning::vector)
             for (const GridView& grid : of_kind)
                 turn_vectors(rotation, grid);
     }
+}
+
+} // namespace
+
+void turn_directions(const glm::dmat3& rotation, Volume& volume) {
+    turn_values(glm::mat3(rotation), false, grids_of(volume));
+}
+
+void turn_axes(const glm::dmat3& turn, Volume& volume) {
+    if (turn == glm::dmat3(1.0))
+        return;
+    const Grid from = volume.grid;
+    const Grid to = volume.grid = turned_grid(from, turn);
+    const std::vector<GridView> grids = grids_of(volume);
+    turn_values(glm::mat3(turn), true, grids);
 
     // Cell c of the result comes from the one whose centre turns to its own.
     const glm::dmat3 back = glm::transpose(turn);

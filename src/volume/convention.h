@@ -73,6 +73,10 @@ glm::dmat3 from_gltf(Axes axes);
 /// A lattice in axes that `turn` (a signed permutation) takes its own to.
 Grid turned_grid(const Grid& grid, const glm::dmat3& turn);
 
+/// Turns the light of a volume whose harmonics are in other axes than the world's, by the rotation
+/// from those to these; vectors are the lattice's own and stay.
+void turn_directions(const glm::dmat3& rotation, Volume& volume);
+
 /// Turns a volume into axes that `turn` takes its own to (a signed permutation), in place and with
 /// the memory of one more grid: its lattice, the directions in its grids (see Turning), and its
 /// cells' order. Metadata stay. Exact up to band 1, beyond up to rounding.

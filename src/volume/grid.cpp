@@ -30,6 +30,18 @@ double cells_across(double extent, double cell) {
 
 } // namespace
 
+GridBox box_of(const Grid& grid) {
+    const glm::dvec3 end = grid.to_world(glm::dvec3(grid.dims));
+    GridBox box{grid.origin, end};
+    for (int corner = 0; corner < 8 && grid.is_turned(); ++corner) {
+        const glm::dvec3 at = grid.to_world(glm::dvec3(grid.dims)
+                                            * glm::dvec3(corner & 1, corner >> 1 & 1, corner >> 2));
+        box.lo = glm::min(box.lo, at);
+        box.hi = glm::max(box.hi, at);
+    }
+    return box;
+}
+
 Grid fit_grid(glm::dvec3 lo, glm::dvec3 hi, const GridSettings& settings) {
     const glm::dvec3 extent = hi - lo;
     const double longest = std::max({extent.x, extent.y, extent.z});

@@ -12,6 +12,12 @@ struct GridSettings {
     int margin = 1;      ///< whole cells around the box on each side
 };
 
+/// The box of a grid's cells in the world's axes, metres.
+struct GridBox {
+    glm::dvec3 lo, hi;
+};
+GridBox box_of(const Grid& grid);
+
 /// The margin where none is asked for. A box that is asked for is the grid's own.
 constexpr int usual_margin(bool box_is_given) {
     return box_is_given ? 0 : GridSettings().margin;

@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <optional>
 
 namespace lpvbake::volume {
@@ -164,7 +165,33 @@ std::vector<Grid> VolumeSet::grids() const {
     return grids;
 }
 
+void order_by_priority(VolumeSet& set) {
+    std::vector<std::size_t> order(set.levels.size());
+    std::iota(order.begin(), order.end(), std::size_t(0));
+    std::ranges::stable_sort(order, [&](std::size_t a, std::size_t b) {
+        return std::pair(-set.places[a].priority, set.levels[a].grid.cell)
+               < std::pair(-set.places[b].priority, set.levels[b].grid.cell);
+    });
+    VolumeSet sorted;
+    sorted.blend = set.blend;
+    for (const std::size_t i : order) {
+        sorted.levels.push_back(std::move(set.levels[i]));
+        sorted.places.push_back(std::move(set.places[i]));
+    }
+    set = std::move(sorted);
+}
+
+std::string title_of(const VolumeSet& set, std::size_t level) {
+    return set.places.empty() ? format("level %zu", level) : "volume " + set.places[level].name;
+}
+
 double share_of(const Levels& levels, std::size_t level, glm::dvec3 point) {
+    const auto smooth = [](double t) { return t * t * (3 - 2 * t); };
+    if (!levels.places.empty()) {
+        const double depth = depth_in(levels.volumes[level].grid, point);
+        const double falloff = std::max(levels.places[level].falloff, 1e-300);
+        return smooth(std::clamp(depth / falloff, 0.0, 1.0));
+    }
     if (levels.bricks || level + 1 == levels.volumes.size())
         return 1;
     const Grid& grid = levels.volumes[level].grid;
@@ -178,13 +205,24 @@ double share_of(const Levels& levels, std::size_t level, glm::dvec3 point) {
     }
     const double t =
         std::clamp(inside / (levels.blend * levels.volumes[level + 1].grid.cell), 0.0, 1.0);
-    return t * t * (3 - 2 * t);
+    return smooth(t);
 }
 
 std::size_t level_at(const Levels& levels, glm::dvec3 point) {
     if (levels.bricks)
         return levels.bricks->at(point);
     std::size_t level = 0;
+    if (!levels.places.empty()) {
+        const auto share = [&](std::size_t i) { return share_of(levels, i, point); };
+        const auto depth = [&](std::size_t i) { return depth_in(levels.volumes[i].grid, point); };
+        for (std::size_t i = 0; i < levels.volumes.size(); ++i) {
+            if (share(i) > 0)
+                return i;
+            if (depth(i) > depth(level))
+                level = i;
+        }
+        return level;
+    }
     while (!(share_of(levels, level, point) > 0))
         ++level;
     return level;

@@ -7,6 +7,7 @@
 #pragma once
 
 #include "volume/bricks.h"
+#include "volume/places.h"
 #include "volume/sampler.h"
 
 #include <optional>
@@ -36,11 +37,12 @@ std::vector<Grid> nest_grids(std::vector<LevelBox> levels);
 std::vector<LevelBox> levels_around(const LevelBox& focus, glm::dvec3 lo, glm::dvec3 hi,
                                     std::size_t count);
 
-/// Volumes of levels, or of bricks.
+/// Volumes of levels, of places, or of bricks.
 struct VolumeSet {
-    std::vector<Volume> levels; ///< finest first; at least one
+    std::vector<Volume> levels; ///< finest first, or by falling priority; at least one
     /// Cells of the next level, inside of a hull, over which a level takes over from that.
     double blend = 1;
+    std::vector<Place> places = {}; ///< of each, where they stand beside each other; else empty
     /// There are bricks instead of levels: `levels` are those of the tree, of which the first and
     /// the last have the metadata.
     std::optional<BrickTree> bricks = {};
@@ -54,25 +56,35 @@ struct VolumeSet {
     }
 };
 
-/// The levels or bricks of a set, or a volume that is alone. Refers to them.
+/// The volumes of a set, or one that is alone. Refers to them.
 struct Levels {
     std::span<const Volume> volumes;
     double blend = 1;
-    const BrickTree* bricks = nullptr; ///< the volumes are its; null: they are levels
+    std::span<const Place> places = {};
+    const BrickTree* bricks = nullptr; ///< the volumes are its; null: they are levels, or places
 
     Levels(const Volume& alone) : volumes(&alone, 1) {}
     Levels(const VolumeSet& set)
         : volumes(set.levels),
           blend(set.blend),
+          places(set.places),
           bricks(set.bricks ? &*set.bricks : nullptr) {}
 };
 
+/// Brings volumes of places into the order in which they are seen.
+void order_by_priority(VolumeSet& set);
+
+/// What messages call one of a set: "level 1", "volume hall".
+std::string title_of(const VolumeSet& set, std::size_t level);
+
 /// What a level weighs at a point (metres) against the coarser ones: 0 outside of its hull, rising
 /// to 1 (smoothstep) over `blend` cells of the next level. At faces that it has in common with the
-/// outermost level it stays what it is beside them. The outermost level's is 1, and a brick's.
+/// outermost level it stays what it is beside them. The outermost level's is 1, and a brick's. Of
+/// a place: 0 outside of its cells, rising to 1 over its falloff inside.
 double share_of(const Levels& levels, std::size_t level, glm::dvec3 point);
 
-/// The finest level that has a share at the point; the finest brick there.
+/// The first that has a share at the point, the finest brick there; of places where none has a
+/// share, the nearest.
 std::size_t level_at(const Levels& levels, glm::dvec3 point);
 
 /// What is read of a level.

@@ -119,6 +119,7 @@ Around around(const Volume& volume, glm::dvec3 place, glm::dvec3 at, glm::dvec3 
 
 CellWeights weights_at(const Volume& volume, glm::dvec3 point, glm::dvec3 n, Reading reading) {
     const glm::dvec3 at = volume.grid.to_grid(point);
+    n = volume.grid.to_axes(n);
     Around own = around(volume, at, at, n);
     if (reading == Reading::trilinear)
         return own.plain;

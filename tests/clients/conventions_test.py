@@ -582,5 +582,94 @@ class Conventions(unittest.TestCase):
             self.assertLess(error, TOLERANCE["float"], name)
 
 
+def rotation(turn):
+    """Columns: where a quaternion x, y, z, w takes the axes."""
+    x, y, z, w = turn
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
+
+
+class Volumes(unittest.TestCase):
+    """Volumes beside each other, one of them turned, through their manifests."""
+
+    @classmethod
+    def setUpClass(cls):
+        folder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(folder.cleanup)
+        cls.folder = pathlib.Path(folder.name)
+        (cls.folder / "boxes.json").write_text(json.dumps({"volumes": [
+            {"name": "turned", "box": [-0.5, 0.2, -0.5, 0.3, 0.9, 0.4], "cell": 0.16, "priority": 3,
+             "falloff": 0.1, "rotation": [0.1, 0.3, -0.2, 0.92736185]},
+            {"name": "above", "box": [-0.8, 1.3, -0.8, 0.8, 1.9, 0.4], "cell": 0.2, "falloff": 0.3}]}))
+        Conventions.run_program("bake", SCENE, "-o", cls.folder / "all.vdb", "--sh-order", 2,
+                                "--volumes", cls.folder / "boxes.json")
+        random = np.random.default_rng(5)
+        cls.normals = random.normal(size=(40, 3))
+        cls.normals /= np.linalg.norm(cls.normals, axis=1, keepdims=True)
+
+    def volumes_of(self, name):
+        manifest = json.loads((self.folder / f"{name}.volumes.json").read_text())
+        return {volume["name"]: volume for volume in manifest["volumes"]}
+
+    @staticmethod
+    def local(volume, points, turn=None):
+        """Cells from the first corner."""
+        axes = rotation(volume["turn"] if turn is None else turn)
+        return (points - volume["origin"]) @ axes / volume["cell"]
+
+    def test_each_program_reads_all_of_a_manifest(self):
+        own = self.volumes_of("all")
+        self.assertEqual(list(own), ["turned", "above"], "by priority")
+        for target, axes, order, read, shade in (("vrc", "unity", 1, read_vrc, shade_vrc),
+                                                 ("bevy", "gltf", 2, read_cube, shade_cube)):
+            Conventions.run_program("convert", self.folder / "all.volumes.json", self.folder / f"{target}.exr",
+                                    "--target", target, "--fit", "none", "--dering", "off")
+            for name, volume in self.volumes_of(target).items():
+                cells = np.array(list(np.ndindex(*own[name]["dims"])))
+                centres = (np.array(own[name]["origin"])
+                           + own[name]["cell"] * (cells + 0.5) @ rotation(own[name]["turn"]).T)
+                # Through the map of the .vdb, whose cells these have to be.
+                sh = read_vdb(self.folder / own[name]["file"], centres)
+                valid = pyopenvdb.read(str(self.folder / own[name]["file"]), "validity").getConstAccessor()
+                valid = np.array([valid.getValue(tuple(cell)) for cell in cells.tolist()]) > 0
+                there = turned(axes, centres)
+                at = self.local(volume, there)
+                np.testing.assert_allclose(at % 1, 0.5, atol=1e-6, err_msg=f"{target} {name}")
+                self.assertTrue(np.all((at > 0) & (at < volume["dims"])))
+                stored = read(self.folder / volume["file"], np.array(volume["origin"]) + volume["cell"] * at)
+                got = shade(stored, turned(axes, self.normals))
+                if shade is shade_cube:
+                    sides = irradiance(sh, np.concatenate([np.eye(3), -np.eye(3)]))[:, [0, 3, 1, 4, 2, 5]]
+                    wanted = shade_cube(np.maximum(0, sides.transpose(1, 0, 2)) / np.pi, self.normals)
+                else:
+                    wanted = irradiance(sh[:(order + 1) ** 2], self.normals) / np.pi
+                self.assertLess(Conventions.relative(got, wanted)[valid].max(), 2e-3, f"{target} {name}")
+                # Of a mirrored world or a lattice that is not turned they would be elsewhere.
+                if name == "turned":
+                    off = self.local(volume, there, (0, 0, 0, 1)) % 1
+                    self.assertGreater(np.abs(off - 0.5).max(), 0.2)
+
+    def test_words_of_programs_say_the_same(self):
+        for volume in self.volumes_of("all").values():
+            size = volume["cell"] * np.array(volume["dims"])
+            # LV_BoundsMask: 1 from Smooth Blending metres inside of all faces.
+            self.assertEqual(volume["vrc"], {"weight": volume["priority"], "smooth_blending": volume["falloff"]})
+            # LightProbe::falloff: of half the box along each axis.
+            np.testing.assert_allclose(np.array(volume["bevy"]["falloff"]) * size / 2, volume["falloff"], rtol=1e-9)
+            self.assertEqual(volume["threejs"], {"priority": volume["priority"]})
+
+    def test_bevy_has_the_turn(self):
+        Conventions.run_program("convert", self.folder / "all_turned.vdb", self.folder / "one.ktx2",
+                                "--target", "bevy", "--fit", "none")
+        volume = self.volumes_of("all")["turned"]
+        transform = json.loads((self.folder / "one.bevy.json").read_text())["Transform"]
+        corner = (np.array(transform["translation"])
+                  - rotation(transform["rotation"]) @ (0.5 * np.array(transform["scale"])))
+        np.testing.assert_allclose(corner, volume["origin"], atol=1e-9)
+        scene = (self.folder / "one.scn.ron").read_text()
+        found = re.search(r"rotation: \(([^)]*)\)", scene)[1]
+        np.testing.assert_allclose([float(x) for x in found.split(",")], volume["turn"], atol=1e-7)
+
+
 if __name__ == "__main__":
     unittest.main(argv=sys.argv[:1])

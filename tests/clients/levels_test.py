@@ -136,5 +136,42 @@ class Bricks(unittest.TestCase):
             self.assertGreater(self.worst(bricks_of(atlas, 0.5)), 1e-3, "half a cell shows")
 
 
+class Places(Levels):
+    """Volumes beside each other, the second turned about the vertical and an axis of the first."""
+
+    @staticmethod
+    def places_of(kind, field):
+        volumes = []
+        for origin, dims, turn in (((-4, 0, -4), (20, 16, 24), (0, 0, 0, 1)),
+                                   ((-1, 0.5, -1), (18, 14, 16), np.array([0.1, 0.5, -0.2, 0.8]))):
+            axes = light_volume.axes_of(np.array(turn) / np.linalg.norm(turn))
+            centres = np.array(origin) + 0.25 * (np.stack(np.indices(dims), -1) + 0.5) @ axes.T
+            volumes.append(kind(np.moveaxis(field(centres), -2, 0), np.ones(dims), np.zeros((0, *dims, 3)),
+                                np.array(origin, float), 0.25, axes))
+        return light_volume.LightPlaces(volumes, [0.5, 0.3])
+
+    def setUp(self):
+        super().setUp()
+        places = self.places_of(Trilinear, affine)
+        points = [-4, 0, -4] + np.random.default_rng(2).random((2000, 3)) * [9, 4, 7]
+        self.points = np.array([point for point in points
+                                if any(volume.depth(point) > 0.2 for volume in places.levels)])
+        self.normals = self.normals[: len(self.points)]
+
+    def test_an_affine_field_is_read_exactly_anywhere(self):
+        places = self.places_of(Trilinear, affine)
+        self.assertLess(self.worst(places), 1e-6)
+        places.levels[1].axes = np.eye(3)
+        self.assertGreater(self.worst(places), 1e-3, "the turn counts")
+
+    def test_an_even_field_is_even(self):
+        even = lambda centres: np.broadcast_to([[1.0, 2, 3]], (*centres.shape[:-1], 1, 3))
+        places = self.places_of(light_volume.LightVolume, even)
+        expected = np.pi * np.sqrt(1 / np.pi) / 2 * np.array([1, 2, 3])
+        for point, normal in zip(self.points, self.normals):
+            np.testing.assert_allclose(places.irradiance(point, normal), expected, rtol=1e-6)
+        np.testing.assert_allclose(places.irradiance([99, 0, 0], [0, 1, 0]), expected, rtol=1e-6)
+
+
 if __name__ == "__main__":
     unittest.main()

@@ -235,6 +235,22 @@ class ThreeJs(unittest.TestCase):
         for x, origin, dim in zip(eye, grid["origin"], grid["dims"]):
             self.assertTrue(origin < x < origin + dim * grid["cell"], eye)
 
+    def test_volumes_beside_each_other_show_what_one_does(self):
+        grid = json.loads((self.folder / "volume.json").read_text())["grid"]
+        lo, cell, dims = np.array(grid["origin"]), grid["cell"], np.array(grid["dims"])
+        middle = lo + cell * np.array([dims[0] // 2, 0, 0])
+        boxes = {"left": [*lo, middle[0], *(lo + cell * dims)[1:]], "right": [*middle, *(lo + cell * dims)]}
+        volumes = [word for name, box in boxes.items()
+                   for word in ("--volume", f"{name}={','.join(map(repr, map(float, box)))}:{cell!r}")]
+        for name, given in ("halves.exr", volumes), ("left.ktx2", volumes[:2]):
+            run(LPVBAKE, "bake", self.scene, "-o", self.folder / name, "--target", "threejs", *given)
+        one = self.view("indirect")
+        both = float(np.mean(np.abs(self.view("indirect", "halves.volumes.json") - one)))
+        alone = float(np.mean(np.abs(self.view("indirect", "left.volumes.json") - one)))
+        print(f"two volumes: mean difference from one {both:.4f}, a half alone {alone:.4f}")
+        self.assertLess(both, 0.01)
+        self.assertGreater(alone, 0.03)
+
     def test_says_what_is_wrong(self):
         run(LPVBAKE, "convert", self.folder / "volume.json", self.folder / "band.exr")
         state, message = self.chromium.open(f"{self.url}?scene=scene.gltf&volume=band.json")

@@ -24,7 +24,8 @@ SMALL = ["--threads", "1", "--resolution", "8"]
 OPTIONAL = [("bake", "fit"), ("convert", "fit"), ("bake", "verified"), ("bake", "points"),
             ("bake_dry_run", "points"), ("bake", "storage"), ("bake_dry_run", "storage"),
             ("bake", "levels"), ("bake_dry_run", "levels"), ("bake", "bricks"),
-            ("bake_dry_run", "bricks"), ("bricks", "atlas"), ("bricks", "file")]
+            ("bake_dry_run", "bricks"), ("bricks", "atlas"), ("bricks", "file"),
+            ("bake", "volumes"), ("bake_dry_run", "volumes")]
 TARGETS = ["generic", "unity", "threejs", "vrc", "bevy"]  # each packing once
 
 
@@ -105,6 +106,14 @@ class Documents(unittest.TestCase):
         for name in ("bricks", "sparse"):
             cls.documents.append(("bricks", f"{name}.levels.json",
                                   json.loads((cls.folder / f"{name}.levels.json").read_text())))
+        rooms = ["bake", "box.gltf", "--threads", "1", "--cell-size", "0.25", "--volume", "low=-1,0,-1,1,1,1",
+                 "--volume", "high=-1,1,-1,1,2,1:0.5", "-o", "rooms.vdb"]
+        run("bake", *rooms)
+        run("bake_dry_run", *rooms, "--dry-run")
+        run("info_volumes", "info", "rooms.volumes.json")
+        run("diff_volumes", "diff", "rooms.volumes.json", "rooms.volumes.json")
+        cls.documents.append(("volumes", "rooms.volumes.json",
+                              json.loads((cls.folder / "rooms.volumes.json").read_text())))
         run("bake_dry_run", *bake, "-o", "none.vdb", "--dry-run")
         run("bake_dry_run", *bake, "-o", "none.vdb", "--dry-run", "--solver", "lpv")
         reference = ["reference", "box.gltf", *SMALL, "--rays", "16", "--noise", "1"]

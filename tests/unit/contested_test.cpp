@@ -47,8 +47,7 @@ struct Place {
         const Volume volume = even(shown);
         const scene::Frame frame = scene::frame_of(volume.grid);
         const visibility::Visibility visibility(scene, frame);
-        return bake::find_contested(*readers::reader_named(reader), volume, points, visibility,
-                                    frame);
+        return bake::find_contested(*readers::reader_named(reader), volume, points, visibility);
     }
 };
 

@@ -120,5 +120,45 @@ TEST_F(Roles, AreOfTheHash) {
               scene::scene_hash(with({{"cat", receive}})));
 }
 
+TEST_F(Roles, NodesBoundVolumesByTheSamePatterns) {
+    GltfDocument document = house();
+    document.root["nodes"].push_back(
+        {{"name", "hall box"},
+         {"scale", {4, 2, 6}},
+         {"rotation", {0, 0.6, 0, 0.8}},
+         {"translation", {1, 2, 3}},
+         {"extras", {{"volume", true}, {"priority", 3}, {"cell", 0.25}}}});
+    document.root["nodes"][3]["children"] = {4};
+    const auto boxes = [&](const std::string& pattern, std::vector<RoleRule> roles = {}) {
+        LoadSettings settings;
+        settings.boxes = pattern;
+        settings.roles = std::move(roles);
+        return load(document, settings).file.boxes;
+    };
+    EXPECT_TRUE(boxes("").empty());
+    EXPECT_TRUE(boxes("nobody").empty());
+    // Those that fit, not what is below them; an empty one is a unit cube.
+    const std::vector<SceneFile::Box> halls = boxes("*hall*");
+    ASSERT_EQ(halls.size(), 2u);
+    EXPECT_EQ(halls[0].name, "hall");
+    EXPECT_EQ(halls[1].lo, glm::dvec3(-0.5));
+    EXPECT_EQ(halls[1].hi, glm::dvec3(0.5));
+    EXPECT_EQ(halls[1].to_world[3], glm::dvec4(6, 2, 3, 1));
+    EXPECT_FALSE(halls[0].priority);
+    const std::vector<SceneFile::Box> of_extras = boxes("extras:volume=true");
+    ASSERT_EQ(of_extras.size(), 1u);
+    EXPECT_EQ(of_extras[0].priority, 3.0);
+    EXPECT_EQ(of_extras[0].cell, 0.25);
+    EXPECT_FALSE(of_extras[0].falloff);
+    // Of a mesh its bounds; though it is left out of the scene.
+    for (const std::vector<RoleRule>& left_out : {std::vector<RoleRule>{}, {{"door", {}}}}) {
+        const std::vector<SceneFile::Box> of_mesh = boxes("mesh:leaf", left_out);
+        ASSERT_EQ(of_mesh.size(), 1u);
+        EXPECT_EQ(of_mesh[0].name, "door");
+        EXPECT_EQ(of_mesh[0].lo, glm::dvec3(0));
+        EXPECT_EQ(of_mesh[0].hi, glm::dvec3(1, 1, 0));
+    }
+}
+
 } // namespace
 } // namespace lpvbake

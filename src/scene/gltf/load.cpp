@@ -98,6 +98,7 @@ Scene load(const std::string& path, const LoadSettings& settings) {
         if (const size_t begin = first_instance[node.begin], end = first_instance[node.end];
             begin < end)
             scene.file.nodes.push_back({std::move(node.name), begin, end});
+    scene.file.boxes = std::move(graph.boxes);
     scene.lights = std::move(graph.lights);
     scene.cameras = std::move(graph.cameras);
     scene.clamped_materials = count_clamped(scene, mean_texels);

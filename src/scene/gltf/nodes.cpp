@@ -393,6 +393,51 @@ std::vector<int> scene_roots(Document& document, const LoadSettings& settings,
     return roots;
 }
 
+/// Of a mesh's positions, which may be compressed: then by what their accessors say.
+void bound_mesh(Document& document, int mesh, const std::string& node_place, glm::dvec3& lo,
+                glm::dvec3& hi) {
+    const tinygltf::Model& model = document.model;
+    lo = glm::dvec3(1e300);
+    hi = -lo;
+    for (const tinygltf::Primitive& primitive : model.meshes[size_t(mesh)].primitives) {
+        const auto position = primitive.attributes.find("POSITION");
+        if (position == primitive.attributes.end())
+            continue;
+        const tinygltf::Accessor& accessor = model.accessors.at(size_t(position->second));
+        if (accessor.minValues.size() == 3 && accessor.maxValues.size() == 3
+            && accessor.componentType == TINYGLTF_COMPONENT_TYPE_FLOAT) {
+            const auto &least = accessor.minValues, &most = accessor.maxValues;
+            lo = glm::min(lo, glm::dvec3(least[0], least[1], least[2]));
+            hi = glm::max(hi, glm::dvec3(most[0], most[1], most[2]));
+            continue;
+        }
+        for (const glm::vec3& at :
+             read_vectors<3>(document, position->second, node_place + ".mesh")) {
+            lo = glm::min(lo, glm::dvec3(at));
+            hi = glm::max(hi, glm::dvec3(at));
+        }
+    }
+    if (lo.x > hi.x)
+        document.fail(node_place, "is to bound a volume, and its mesh has no positions");
+}
+
+SceneFile::Box box_of(Document& document, int index, const glm::dmat4& to_world) {
+    const tinygltf::Node& node = document.model.nodes[size_t(index)];
+    SceneFile::Box box;
+    box.name = node.name;
+    box.to_world = to_world;
+    if (node.mesh >= 0)
+        bound_mesh(document, node.mesh, at("nodes", index), box.lo, box.hi);
+    const auto number = [&](const char* key, std::optional<double>& to) {
+        if (node.extras.IsObject() && node.extras.Has(key) && node.extras.Get(key).IsNumber())
+            to = node.extras.Get(key).GetNumberAsDouble();
+    };
+    number("cell", box.cell);
+    number("priority", box.priority);
+    number("falloff", box.falloff);
+    return box;
+}
+
 } // namespace
 
 Graph walk(Document& document, const LoadSettings& settings, const Pose& pose, Roles& roles) {
@@ -406,6 +451,8 @@ Graph walk(Document& document, const LoadSettings& settings, const Pose& pose, R
     std::vector<int> parent = parents_of(document);
     const std::vector<int> roots = scene_roots(document, settings, parent);
     const std::vector<glm::dmat4> worlds = world_transforms(document, parent, pose);
+    const std::vector<RoleRule> bounding(settings.boxes.empty() ? 0 : 1, {settings.boxes, {}});
+    Roles boxes(document, bounding);
     Graph graph;
     Shapes shapes(document, pose, worlds);
     const auto place = [&](const PlacedShape& placed, const std::string& node_place) {
@@ -437,6 +484,10 @@ Graph walk(Document& document, const LoadSettings& settings, const Pose& pose, R
         }
         const std::string node_place = at("nodes", index);
         const glm::dmat4& to_world = worlds[index];
+        if (!bounding.empty()
+            && (boxes.of_node(index).excluded
+                || (node.mesh >= 0 && boxes.of_mesh(node.mesh).excluded)))
+            graph.boxes.push_back(box_of(document, index, to_world));
         if (node.mesh >= 0)
             fit.add(roles.of_mesh(node.mesh));
         if (node.mesh >= 0 && !hidden && !fit.excluded) {

@@ -26,6 +26,7 @@ struct Graph {
     std::vector<Shape> shapes; ///< each once, however often it is placed
     std::vector<PlacedShape> placed;
     std::vector<SceneFile::Node> nodes; ///< by indices into `placed`
+    std::vector<SceneFile::Box> boxes;
     std::vector<Light> lights;
     std::vector<Camera> cameras;
 };
