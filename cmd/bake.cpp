@@ -11,6 +11,7 @@
 #include "bake_result.h"
 #include "commands.h"
 #include "io/points.h"
+#include "layer_files.h"
 #include "lpvbake/error.h"
 #include "readers/readers.h"
 #include "render/display.h"
@@ -52,11 +53,30 @@ struct Attempt {
     bake::Choice choice;
     volume::VolumeSet set; ///< mostly of one level
     std::optional<report::Verified> verified;
+    std::vector<Volume> layers; ///< of one level
 };
+
+/// Fills cells inside geometry; of layers by the walls of all light. Returns how many.
+std::size_t dilate(int rings, Attempt& made) {
+    std::size_t filled = 0;
+    const auto fill = [&](Volume& volume) {
+        const std::size_t cells = volume::dilate(volume, rings);
+        volume.metadata["dilate"] = std::to_string(rings);
+        return cells;
+    };
+    for (Volume& level : made.set.levels)
+        filled += fill(level);
+    for (Volume& layer : made.layers) {
+        layer.walls.swap(made.set.levels.front().walls);
+        fill(layer);
+        layer.walls.swap(made.set.levels.front().walls);
+    }
+    return filled;
+}
 
 Attempt attempt(const BakeOptions& o, const Scene& scene, bake::Choice choice,
                 const readers::Reader& reader, const gpu::Device& device, Run& run) {
-    Attempt made{std::move(choice), {}, {}};
+    Attempt made{std::move(choice), {}, {}, {}};
     tell("choice: " + made.choice.text);
     bake::BakedLevels baked = bake::bake_levels(scene, made.choice.plan, device, run.progress);
     run.stages.insert(run.stages.end(), baked.stages.begin(), baked.stages.end());
@@ -65,13 +85,10 @@ Attempt attempt(const BakeOptions& o, const Scene& scene, bake::Choice choice,
     made.set.places = places_of(made.choice.plan.settings.volumes);
     if (!made.set.places.empty())
         volume::order_by_priority(made.set);
+    made.layers = std::move(baked.layers);
     if (o.fit.dilate > 0) {
         run.begin_stage();
-        std::size_t filled = 0;
-        for (Volume& level : made.set.levels) {
-            filled += volume::dilate(level, o.fit.dilate);
-            level.metadata["dilate"] = std::to_string(o.fit.dilate);
-        }
+        const std::size_t filled = dilate(o.fit.dilate, made);
         run.end_stage("dilate", counted(filled, "cell") + " inside geometry filled");
     }
     if (o.verify) {
@@ -227,6 +244,7 @@ void run(BakeOptions o, const std::string& settings) {
         run.warn(warnings);
         run.end_stage("volumes", detail.empty() ? counted(base.volumes.size(), "volume") : detail);
     }
+    base.layers = layers_of(o, scene);
     std::optional<bake::Storage> storage;
     if (o.bytes) {
         storage = choose_storage(scene, base, wish, o);
@@ -267,10 +285,18 @@ void run(BakeOptions o, const std::string& settings) {
         level.metadata.insert(all.metadata.begin(), all.metadata.end());
         add_light(scene, level);
     }
+    for (Volume& layer : made.layers)
+        layer.metadata.insert(all.metadata.begin(), all.metadata.end());
+    Volume& first = made.set.levels.front();
+    if (!base.layers.empty())
+        first.metadata["layers"] = io::text_of(entries_of(base.layers, ""));
 
     run.begin_stage();
     std::vector<Written> written =
-        write_levels(o.outputs, o.outputs.paths, made.set, run.progress, packed);
+        base.layers.empty()
+            ? write_levels(o.outputs, o.outputs.paths, made.set, run.progress, packed)
+            : write_layers(o.outputs, o.outputs.paths, first, base.layers, made.layers,
+                           run.progress);
     run.end_stage("write", counted(written.size(), "output"));
     device->check_validation();
     run.progress.end();

@@ -6,6 +6,7 @@
 #include "io/bricks.h"
 #include "io/levels.h"
 #include "io/points.h"
+#include "layer_files.h"
 #include "lpvbake/error.h"
 #include "text.h"
 
@@ -137,6 +138,8 @@ std::vector<const solver::SolverKind*> solvers_of(const BakeOptions& o) {
         keep(o.levels ? "levels" : "level", solvers_with([](const solver::SolverKind& kind) {
                  return kind.nesting != solver::Nesting::none;
              }));
+    if (!o.layers.empty())
+        keep("layers", solvers_with([](const solver::SolverKind& kind) { return kind.layers; }));
     if (o.quality)
         keep("quality", solvers_with(has_presets));
     for (const auto& [name, value] : o.parameters)
@@ -334,6 +337,19 @@ void add_volume_options(options::Options& options, BakeOptions& o) {
         .record(options::Recorded::if_changed);
 }
 
+void add_layers_option(options::Options& options, BakeOptions& o) {
+    options
+        .values(
+            "--layers", o.layers, "LAYERS", parse_layers,
+            "A volume of each part of the light beside that of all, from the same rays, for "
+            "lpvbake mix: lights (each), emitters (each material), sky, sky:2 (and its modes up "
+            "to that band), NAME=GLOB (lights and emissive materials of such names, together); "
+            "several with commas, or repeated; see below")
+        .exclude({"at", "level", "levels", "adaptive", "bytes", "rsm-samples", "direct", "volume",
+                  "volumes"})
+        .record(options::Recorded::if_changed);
+}
+
 void add_adjust_option(options::Options& options, BakeOptions& o) {
     options
         .text("--adjust", o.adjust, "FILE",
@@ -364,6 +380,7 @@ void add_bake_options(options::Options& options, BakeOptions& o) {
     add_volume_options(options, o);
     add_adjust_option(options, o);
     add_direct_options(options, o);
+    add_layers_option(options, o);
     add_light_options(options, o);
     add_solver_options(options, o);
     add_output_options(options, o.outputs);
@@ -419,6 +436,11 @@ void check_options(const BakeOptions& o) {
             throw Error(ErrorKind::argument, "--" + name + ": the " + solver.name + " solver takes "
                                                  + solver::values_of(*own));
     check_fit(o.outputs, o.fit, o.sh_order);
+    if (!o.layers.empty() && (fits(o.outputs, o.fit) || o.outputs.storage().dering))
+        throw Error(
+            ErrorKind::argument,
+            "--layers: a volume that is fitted, or without negative irradiance, is no sum "
+            "of its layers; add --fit none --dering off, and fit what mix makes by convert");
     if (!o.adjust.empty())
         check_files({o.adjust}, {}, o.outputs.paths);
     if (has_volume_file(o))
@@ -534,6 +556,23 @@ std::vector<volume::VolumeBox> volumes_of(const BakeOptions& o, const Scene& sce
     inputs.push_back(o.adjust);
     check_level_outputs(o.outputs.paths, inputs, places);
     return boxes;
+}
+
+std::vector<bake::Layer> layers_of(const BakeOptions& o, const Scene& scene) {
+    std::vector<bake::LayerWish> wishes;
+    for (const std::vector<bake::LayerWish>& given : o.layers)
+        wishes.insert(wishes.end(), given.begin(), given.end());
+    std::vector<bake::Layer> layers = bake::make_layers(scene, wishes, !o.no_emitters);
+    if (!layers.empty())
+        check_layer_outputs(o.outputs.paths, layers, inputs_of(o, o));
+    const Precision precision = o.outputs.storage().precision;
+    if (std::ranges::count(layers, "mode", &bake::Layer::kind) > 0 && precision != Precision::full
+        && precision != Precision::half)
+        throw Error(ErrorKind::argument,
+                    std::string("--layers: the light of a sky's mode is negative in places, for "
+                                "which --precision ")
+                        + io::name_of(precision) + " has no form; use float or half");
+    return layers;
 }
 
 bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& reader) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "bake/choose.h"
+#include "bake/layers.h"
 #include "bake/settings.h"
 #include "io/target.h"
 #include "options/option.h"
@@ -57,6 +58,7 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::string adjust;                 ///< file of boxes
     std::optional<glm::dvec2> adaptive; ///< finest and coarsest cells of bricks, metres
     std::optional<uint64_t> max_size;   ///< of bricks, bytes
+    std::vector<std::vector<bake::LayerWish>> layers;
 
     bool nests() const { return !level.empty() || levels; }
     bool places() const { return !volume.empty() || !volumes.empty(); }
@@ -77,6 +79,9 @@ std::vector<volume::VolumeBox> volumes_of(const BakeOptions& o, const Scene& sce
                                           std::vector<std::string>& warnings, std::string& detail);
 
 std::vector<volume::Place> places_of(const std::vector<volume::VolumeBox>& boxes);
+
+/// The layers that are asked for. Throws Error (argument).
+std::vector<bake::Layer> layers_of(const BakeOptions& o, const Scene& scene);
 
 /// All but what choose_settings chooses; refers to the reader.
 bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& reader);

@@ -4,6 +4,7 @@
 #include "bake/bricks.h"
 #include "io/bricks.h"
 #include "io/levels.h"
+#include "layer_files.h"
 #include "options/wording.h"
 #include "report/describe.h"
 #include "text.h"
@@ -55,6 +56,8 @@ report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
                                        {"falloff", boxes[i].place.falloff},
                                        {"grid", report::grid_json(grids[i])}});
     }
+    if (const auto& layers = choice.plan.settings.layers; !layers.empty())
+        document["layers"] = report::Json::parse(io::text_of(entries_of(layers, "")));
     if (const auto& bricks = choice.plan.bricks) {
         for (int level = 0; level < bricks->levels.count; ++level)
             document["levels"].push_back(report::grid_json(bricks->levels.lattice(level)));
@@ -145,6 +148,8 @@ void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice,
             print_level(i, grids[i]);
     else
         print_grid(choice.plan.grid);
+    for (const bake::Layer& layer : choice.plan.settings.layers)
+        std::printf("layer         %s (%s)\n", layer.name.c_str(), layer.kind.c_str());
     const std::string error =
         choice.foretold() ? format("up to %s %% error%s", two_digits(100 * choice.error).c_str(),
                                    choice.pilot ? "" : " in a Cornell box")
@@ -182,6 +187,13 @@ std::vector<Written> planned_outputs(const BakeOptions& o, const bake::BakePlan&
                 output.files.push_back({file, 0});
         if (levels > 1 || !places.empty())
             output.files.push_back({io::manifest_path(path, !places.empty()), 0});
+        const std::vector<bake::Layer>& layers = plan.settings.layers;
+        for (const io::LayerEntry& layer : entries_of(layers, path))
+            for (const std::string& file :
+                 io::files_for(o.outputs.storage(), layer.file, bake::grids_of(plan)))
+                output.files.push_back({file, 0});
+        if (!layers.empty())
+            output.files.push_back({io::layer_manifest_path(path), 0});
     }
     return outputs;
 }

@@ -12,15 +12,16 @@ options::Command render_command();
 options::Command verify_command();
 options::Command diff_command();
 options::Command convert_command();
+options::Command mix_command();
 options::Command report_command();
 options::Command devices_command();
 options::Command help_command();
 
 /// In the order of --help.
 inline options::Commands all_commands() {
-    return {bake_command(),    reference_command(), info_command(),    render_command(),
-            verify_command(),  diff_command(),      convert_command(), report_command(),
-            devices_command(), help_command()};
+    return {bake_command(),   reference_command(), info_command(),    render_command(),
+            verify_command(), diff_command(),      convert_command(), mix_command(),
+            report_command(), devices_command(),   help_command()};
 }
 
 } // namespace lpvbake::cmd

@@ -8,6 +8,7 @@
 #include "visibility/visibility.h"
 #include "visibility/walls.h"
 #include "volume/convention.h"
+#include "volume/light_content.h"
 
 #include <algorithm>
 #include <cmath>
@@ -158,6 +159,20 @@ void finish_level(const Scene& scene, const BakePlan& plan, const gpu::Device& d
     describe_light(scene, plan, device, level.visibility, volume);
 }
 
+/// What of a layer is told.
+void finish_layer(const BakePlan& plan, const Layer& layer, const Volume& whole, Volume& volume) {
+    volume.validity = whole.validity;
+    volume::adjust_intensity(plan.settings.adjust, volume);
+    volume.metadata = whole.metadata;
+    const auto any = [](const std::vector<glm::vec3>& weights) {
+        return std::ranges::any_of(weights, [](glm::vec3 w) { return w != glm::vec3(0.0f); });
+    };
+    volume::set_content(volume::content_of(any(layer.light.lights), any(layer.light.emissions),
+                                           layer.light.has_sky(), plan.settings.bounces),
+                        volume.metadata);
+    volume.metadata["layer"] = layer.name;
+}
+
 } // namespace
 
 namespace {
@@ -220,7 +235,8 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
             make(l);
 
     const visibility::Visibility visibility = open_scene(scene, plan, stages);
-    Surfaces surfaces{light_scene(scene, plan, visibility, stages), plan.frame};
+    const std::vector<scene::LightLayer> layers = layers_in(plan);
+    Surfaces surfaces{light_scene(scene, plan, visibility, stages, layers), plan.frame};
     const surface::LitSurfaces* lit = plan.lit ? &surfaces.lit : nullptr;
     // What moves from one volume to the next would carry the rounding of all before.
     std::optional<Surfaces> unmoved;
@@ -261,10 +277,20 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
             inputs.finest = &whole;
             inputs.around = std::span(solvers).subspan(l + 1);
         }
-        solvers[l]->solve(inputs, stages, volume);
+        if (layers.empty()) {
+            solvers[l]->solve(inputs, stages, volume);
+        } else {
+            inputs.layers = layers;
+            baked.layers.resize(layers.size());
+            for (Volume& layer : baked.layers)
+                layer.grid = level.grid;
+            solvers[l]->solve_layers(inputs, stages, volume, baked.layers);
+        }
         if (!coupled)
             solvers[l].reset();
         finish_level(scene, plan, device, level, surfaces, stages, volume);
+        for (std::size_t layer = 0; layer < baked.layers.size(); ++layer)
+            finish_layer(plan, plan.settings.layers[layer], volume, baked.layers[layer]);
     }
     warn_of_dark(scene, baked.levels, stages);
     baked.stages = stages.reports();

@@ -24,6 +24,13 @@ void warn_of_backs(const Scene& scene, const visibility::Visibility& visibility,
 
 } // namespace
 
+std::vector<scene::LightLayer> layers_in(const BakePlan& plan) {
+    std::vector<scene::LightLayer> layers;
+    for (const Layer& layer : plan.settings.layers)
+        layers.push_back(layer.light);
+    return layers;
+}
+
 surface::LightingSettings lighting_of(const BakePlan& plan) {
     surface::LightingSettings lighting;
     lighting.bounces = plan.settings.bounces;
@@ -43,12 +50,13 @@ visibility::Visibility open_scene(const Scene& scene, const BakePlan& plan,
 }
 
 surface::LitSurfaces light_scene(const Scene& scene, const BakePlan& plan,
-                                 const visibility::Visibility& visibility, solver::Stages& stages) {
+                                 const visibility::Visibility& visibility, solver::Stages& stages,
+                                 std::span<const scene::LightLayer> layers) {
     surface::LitSurfaces lit;
     if (plan.lit) {
         stages.begin("lighting");
         lit = surface::light_surfaces(scene, visibility, plan.frame, lighting_of(plan),
-                                      stages.progress());
+                                      stages.progress(), layers);
         stages.end(counted(lit.patches.size(), "patch", "patches") + ", "
                    + counted(uint64_t(lit.bounces), "reflection"));
         if (lit.narrow > 0.05)

@@ -9,16 +9,20 @@
 
 namespace lpvbake::bake {
 
+/// What layers have of the scene's light, as solvers take it.
+std::vector<scene::LightLayer> layers_in(const BakePlan& plan);
+
 /// How a bake of the plan lights surfaces.
 surface::LightingSettings lighting_of(const BakePlan& plan);
 
 /// What answers rays; warns of lights that meet backs.
 visibility::Visibility open_scene(const Scene& scene, const BakePlan& plan, solver::Stages& stages);
 
-/// The surfaces as the plan wants them lit, empty where it does not; warns of light that is not
-/// told. Throws as surface::light_surfaces.
+/// The surfaces as the plan wants them lit, in layers too, empty where it does not; warns of light
+/// that is not told. Throws as surface::light_surfaces.
 surface::LitSurfaces light_scene(const Scene& scene, const BakePlan& plan,
-                                 const visibility::Visibility& visibility, solver::Stages& stages);
+                                 const visibility::Visibility& visibility, solver::Stages& stages,
+                                 std::span<const scene::LightLayer> layers = {});
 
 /// Adds to the metadata what light it is, and by what it was computed.
 void describe_light(const Scene& scene, const BakePlan& plan, const gpu::Device& device,

@@ -240,6 +240,9 @@ void plan_lighting(const SceneFacts& scene, const surface::PatchCount& surfaces,
         plan.host_bytes +=
             uint64_t(rays)
             * (solver::models::bytes::hit + (scene.tinted ? solver::models::bytes::tint : 0));
+    // Of each layer: the light of both sides, of lamps, and what elements reflect.
+    plan.host_bytes +=
+        uint64_t(plan.settings.layers.size() * (4 * patches * 12 + elements * (3 * 12 + 24)));
     std::string light = scene.lights.empty() || !reflected ? "" : "punctual lights";
     for (const auto& [there, what] : {std::pair{plan.emitters, "emitters"}, {scene.sky, "sky"}})
         if (there)
@@ -248,7 +251,9 @@ void plan_lighting(const SceneFacts& scene, const surface::PatchCount& surfaces,
         {"lighting",
          seconds::lighting + seconds::lighting_patch * patches
              + seconds::lighting_triangle * double(plan.triangles)
-             + seconds::lighting_light * double(scene.lights.size()) + seconds::lighting_ray * rays,
+             + seconds::lighting_light * double(scene.lights.size())
+             + seconds::lighting_ray * rays
+                   * (1 + seconds::lighting_layer * double(plan.settings.layers.size())),
          format("about %.2g patches; ", patches) + light
              + (!bounces        ? "; all reflections from patch to patch"
                 : *bounces == 0 ? "; no reflections"
@@ -426,7 +431,8 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     for (std::size_t level = 0; level < grids.size(); ++level) {
         const Grid& grid = grids[level];
         solver::Cost cost = solver.kind().cost({grid, patches, plan.lit, plan.maps, places_of(plan),
-                                                plan.bricks.has_value(), device.type != "cpu"},
+                                                plan.bricks.has_value(), device.type != "cpu",
+                                                settings.layers.size()},
                                                solver);
         if (plan.bricks)
             cost.stages.push_back(
@@ -473,7 +479,9 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                            ? settings.points * volume::point_bytes(solver.order())
                            : all_cells
                                  * (solver::models::bytes::cell
-                                    + 24 * uint64_t(volume::sh_count(solver.order()) + most_walls));
+                                    + 24 * uint64_t(volume::sh_count(solver.order()) + most_walls)
+                                    + settings.layers.size()
+                                          * (4 + 12 * uint64_t(volume::sh_count(solver.order()))));
     check_host_memory(plan);
     return plan;
 }

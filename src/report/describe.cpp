@@ -369,6 +369,9 @@ Json volume_json(const std::string& path, const Volume& volume) {
                                      {"max", range.max},
                                      {"mean", range.mean},
                                      {"nonzero", range.nonzero}});
+    if (const auto layers = volume.metadata.find("layers"); layers != volume.metadata.end())
+        if (Json list = Json::parse(layers->second, nullptr, false); list.is_array())
+            document["layers"] = std::move(list);
     return document;
 }
 

@@ -194,16 +194,19 @@ const char* name_of(Role role) {
     return "";
 }
 
-bool has_emitters(const Scene& scene) {
+std::vector<bool> emissive_materials(const Scene& scene) {
     std::vector<bool> placed(scene.materials.size());
     for (const Instance& instance : scene.instances)
         if (const Mesh& mesh = scene.meshes[instance.mesh];
             !mesh.triangles.empty() && shines(instance.role))
             placed[mesh.material] = true;
     for (size_t i = 0; i < placed.size(); ++i)
-        if (placed[i] && emits(scene, scene.materials[i]))
-            return true;
-    return false;
+        placed[i] = placed[i] && emits(scene, scene.materials[i]);
+    return placed;
+}
+
+bool has_emitters(const Scene& scene) {
+    return std::ranges::count(emissive_materials(scene), true) > 0;
 }
 
 } // namespace lpvbake::scene

@@ -31,6 +31,9 @@ Scene turned(const Scene& scene, const glm::dmat3& rotation, glm::dvec3 about);
 /// Number of placed triangles (instances counted as often as they are placed).
 uint64_t triangle_count(const Scene& scene);
 
+/// Of each material, whether a placed surface has it and an emission above zero that lights others.
+std::vector<bool> emissive_materials(const Scene& scene);
+
 /// True if any placed surface has an emission above zero that lights others.
 bool has_emitters(const Scene& scene);
 

@@ -24,6 +24,7 @@ inline constexpr double lighting_patch = 6e-6;
 inline constexpr double lighting_triangle = 4e-6;
 inline constexpr double lighting_light = 0.04;
 inline constexpr double lighting_ray = 2.5e-7;
+inline constexpr double lighting_layer = 0.02; ///< of a layer, of the rays' time
 
 inline constexpr double maps = 0.05;
 inline constexpr double maps_texel = 1.5e-7;
@@ -54,6 +55,7 @@ inline constexpr double gather_sample = 1.2e-5;   ///< of a block, whose samples
 inline constexpr double gather_shared_ray = 6e-8; ///< for each cluster, with those to the sky
 inline constexpr double look_place = 2.5e-5;      ///< what lies around it
 inline constexpr double brick_place = 8e-6;       ///< its walls, and what trimming asks of it
+inline constexpr double gather_layer = 0.04;      ///< of a layer, of all that a gather takes
 inline constexpr double gather_above_2 = 1.35;    ///< as long for a solved cell above order 2
 inline constexpr double discs_texel = 4e-7;       ///< of each map, for each cell
 

@@ -19,6 +19,10 @@ void Solver::solve_blocks(std::span<const Block>, const Inputs&, Stages&, Volume
     throw Error(ErrorKind::failure, "the solver knows cells of grids alone");
 }
 
+void Solver::solve_layers(const Inputs&, Stages&, Volume&, std::span<Volume>) {
+    throw Error(ErrorKind::failure, "the solver knows no layers of light");
+}
+
 namespace {
 
 /// Where it stands among the kind's parameters. Throws Error (argument) where it does not.

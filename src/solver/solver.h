@@ -28,7 +28,8 @@ class Device;
 }
 namespace scene {
 struct Frame;
-}
+struct LightLayer;
+} // namespace scene
 namespace surface {
 struct LitSurfaces;
 }
@@ -64,6 +65,7 @@ struct Inputs {
     const surface::LitSurfaces* lit;
     ReflectiveMaps maps;
     std::span<const volume::Adjustment> adjust = {}; ///< of validity
+    std::span<const scene::LightLayer> layers = {};  ///< those of `lit`
     /// Of nested grids of a kind with Nesting::coupled: the inputs of the finest, whose frame has
     /// the levels around it, and the solvers of those around this one, the next first, which have
     /// solved theirs. `lit` is in the finest's frame, and with its inputs alone.
@@ -94,6 +96,11 @@ public:
     /// same bits for any number of threads. Throws Error (memory, device), and whatever the
     /// progress throws.
     virtual void solve(const Inputs& inputs, Stages& stages, Volume& volume) = 0;
+    /// The same, and Volume::sh and sh_order of each of Inputs::layers, to which the grid is given:
+    /// linear in the layers' weights, since all that is decided is decided by the light as a whole,
+    /// whose volume has the same bits as without them. Of a kind with SolverKind::layers alone.
+    virtual void solve_layers(const Inputs& inputs, Stages& stages, Volume& volume,
+                              std::span<Volume> layers);
     /// The same, but for the validity, which is there, at places (frame units) instead of the
     /// grid's cells: the volume has a cell for each, in a row. Of a kind with SolverKind::at_places
     /// alone.
@@ -158,6 +165,7 @@ struct Workload {
     uint64_t places = 0; ///< that are given; 0: it is the grid's cells
     bool blocks = false; ///< these stand in blocks
     bool gpu = false;    ///< the device is one
+    uint64_t layers = 0; ///< Inputs::layers
 };
 
 /// What a solver is going to cost.
@@ -183,6 +191,7 @@ struct SolverKind {
     /// Reflections unless they are said; none: all.
     std::optional<int> default_bounces;
     bool at_places = false; ///< it can solve given places, not only a grid
+    bool layers = false;    ///< it can solve layers of the light
     Nesting nesting = Nesting::none;
     std::span<const Parameter> parameters;
     /// From the fastest to the most accurate, at least one. One is Quality::balanced, or else the

@@ -25,7 +25,8 @@ OPTIONAL = [("bake", "fit"), ("convert", "fit"), ("bake", "verified"), ("bake", 
             ("bake_dry_run", "points"), ("bake", "storage"), ("bake_dry_run", "storage"),
             ("bake", "levels"), ("bake_dry_run", "levels"), ("bake", "bricks"),
             ("bake_dry_run", "bricks"), ("bricks", "atlas"), ("bricks", "file"),
-            ("bake", "volumes"), ("bake_dry_run", "volumes")]
+            ("bake", "volumes"), ("bake_dry_run", "volumes"),
+            ("bake", "layers"), ("bake_dry_run", "layers"), ("info_volume", "layers")]
 TARGETS = ["generic", "unity", "threejs", "vrc", "bevy"]  # each packing once
 
 
@@ -98,6 +99,13 @@ class Documents(unittest.TestCase):
         run("convert", "convert", "set.levels.json", "flat.vdb", "--flatten", "0.2")
         cls.documents.append(("levels", "set.levels.json",
                               json.loads((cls.folder / "set.levels.json").read_text())))
+        layers = [*bake, "-o", "layered.vdb", "--layers", "lights,sky:1", "--sky", "#ffffff,10"]
+        run("bake", *layers)
+        run("bake_dry_run", *layers, "--dry-run")
+        run("info_volume", "info", "layered.vdb")
+        run("mix", "mix", "layered.vdb", "sky=0.5", "-o", "mixed.vdb")
+        cls.documents.append(("layers", "layered.layers.json",
+                              json.loads((cls.folder / "layered.layers.json").read_text())))
         bricks = ["bake", "box.gltf", "--threads", "1", "--adaptive", "0.25..0.25", "-o", "bricks.exr"]
         run("bake", *bricks, "-o", "sparse.vdb")
         run("bake_dry_run", *bricks, "--dry-run")

@@ -91,12 +91,14 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
                          work.blocks ? "sample" : "point by itself")}},
                 {},
                 gather_host_bytes({}, patches, gather)};
+    const double passes = 1 + models::seconds::gather_layer * double(work.layers);
     Cost cost{{{"validity", validity_seconds(work.grid), "which cells lie outside geometry"},
-               {"gather", gather_seconds(work.grid, patches, gather, work.gpu),
+               {"gather", passes * gather_seconds(work.grid, patches, gather, work.gpu),
                 format("%d clusters, tolerance %.3g, order %d", gather.vpls,
-                       double(gather.tolerance), gather.order)}},
+                       double(gather.tolerance), gather.order)
+                    + (work.layers > 0 ? ", " + counted(work.layers, "layer") : "")}},
               {},
-              gather_host_bytes(work.grid, patches, gather)};
+              gather_host_bytes(work.grid, patches, gather, work.layers)};
     if (work.maps.count > 0)
         cost.stages.push_back(
             {"discs",
@@ -116,11 +118,17 @@ public:
           })) {}
 
     void solve(const Inputs& inputs, Stages& stages, Volume& volume) override {
+        solve_layers(inputs, stages, volume, {});
+    }
+
+    void solve_layers(const Inputs& inputs, Stages& stages, Volume& volume,
+                      std::span<Volume> layers) override {
         find_validity(inputs, stages, volume);
         stages.begin("gather");
         const surface::LitSurfaces none;
         end(program_.get().gather(inputs.lit ? *inputs.lit : none, inputs.scene.sky,
-                                  inputs.visibility, volume, stages.progress()),
+                                  inputs.visibility, volume, stages.progress(), 0.0f,
+                                  {inputs.layers, layers}),
             "cell", stages);
         const auto [count, size] = inputs.maps;
         if (count == 0)
@@ -169,6 +177,7 @@ constinit const SolverKind gather_kind{
     .orders = orders,
     .default_bounces = std::nullopt,
     .at_places = true,
+    .layers = true,
     .nesting = Nesting::independent,
     .parameters = parameters,
     .ladder = ladder,

@@ -1,0 +1,231 @@
+// lpvbake mix: one volume of the layers of a bake, by weights, colours and a sky.
+
+#include "bake/layers.h"
+#include "colour/colour.h"
+#include "commands.h"
+#include "io/layers.h"
+#include "layer_files.h"
+#include "lpvbake/error.h"
+#include "lpvbake/scene.h"
+#include "options/wording.h"
+#include "render/display.h"
+#include "report/describe.h"
+#include "scene/sky.h"
+#include "scene_options.h"
+#include "text.h"
+#include "volume/sh.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <memory>
+
+namespace lpvbake::cmd {
+namespace {
+
+const char manual[] =
+#include "manual/mix.txt.h"
+    ;
+
+/// "NAME=VALUE".
+struct Weight {
+    std::string name;
+    std::string value;
+};
+
+struct MixOptions {
+    std::string file;
+    std::vector<Weight> weights;
+    OutputOptions outputs;
+    Format format = Format::text;
+};
+
+Weight parse_weight(const std::string& text) {
+    const std::size_t equals = text.find('=');
+    if (equals == 0 || equals == std::string::npos || equals + 1 == text.size())
+        options::refuse(text, "is not NAME=WEIGHT, NAME=R,G,B, NAME=#RRGGBB or sky=FILE");
+    return {text.substr(0, equals), text.substr(equals + 1)};
+}
+
+std::optional<glm::vec3> colour_of(const std::string& text) {
+    if (text.size() == 7 && text[0] == '#') {
+        glm::vec3 colour;
+        for (int c = 0; c < 3; ++c) {
+            const std::string digits = text.substr(std::size_t(1 + 2 * c), 2);
+            if (digits.find_first_not_of("0123456789abcdefABCDEF") != std::string::npos)
+                return {};
+            colour[c] = float(colour::srgb_to_linear(std::stoi(digits, nullptr, 16) / 255.0));
+        }
+        return colour;
+    }
+    const auto numbers = options::parse_numbers(text);
+    if (!numbers || (numbers->size() != 1 && numbers->size() != 3))
+        return {};
+    const auto& n = *numbers;
+    return n.size() == 1 ? glm::vec3(n[0]) : glm::vec3(n[0], n[1], n[2]);
+}
+
+/// Gives the modes of a sky the weights of a picture.
+void set_sky(const MixOptions& o, const std::string& file, TerminalProgress& progress,
+             io::LayerSet& set) {
+    const auto is_mode = [](const io::LayerEntry& layer) { return layer.kind == "mode"; };
+    const auto modes = std::size_t(std::ranges::count_if(set.layers, is_mode));
+    const int order = volume::sh_order_of(modes);
+    if (order < 0)
+        throw Error(ErrorKind::argument, "sky=" + file + ": " + o.file
+                                             + " has no modes of a sky; bake it with --layers "
+                                               "sky:2");
+    std::vector<std::string> warnings;
+    const Sky sky = load_sky(file, warnings);
+    for (const std::string& warning : warnings)
+        progress.warn(warning);
+    if (!scene::sky_suns(sky).empty())
+        progress.warn(
+            format("%s: its sun is spread over the sky, as all that is smaller than bands "
+                   "up to %d show",
+                   file.c_str(), order));
+    const std::vector<glm::vec3> weights = bake::project_sky(sky, order);
+    std::size_t k = 0;
+    for (io::LayerEntry& layer : set.layers)
+        if (is_mode(layer))
+            layer.weight = weights[k++];
+        else if (layer.kind == "sky")
+            layer.weight = glm::vec3(0.0f);
+}
+
+void set_weights(const MixOptions& o, TerminalProgress& progress, io::LayerSet& set) {
+    for (const Weight& weight : o.weights) {
+        const auto layer = std::ranges::find(set.layers, weight.name, &io::LayerEntry::name);
+        const std::optional<glm::vec3> colour = colour_of(weight.value);
+        if (weight.name == "sky" && !colour) {
+            set_sky(o, weight.value, progress, set);
+            continue;
+        }
+        if (layer == set.layers.end()) {
+            std::string names;
+            for (const io::LayerEntry& each : set.layers)
+                names += (names.empty() ? "" : ", ") + each.name;
+            throw Error(ErrorKind::argument, weight.name + "=" + weight.value + ": " + o.file
+                                                 + " has no layer of that name; it has " + names);
+        }
+        if (!colour)
+            throw Error(ErrorKind::argument, weight.name + "=" + weight.value
+                                                 + ": is neither a number nor R,G,B nor #RRGGBB");
+        layer->weight = *colour;
+    }
+}
+
+/// What of the metadata is true of any light of the same layers.
+void describe(const MixOptions& o, Volume& volume) {
+    for (const char* fact : {"layers", "lights", "sky", "scene_hash", "settings", "default_light",
+                             "verified_cells", "verified_surfaces"})
+        volume.metadata.erase(fact);
+    std::string mix;
+    for (const Weight& weight : o.weights)
+        mix += (mix.empty() ? "" : " ") + weight.name + "=" + weight.value;
+    volume.metadata["mix"] = mix.empty() ? "as baked" : mix;
+    volume.metadata["exposure"] = format("%.1f", render::automatic_exposure(volume));
+}
+
+/// Throws Error (invalid) unless the layer is of the same bake.
+void check_alike(const std::string& manifest, const std::string& file, const Volume& whole,
+                 const Volume& layer) {
+    const auto fact = [](const Volume& of, const char* name) {
+        const auto found = of.metadata.find(name);
+        return found == of.metadata.end() ? std::string() : found->second;
+    };
+    if (whole.grid.dims != layer.grid.dims || whole.sh_order != layer.sh_order
+        || fact(whole, "scene_hash") != fact(layer, "scene_hash")
+        || fact(whole, "settings") != fact(layer, "settings"))
+        throw Error(ErrorKind::invalid,
+                    manifest + ": " + file
+                        + " is of another bake than the volume; bake all layers together");
+}
+
+Volume mix(const std::string& manifest, const io::LayerSet& set) {
+    Volume sum = read_volume(set.file);
+    for (std::vector<glm::vec3>& values : sum.sh)
+        std::ranges::fill(values, glm::vec3(0.0f));
+    for (const io::LayerEntry& layer : set.layers) {
+        if (layer.weight == glm::vec3(0.0f))
+            continue;
+        const Volume part = read_volume(layer.file);
+        check_alike(manifest, layer.file, sum, part);
+        for (std::size_t k = 0; k < sum.sh.size(); ++k)
+            for (std::size_t cell = 0; cell < sum.sh[k].size(); ++cell)
+                sum.sh[k][cell] += layer.weight * part.sh[k][cell];
+    }
+    return sum;
+}
+
+void run(const MixOptions& o) {
+    if (o.outputs.paths.empty())
+        throw Error(ErrorKind::argument, "no output: add -o FILE" + io::format_list(" or -o FILE"));
+    for (const std::string& path : o.outputs.paths)
+        if (!io::volume_format(path))
+            throw Error(ErrorKind::argument,
+                        path + ": unknown kind of volume file; use " + io::format_list());
+    const std::string manifest =
+        io::is_layer_manifest(o.file) ? o.file : io::layer_manifest_path(o.file);
+    io::LayerSet set;
+    try {
+        set = io::read_layer_manifest(manifest);
+    } catch (const Error& error) {
+        if (error.kind == ErrorKind::file && manifest != o.file)
+            throw Error(ErrorKind::file, o.file + ": has no layers beside it (" + error.what()
+                                             + "); bake it with --layers");
+        throw;
+    }
+    std::vector<std::string> inputs{set.file, manifest};
+    for (const io::LayerEntry& layer : set.layers)
+        inputs.push_back(layer.file);
+    check_files({}, inputs, o.outputs.paths);
+    TerminalProgress progress(ProgressStyle::none);
+    set_weights(o, progress, set);
+    Volume volume = mix(manifest, set);
+    describe(o, volume);
+    const Grid grid = volume.grid;
+    const int order = volume.sh_order;
+    const std::vector<Written> written =
+        write_outputs(o.outputs, o.outputs.paths, volume, progress);
+    if (o.format == Format::json) {
+        print_json({{"command", "mix"},
+                    {"file", o.file},
+                    {"layers", report::Json::parse(io::text_of(set.layers))},
+                    {"grid", report::grid_json(grid)},
+                    {"sh_order", order},
+                    {"outputs", outputs_json(written)},
+                    {"warnings", progress.warnings()}});
+        return;
+    }
+    print_grid(grid);
+    for (const io::LayerEntry& layer : set.layers)
+        std::printf("layer         %-20s %.4g, %.4g, %.4g\n", layer.name.c_str(),
+                    double(layer.weight.x), double(layer.weight.y), double(layer.weight.z));
+    print_outputs(written);
+}
+
+options::Action declare(options::Options& options) {
+    const auto fields = std::make_shared<MixOptions>();
+    MixOptions& o = *fields;
+    options
+        .text("file", o.file, "IN",
+              "Volume of bake --layers with its layers beside it, or its .layers.json")
+        .require();
+    options.values(
+        "weights", o.weights, "NAME=VALUE", parse_weight,
+        "Weight of a layer: a number, R,G,B, or #RRGGBB (sRGB); or sky=FILE, a picture as "
+        "--sky takes it, where there are modes of a sky. All others keep the weight of "
+        "the scene");
+    options.texts("-o,--output", o.outputs.paths, "FILE", outputs_help()).keep_to_one_run();
+    add_output_options(options, o.outputs);
+    add_format_option(options, o.format);
+    return [fields] { run(*fields); };
+}
+
+} // namespace
+
+options::Command mix_command() {
+    return {"mix", "Mixes the layers of a bake into a volume of other light.", manual, declare};
+}
+
+} // namespace lpvbake::cmd

@@ -1,0 +1,50 @@
+// Layers of a scene's light: which of it each is, and how they are named.
+#pragma once
+
+#include "scene/light_layer.h"
+
+#include <span>
+#include <string>
+#include <vector>
+
+namespace lpvbake::bake {
+
+inline constexpr std::size_t most_layers = 64;
+inline constexpr int most_mode_order = 2;
+
+/// Of what layers are asked for.
+struct LayerWish {
+    enum class Kind {
+        lights,   ///< each punctual light
+        emitters, ///< each emissive material
+        sky,      ///< the sky, and `order` harmonics beside it
+        group,    ///< lights and emissive materials whose names fit a pattern of the shell, as one
+    };
+    Kind kind;
+    std::string name = {}, pattern = {}; ///< of a group
+    int order = -1;                      ///< highest band of the harmonics; -1: none
+};
+
+struct Layer {
+    std::string name;       ///< unique; letters, digits, dots, dashes and underscores
+    std::string kind;       ///< "light", "emitter", "group", "sky", "rest" or "mode"
+    std::string unit;       ///< what weight 1 is: "scene": as the scene has it; "nits"
+    glm::vec3 weight{1.0f}; ///< sum with these: the scene's light
+    scene::LightLayer light;
+};
+
+/// The layers that are wished for, groups first: a light has a part in the first that asks for it,
+/// and what none asks for is a layer "rest", so that their sum is the scene's light. Modes are
+/// "sky_0", "sky_1", ...: skies whose luminance is one of the harmonics, in the order of
+/// Volume::sh, nits; they have weight 0. `emitters`: whether emissive surfaces give light. Throws
+/// Error (argument) where a wish finds nothing, or there are more than most_layers.
+std::vector<Layer> make_layers(const Scene& scene, std::span<const LayerWish> wishes,
+                               bool emitters);
+
+/// Whether a name may be given to a layer.
+bool is_layer_name(const std::string& name);
+
+/// Coefficients of a sky up to a band: the weights of its modes that come nearest to it.
+std::vector<glm::vec3> project_sky(const Sky& sky, int order);
+
+} // namespace lpvbake::bake

@@ -1,0 +1,50 @@
+// Files of layers of light: a volume of each beside that of all light, and a manifest.
+//
+// STEM.EXTENSION holds all light, STEM_layer_NAME.EXTENSION a layer. STEM.layers.json:
+//
+//     {"format": "lpvbake layers", "version": 1, "file": of the volume of all light, beside the
+//      manifest,
+//      "layers": [{"name", "kind": "light", "emitter", "group", "sky", "rest" or "mode",
+//                  "unit": what weight 1 is: "scene": as the scene has it; "nits",
+//                  "weight": [r, g, b]: the sum with these is all light,
+//                  "file": of the layer, beside the manifest}, ...]}
+#pragma once
+
+#include "lpvbake/file.h"
+
+#include <glm/glm.hpp>
+
+#include <string>
+#include <vector>
+
+namespace lpvbake::io {
+
+struct LayerEntry {
+    std::string name, kind, unit;
+    glm::vec3 weight{1.0f};
+    std::string file; ///< its path
+};
+
+struct LayerSet {
+    std::string file; ///< path of the volume of all light
+    std::vector<LayerEntry> layers;
+};
+
+std::string layer_path(const std::string& path, const std::string& name);
+/// Of the volume of this name.
+std::string layer_manifest_path(const std::string& path);
+/// By the end of its name.
+bool is_layer_manifest(const std::string& path);
+
+/// The list as metadata `layers` have it: name, kind, unit and weight of each, JSON.
+std::string text_of(const std::vector<LayerEntry>& layers);
+
+/// The manifest of a volume of this name and of layers in files of layer_path(), which are written;
+/// removes those that a former one of the name lists beyond them. Throws Error (file).
+WriteReport::File write_layer_manifest(const std::string& path,
+                                       const std::vector<LayerEntry>& layers);
+
+/// Throws Error: file (it is not there), invalid (what it says is wrong).
+LayerSet read_layer_manifest(const std::string& path);
+
+} // namespace lpvbake::io

@@ -1,0 +1,198 @@
+// `lpvbake bake --layers` and `lpvbake mix` from outside.
+#include "cli/run.h"
+#include "io/layers.h"
+
+#include <nlohmann/json.hpp>
+
+#include <cmath>
+
+namespace lpvbake {
+namespace {
+
+using cmd::ExitCode;
+using nlohmann::json;
+
+class LayersCli : public ::testing::Test {
+protected:
+    CliResult run(const std::string& arguments) { return run_lpvbake(folder_, arguments); }
+    CliResult bake(const std::string& arguments) {
+        return run("bake \"$ROOM\" --resolution 16 --quality fast --solver gather -q " + arguments);
+    }
+    bool exists(const std::string& name) const { return std::filesystem::exists(folder_ / name); }
+
+    TemporaryFolder folder_;
+};
+
+/// Largest difference of a coefficient, of the largest in its cell.
+double difference(const Volume& a, const Volume& b) {
+    double most = 0.0;
+    EXPECT_EQ(a.sh.size(), b.sh.size());
+    for (std::size_t cell = 0; cell < a.grid.size(); ++cell) {
+        double off = 0.0, largest = 0.0;
+        for (std::size_t k = 0; k < a.sh.size(); ++k)
+            for (int c = 0; c < 3; ++c) {
+                off = std::max(off, std::abs(double(a.sh[k][cell][c]) - double(b.sh[k][cell][c])));
+                largest = std::max(largest, std::abs(double(b.sh[k][cell][c])));
+            }
+        if (largest > 0.0)
+            most = std::max(most, off / largest);
+    }
+    return most;
+}
+
+TEST_F(LayersCli, AreVolumesBesideThatOfAllLight) {
+    ASSERT_EQ(bake("-o plain.vdb").status, 0);
+    const CliResult baked = bake("-o a.vdb --layers lights,emitters --format json");
+    ASSERT_EQ(baked.status, 0) << baked.err;
+    const json manifest = json::parse(slurp(folder_ / "a.layers.json"));
+    EXPECT_EQ(manifest["file"], "a.vdb");
+    ASSERT_EQ(manifest["layers"].size(), 2u);
+    EXPECT_EQ(manifest["layers"][0]["name"], "bulb");
+    EXPECT_EQ(manifest["layers"][0]["kind"], "light");
+    EXPECT_EQ(manifest["layers"][0]["file"], "a_layer_bulb.vdb");
+    EXPECT_EQ(manifest["layers"][1]["kind"], "emitter");
+    const Volume plain = read_volume(folder_ / "plain.vdb"), all = read_volume(folder_ / "a.vdb");
+    EXPECT_EQ(all.sh, plain.sh);
+    EXPECT_EQ(all.walls, plain.walls);
+    EXPECT_EQ(all.validity, plain.validity);
+    const Volume bulb = read_volume(folder_ / "a_layer_bulb.vdb");
+    EXPECT_EQ(bulb.walls, plain.walls);
+    EXPECT_EQ(bulb.validity, plain.validity);
+    EXPECT_EQ(bulb.metadata.at("layer"), "bulb");
+    EXPECT_EQ(bulb.metadata.at("emitter_reflections"), "none");
+    for (const json& layers : {json::parse(baked.out)["layers"],
+                               json::parse(run("info a.vdb --format json").out)["layers"]}) {
+        ASSERT_EQ(layers.size(), 2u);
+        EXPECT_EQ(layers[0]["name"], "bulb");
+        EXPECT_EQ(layers[0]["unit"], "scene");
+        EXPECT_EQ(layers[0]["weight"], json({1, 1, 1}));
+    }
+    const json plan =
+        json::parse(bake("-o a.vdb --layers lights,emitters --dry-run --format json").out);
+    EXPECT_EQ(plan["outputs"][0]["files"].size(), 4u);
+    EXPECT_GT(
+        plan["host_bytes"].get<double>(),
+        json::parse(bake("-o a.vdb --dry-run --format json").out)["host_bytes"].get<double>());
+}
+
+TEST_F(LayersCli, MixIsWhatABakeOfTheMixtureIs) {
+    ASSERT_EQ(bake("-o a.vdb --layers lights,emitters").status, 0);
+    ASSERT_EQ(run("mix a.vdb -o same.vdb").status, 0);
+    const Volume all = read_volume(folder_ / "a.vdb");
+    EXPECT_LT(difference(read_volume(folder_ / "same.vdb"), all), 1e-5);
+
+    // All lights alike: another bake decides the same.
+    ASSERT_EQ(bake("-o half.vdb --light-scale '*=0.5'").status, 0);
+    const std::string lamp = json::parse(slurp(folder_ / "a.layers.json"))["layers"][1]["name"];
+    ASSERT_EQ(run("mix a.vdb bulb=0.5 " + lamp + "=0.5 -o mixed.exr --format json").status, 0);
+    const Volume mixed = read_volume(folder_ / "mixed.json");
+    EXPECT_LT(difference(mixed, read_volume(folder_ / "half.vdb")), 1e-5);
+    EXPECT_EQ(mixed.metadata.at("mix"), "bulb=0.5 " + lamp + "=0.5");
+    EXPECT_FALSE(mixed.metadata.contains("layers"));
+    EXPECT_EQ(mixed.walls, all.walls);
+
+    // One light off, one coloured: another bake chooses its own clusters.
+    ASSERT_EQ(bake("-o off.vdb --no-light bulb").status, 0);
+    ASSERT_EQ(run("mix a.layers.json bulb=0 " + lamp + "='#ff0000' -o red.vdb").status, 0);
+    const Volume off = read_volume(folder_ / "off.vdb"), red = read_volume(folder_ / "red.vdb");
+    double sum = 0.0, error = 0.0;
+    for (std::size_t cell = 0; cell < off.grid.size(); ++cell) {
+        EXPECT_EQ(red.sh[0][cell].y, 0.0f);
+        sum += double(off.sh[0][cell].x);
+        error += std::abs(double(red.sh[0][cell].x) - double(off.sh[0][cell].x));
+    }
+    EXPECT_LT(error, 0.05 * sum);
+    EXPECT_GT(error, 1e-6 * sum);
+    EXPECT_EQ(run("info red.vdb").status, 0);
+    EXPECT_EQ(run("diff red.vdb off.vdb --format json").status, int(ExitCode::difference));
+    EXPECT_EQ(run("render \"$ROOM\" red.vdb -o red.png --size 32x32 --samples 1 -q").status, 0);
+}
+
+TEST_F(LayersCli, ASkyIsExchanged) {
+    ASSERT_EQ(bake("-o a.vdb --layers sky:2 --sky '#ffffff,20'").status, 0);
+    const json manifest = json::parse(slurp(folder_ / "a.layers.json"));
+    ASSERT_EQ(manifest["layers"].size(), 11u); // sky, nine modes, the rest
+    EXPECT_EQ(manifest["layers"][10]["name"], "rest");
+    EXPECT_EQ(manifest["layers"][1]["unit"], "nits");
+    EXPECT_EQ(manifest["layers"][1]["weight"], json({0, 0, 0}));
+    const Volume all = read_volume(folder_ / "a.vdb");
+    ASSERT_EQ(run("mix a.vdb -o same.vdb").status, 0);
+    EXPECT_LT(difference(read_volume(folder_ / "same.vdb"), all), 1e-5);
+    // The same sky as a picture, by its modes: binary PFM, from the bottom.
+    std::string picture = "PF\n8 4\n-1.0\n";
+    const float luminance = 20.0f;
+    for (int i = 0; i < 8 * 4 * 3; ++i)
+        picture.append(reinterpret_cast<const char*>(&luminance), sizeof luminance);
+    spill(folder_ / "white.pfm", picture);
+    const CliResult mixed = run("mix a.vdb sky=white.pfm -o mixed.vdb");
+    ASSERT_EQ(mixed.status, 0) << mixed.err;
+    EXPECT_LT(difference(read_volume(folder_ / "mixed.vdb"), all), 1e-4);
+    ASSERT_EQ(run("mix a.vdb sky=0 -o dark.vdb").status, 0);
+    EXPECT_GT(difference(read_volume(folder_ / "dark.vdb"), all), 0.1);
+}
+
+TEST_F(LayersCli, GroupsTakeWhatTheirPatternFits) {
+    ASSERT_EQ(bake("-o a.vdb --point 0.5,1,0.5,10 --layers 'main=bul*' --layers lights").status, 0);
+    const json layers = json::parse(slurp(folder_ / "a.layers.json"))["layers"];
+    ASSERT_EQ(layers.size(), 3u);
+    EXPECT_EQ(layers[0]["name"], "main");
+    EXPECT_EQ(layers[0]["kind"], "group");
+    EXPECT_EQ(layers[1]["name"], "point");
+    EXPECT_EQ(layers[2]["name"], "rest");
+    // A layer that is gone leaves no file.
+    ASSERT_EQ(bake("-o a.vdb --point 0.5,1,0.5,10 --layers lights").status, 0);
+    EXPECT_FALSE(exists("a_layer_main.vdb"));
+    EXPECT_TRUE(exists("a_layer_bulb.vdb"));
+}
+
+TEST_F(LayersCli, AreTheSameForAnyNumberOfThreads) {
+    ASSERT_EQ(bake("-o a.vdb --layers lights,emitters --threads 1").status, 0);
+    ASSERT_EQ(bake("-o b.vdb --layers lights,emitters --threads 2").status, 0);
+    EXPECT_EQ(slurp(folder_ / "a_layer_bulb.vdb"), slurp(folder_ / "b_layer_bulb.vdb"));
+}
+
+TEST_F(LayersCli, WhatCannotBeIsRefusedByName) {
+    const std::string to = "bake \"$ROOM\" --resolution 8 -o a.vdb ";
+    const auto refused = [&](const std::string& arguments, const std::string& text) {
+        expect_one_error(run(to + arguments), arguments, ExitCode::usage, text);
+    };
+    refused("--layers lamps", "is none of lights, emitters, sky");
+    refused("--layers sky:3", "sky:N");
+    refused("--layers sky=*", "meaning of their own");
+    refused("--layers x=nothing*", "'bulb'");
+    refused("--layers sky", "there is no sky");
+    refused("--layers lights --no-light bulb", "no punctual light is left");
+    refused("--layers lights --solver sn", "--layers is an option of gather");
+    refused("--layers lights --adaptive 0.1..0.2", "--adaptive");
+    refused("--layers lights --level -1,0,-1,1,2,1:0.2", "--level");
+    refused("--layers lights --fit surfaces", "--fit none");
+    refused("--layers lights --dering on", "--dering off");
+    expect_one_error(run("bake \"$ROOM\" --resolution 8 -o b.ktx2 --layers sky:1 --sky '#ffffff,1' "
+                         "--precision rgb9e5"),
+                     "rgb9e5", ExitCode::usage, "float or half");
+    refused("--layers lights -o a.exr", "manifest");
+    refused("--layers lights -o b.glb", ".glb");
+    refused("--layers lights -o a_layer_bulb.vdb", "a_layer_bulb.vdb");
+
+    ASSERT_EQ(bake("-o a.vdb --layers lights").status, 0);
+    expect_one_error(run("mix a.vdb lamp=1 -o b.vdb"), "mix", ExitCode::usage, "it has bulb, rest");
+    expect_one_error(run("mix a.vdb bulb -o b.vdb"), "mix", ExitCode::usage, "NAME=");
+    expect_one_error(run("mix a.vdb bulb=red -o b.vdb"), "mix", ExitCode::usage, "#RRGGBB");
+    expect_one_error(run("mix a.vdb sky=b.hdr -o b.vdb"), "mix", ExitCode::usage, "sky:2");
+    expect_one_error(run("mix a.vdb bulb=1 -o a_layer_bulb.vdb"), "mix", ExitCode::usage,
+                     "would replace the input");
+    expect_one_error(run("mix a.vdb bulb=1"), "mix", ExitCode::usage, "-o FILE");
+    ASSERT_EQ(bake("-o plain.vdb").status, 0);
+    expect_one_error(run("mix plain.vdb bulb=1 -o b.vdb"), "mix", ExitCode::file, "--layers");
+    // A layer of another bake, and a damaged manifest.
+    ASSERT_EQ(bake("-o c.vdb --layers lights --point 0,1,0,5").status, 0);
+    std::filesystem::copy_file(folder_ / "c_layer_bulb.vdb", folder_ / "a_layer_bulb.vdb",
+                               std::filesystem::copy_options::overwrite_existing);
+    expect_one_error(run("mix a.vdb -o b.vdb"), "mix", ExitCode::invalid, "of another bake");
+    spill(folder_ / "a.layers.json", "{\"format\": \"lpvbake layers\", \"version\": 1}");
+    EXPECT_NE(run("mix a.vdb -o b.vdb").status, 0);
+    EXPECT_FALSE(exists("b.vdb"));
+}
+
+} // namespace
+} // namespace lpvbake
