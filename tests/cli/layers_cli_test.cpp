@@ -162,9 +162,11 @@ TEST_F(LayersCli, WhatCannotBeIsRefusedByName) {
     refused("--layers x=nothing*", "'bulb'");
     refused("--layers sky", "there is no sky");
     refused("--layers lights --no-light bulb", "no punctual light is left");
-    refused("--layers lights --solver sn", "--layers is an option of gather");
+    refused("--layers lights --solver lpv", "--layers is an option of sn or gather");
     refused("--layers lights --adaptive 0.1..0.2", "--adaptive");
     refused("--layers lights --level -1,0,-1,1,2,1:0.2", "--level");
+    refused("--layers lights --volume a=-1,0,-1,1,2,1:0.2", "--volume");
+    refused("--layers lights --direct sh", "--direct");
     refused("--layers lights --fit surfaces", "--fit none");
     refused("--layers lights --dering on", "--dering off");
     expect_one_error(run("bake \"$ROOM\" --resolution 8 -o b.ktx2 --layers sky:1 --sky '#ffffff,1' "

@@ -3,6 +3,7 @@
 #include "lit_layers.h"
 #include "scenes.h"
 #include "solver/gather/gather.h"
+#include "solver/sn/sn.h"
 #include "visibility/validity.h"
 #include "volume/grid.h"
 #include "volume/sh.h"
@@ -80,15 +81,34 @@ protected:
         solver::gather::GatherReport report;
     };
 
-    Fields gather(const Setting& setting, const std::vector<scene::LightLayer>& layers,
-                  const solver::gather::GatherSettings& settings, float above = 0.0f,
-                  uint64_t window = 0) {
+    static surface::LitSurfaces light(const Setting& setting,
+                                      const std::vector<scene::LightLayer>& layers) {
         Progress silent;
         surface::LightingSettings lighting;
         lighting.bounces.reset();
         lighting.rays = 1 << 16;
-        const surface::LitSurfaces lit = surface::light_surfaces(
-            setting.scene, setting.visibility, setting.frame, lighting, silent, layers);
+        return surface::light_surfaces(setting.scene, setting.visibility, setting.frame, lighting,
+                                       silent, layers);
+    }
+
+    Fields sweep(const Setting& setting, const std::vector<scene::LightLayer>& layers,
+                 int order = 2) {
+        Progress silent;
+        const surface::LitSurfaces lit = light(setting, layers);
+        Fields fields{setting.volume(), std::vector<Volume>(layers.size()), {}};
+        const solver::sn::SnProgram sn(device(), setting.grid, {48, order});
+        const solver::gather::Layers of{layers, fields.layers};
+        const float limit =
+            sn.gather_peaks(lit, setting.visibility, setting.scene.sky, silent, fields.volume, of);
+        sn.sweep(lit, setting.visibility, setting.scene.sky, limit, silent, fields.volume, of);
+        return fields;
+    }
+
+    Fields gather(const Setting& setting, const std::vector<scene::LightLayer>& layers,
+                  const solver::gather::GatherSettings& settings, float above = 0.0f,
+                  uint64_t window = 0) {
+        Progress silent;
+        const surface::LitSurfaces lit = light(setting, layers);
         Fields fields{setting.volume(), std::vector<Volume>(layers.size()), {}};
         fields.report = solver::gather::GatherProgram(device(), settings, window)
                             .gather(lit, setting.scene.sky, setting.visibility, fields.volume,
@@ -121,6 +141,28 @@ TEST_F(Layers, OfAGatherSumUpAndAreLinear) {
     }
 }
 
+TEST_F(Layers, OfASweepSumUpAndAreLinear) {
+    Scene bright = scenes::lit_by_all();
+    bright.sky.map = nullptr;
+    bright.sky.luminance = glm::vec3(500.0f); // gathered, where that of the other is swept
+    for (const Scene& scene : {scenes::lit_by_all(), bright})
+        for (const int order : {2, 3}) {
+            const Setting setting(scene, 12);
+            std::vector<scene::LightLayer> layers = layers_with_modes(setting.scene);
+            const std::size_t modes = 4, parts = layers.size() - modes;
+            const std::vector<glm::vec3> weights = scenes::random_weights(layers.size(), 5);
+            layers.push_back(scenes::mixed(layers, weights));
+            const Fields plain = sweep(setting, {}, order), fields = sweep(setting, layers, order);
+            EXPECT_EQ(fields.volume.sh, plain.volume.sh) << order;
+            std::vector<glm::vec3> ones(layers.size(), glm::vec3(0.0f)), mixture = weights;
+            std::fill_n(ones.begin(), parts, glm::vec3(1.0f));
+            mixture.push_back(glm::vec3(0.0f));
+            EXPECT_LT(difference(sum_of(fields.layers, ones), plain.volume.sh), 1e-5) << order;
+            EXPECT_LT(difference(sum_of(fields.layers, mixture), fields.layers.back().sh), 1e-5)
+                << order;
+        }
+}
+
 TEST_F(Layers, ThatDecideForThemselvesDoNotSumUp) {
     const Setting setting(scenes::lit_by_all());
     const std::vector<scene::LightLayer> layers = scenes::layers_of(setting.scene);
@@ -130,6 +172,12 @@ TEST_F(Layers, ThatDecideForThemselvesDoNotSumUp) {
         apart.push_back(gather(Setting(scenes::of_layer(setting.scene, layer)), {}, {}).volume);
     const std::vector<glm::vec3> ones(layers.size(), glm::vec3(1.0f));
     EXPECT_GT(difference(sum_of(apart, ones), together.volume.sh), 1e-2);
+
+    const Fields swept = sweep(setting, {});
+    apart.clear();
+    for (const scene::LightLayer& layer : layers)
+        apart.push_back(sweep(Setting(scenes::of_layer(setting.scene, layer)), {}).volume);
+    EXPECT_GT(difference(sum_of(apart, ones), swept.volume.sh), 1e-2);
 }
 
 TEST_F(Layers, OfAConstantSkyAreTheConstantMode) {
@@ -137,10 +185,10 @@ TEST_F(Layers, OfAConstantSkyAreTheConstantMode) {
     scene.sky.luminance = glm::vec3(1.0f);
     const Setting setting(scene);
     const std::vector<scene::LightLayer> layers = layers_with_modes(setting.scene);
-    const Fields fields = gather(setting, layers, {});
     std::vector<glm::vec3> constant(layers.size(), glm::vec3(0.0f));
     constant[1] = glm::vec3(1.0f / volume::sh_y0);
-    EXPECT_LT(difference(sum_of(fields.layers, constant), fields.volume.sh), 1e-5);
+    for (const Fields& fields : {gather(setting, layers, {}), sweep(setting, layers)})
+        EXPECT_LT(difference(sum_of(fields.layers, constant), fields.volume.sh), 1e-5);
 }
 
 TEST_F(Layers, AreTheSameForAnyWindow) {

@@ -20,11 +20,26 @@ glm::vec2 spread(uint32_t index) {
 
 } // namespace
 
-glm::vec3 SnLight::luminance(const visibility::Hit& hit, glm::vec3 direction) const {
-    if (hit.instance == visibility::no_hit)
-        return hit.tint * scene::sky_luminance(sky, direction);
-    const glm::vec3 all = lit.leaving(hit, direction);
-    return hit.tint * (all - surface::luminance_above(all, limit));
+Sight SnLight::sight(const visibility::Hit& hit, glm::vec3 direction) const {
+    return {hit.instance == visibility::no_hit ? Sight::sky : lit.side(hit, direction), hit.tint};
+}
+
+glm::vec3 SnLight::luminance(const Sight& sight, glm::vec3 direction) const {
+    if (sight.side == Sight::sky) {
+        const glm::vec3 own = scene::sky_luminance(sky, direction);
+        if (!layer)
+            return sight.tint * own;
+        return sight.tint
+               * (layer->sky * own + (layer->beyond ? layer->beyond(direction) : glm::vec3(0.0f)));
+    }
+    if (sight.side == surface::LitSurfaces::no_side)
+        return glm::vec3(0.0f);
+    const glm::vec3 all = lit.luminance[sight.side];
+    if (!layer)
+        return sight.tint * (all - surface::luminance_above(all, limit));
+    const float mean = (all.x + all.y + all.z) / 3.0f;
+    const float share = mean > limit ? limit / mean : 1.0f;
+    return sight.tint * share * lit.layers[lit.layer_count * sight.side + index];
 }
 
 float mean_luminance(const SnLight& light, const Grid& grid, std::span<const float> validity) {
@@ -51,7 +66,8 @@ float mean_luminance(const SnLight& light, const Grid& grid, std::span<const flo
         }
         light.visibility.closest_of_eights(rays, visibility::Bundle::loose, hits);
         for (size_t i = 0; i < block; ++i) {
-            const glm::vec3 luminance = light.luminance(hits[i], rays[i].direction);
+            const glm::vec3 along = rays[i].direction;
+            const glm::vec3 luminance = light.luminance(light.sight(hits[i], along), along);
             seen[part * block + i] = (luminance.x + luminance.y + luminance.z) / 3.0f;
         }
     });
@@ -63,7 +79,7 @@ float mean_luminance(const SnLight& light, const Grid& grid, std::span<const flo
 
 void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
                     std::span<const glm::vec3> travel, size_t stride,
-                    std::span<glm::vec4> luminance) {
+                    std::span<glm::vec4> luminance, Sights* sights, size_t first) {
     std::array<visibility::Ray, 8> rays;
     std::array<visibility::Hit, 8> hits;
     std::array<glm::vec3, 8> points;
@@ -74,8 +90,14 @@ void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
             rays[i] = {points[i], -travel[d], 0.0f, HUGE_VALF};
         light.visibility.closest_of_eights(std::span(rays).first(places.size()),
                                            visibility::Bundle::tight, hits);
-        for (size_t i = 0; i < places.size(); ++i)
-            luminance[i * stride + d] = glm::vec4(light.luminance(hits[i], -travel[d]), 0.0f);
+        for (size_t i = 0; i < places.size(); ++i) {
+            const Sight sight = light.sight(hits[i], -travel[d]);
+            luminance[i * stride + d] = glm::vec4(light.luminance(sight, -travel[d]), 0.0f);
+            if (sights)
+                sights->sides[first + i * stride + d] = sight.side;
+            if (sights && !sights->tints.empty())
+                sights->tints[first + i * stride + d] = sight.tint;
+        }
     }
 }
 

@@ -6,8 +6,16 @@
 #include "volume/grid.h"
 
 #include <span>
+#include <vector>
 
 namespace lpvbake::solver::sn {
+
+/// What a ray meets.
+struct Sight {
+    static constexpr uint32_t sky = surface::LitSurfaces::no_side - 1;
+    uint32_t side; ///< 2 * patch + side, `sky`, or LitSurfaces::no_side
+    glm::vec3 tint;
+};
 
 /// Light of surfaces and the sky; refers to them.
 struct SnLight {
@@ -15,9 +23,23 @@ struct SnLight {
     const visibility::Visibility& visibility;
     Sky sky;
     float limit = HUGE_VALF; ///< nits; surfaces are seen without luminance_above() this
+    /// One of LitSurfaces::layers instead: of surfaces the share that is seen of all light.
+    const scene::LightLayer* layer = nullptr;
+    size_t index = 0; ///< of the layer
 
-    /// What a ray of this direction sees at its hit, nits.
-    glm::vec3 luminance(const visibility::Hit& hit, glm::vec3 direction) const;
+    Sight sight(const visibility::Hit& hit, glm::vec3 direction) const;
+    /// What a ray of this direction sees, nits.
+    glm::vec3 luminance(const Sight& sight, glm::vec3 direction) const;
+};
+
+/// What the rays of a chunk met, as its luminance is laid out.
+struct Sights {
+    std::vector<uint32_t> sides;
+    std::vector<glm::vec3> tints; ///< empty where nothing tints
+
+    Sight operator[](size_t i) const {
+        return {sides[i], tints.empty() ? glm::vec3(1.0f) : tints[i]};
+    }
 };
 
 /// Mean luminance (mean of the channels, nits) that arrives in the cells whose validity is above 0,
@@ -31,9 +53,10 @@ struct SnPlace {
 };
 
 /// The luminance (nits) that arrives along each direction of travel in up to eight cells:
-/// luminance[cell * stride + direction].
+/// luminance[cell * stride + direction]. What the rays met is kept in `sights`, if it is not null,
+/// from `first` on.
 void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
                     std::span<const glm::vec3> travel, size_t stride,
-                    std::span<glm::vec4> luminance);
+                    std::span<glm::vec4> luminance, Sights* sights, size_t first);
 
 } // namespace lpvbake::solver::sn

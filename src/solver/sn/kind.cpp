@@ -48,15 +48,20 @@ double expected_error(const SolverSettings& settings, const Pilot& pilot) {
 
 Cost cost(const Workload& work, const SolverSettings& settings) {
     const SnSettings sn = settings_of(settings);
-    return {{{"validity", validity_seconds(work.grid), "which cells lie outside geometry"},
-             {"gather",
-              gather::gather_seconds(work.grid, uint64_t(work.patches / models::patches_a_peak),
-                                     peak_settings(sn), work.gpu),
-              "what is brighter than 1.5 times the mean"},
-             {"sweep", sn_seconds(work.grid, sn, work.gpu),
-              format("%d directions, order %d", sn.directions, sn.order)}},
-            {},
-            sn_host_bytes(work.grid, uint64_t(work.patches), sn)};
+    const double gathers = 1 + models::seconds::gather_layer * double(work.layers);
+    const double sweeps = 1 + models::seconds::sweep_layer * double(work.layers);
+    return {
+        {{"validity", validity_seconds(work.grid), "which cells lie outside geometry"},
+         {"gather",
+          gathers
+              * gather::gather_seconds(work.grid, uint64_t(work.patches / models::patches_a_peak),
+                                       peak_settings(sn), work.gpu),
+          "what is brighter than 1.5 times the mean"},
+         {"sweep", sweeps * sn_seconds(work.grid, sn, work.gpu),
+          format("%d directions, order %d", sn.directions, sn.order)
+              + (work.layers > 0 ? ", " + counted(work.layers, "layer") : "")}},
+        {},
+        sn_host_bytes(work.grid, uint64_t(work.patches), sn, work.layers)};
 }
 
 /// Luminance along fixed directions, from cell to cell, downstream.
@@ -69,15 +74,21 @@ public:
           })) {}
 
     void solve(const Inputs& inputs, Stages& stages, Volume& volume) override {
+        solve_layers(inputs, stages, volume, {});
+    }
+
+    void solve_layers(const Inputs& inputs, Stages& stages, Volume& volume,
+                      std::span<Volume> volumes) override {
+        const gather::Layers layers{inputs.layers, volumes};
         find_validity(inputs, stages, volume);
         const SnProgram sn = program_.get();
         const Sky& sky = inputs.scene.sky;
         stages.begin("gather");
         const float limit =
-            sn.gather_peaks(*inputs.lit, inputs.visibility, sky, stages.progress(), volume);
+            sn.gather_peaks(*inputs.lit, inputs.visibility, sky, stages.progress(), volume, layers);
         stages.end(format("what is brighter than %.4g nits", double(limit)));
         stages.begin("sweep", 100);
-        sn.sweep(*inputs.lit, inputs.visibility, sky, limit, stages.progress(), volume);
+        sn.sweep(*inputs.lit, inputs.visibility, sky, limit, stages.progress(), volume, layers);
         stages.end(format("%d directions", settings_.directions));
         volume.metadata["directions"] = std::to_string(settings_.directions);
     }
@@ -94,6 +105,7 @@ constinit const SolverKind sn_kind{
     .help = "discrete ordinates",
     .orders = orders,
     .default_bounces = std::nullopt,
+    .layers = true,
     .nesting = Nesting::independent,
     .parameters = parameters,
     .ladder = ladder,

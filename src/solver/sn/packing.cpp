@@ -40,14 +40,14 @@ Directions direction_table(const Octant& octant, std::span<const glm::dvec3> pos
     return directions;
 }
 
-void fill_ring(const Sky& sky, const Directions& directions, uint32_t stride, uint64_t texels,
+void fill_ring(const SnLight& light, const Directions& directions, uint32_t stride, uint64_t texels,
                std::vector<glm::vec4>& ring) {
     ring.resize(texels);
     for (size_t i = 0; i < ring.size(); ++i) {
         const size_t d = i % stride;
-        ring[i] = d < directions.travel.size()
-                      ? glm::vec4(scene::sky_luminance(sky, -directions.travel[d]), 0.0f)
-                      : glm::vec4(0.0f);
+        ring[i] = d < directions.travel.size() ? glm::vec4(
+                      light.luminance({Sight::sky, glm::vec3(1.0f)}, -directions.travel[d]), 0.0f)
+                                               : glm::vec4(0.0f);
     }
 }
 
@@ -69,7 +69,7 @@ void pack_fronts(const FrontOrder& order, const SweepLayout& layout, uint32_t st
 }
 
 void trace_given(const FrontOrder& order, const SnLight& light, const Directions& directions,
-                 uint32_t stride, Chunk& chunk) {
+                 uint32_t stride, Chunk& chunk, Sights* sights) {
     const uint32_t first = order.first_given[size_t(chunk.begin)];
     const uint32_t count = order.given_of(chunk.begin, chunk.end);
     chunk.given_slots.resize(count);
@@ -80,13 +80,34 @@ void trace_given(const FrontOrder& order, const SnLight& light, const Directions
             eights.push_back(i);
     eights.push_back(order.first_given[size_t(chunk.end)]);
     chunk.given.assign(size_t(count) * stride, glm::vec4(0.0f));
+    if (sights) {
+        sights->sides.assign(chunk.given.size(), surface::LitSurfaces::no_side);
+        if (light.visibility.is_tinted())
+            sights->tints.assign(chunk.given.size(), glm::vec3(1.0f));
+    }
     const std::span<const SnPlace> all(order.given);
     tbb::parallel_for(size_t(0), eights.size() - 1, [&](size_t i) {
         const uint32_t from = eights[i], eight = eights[i + 1] - from;
         for (uint32_t k = from; k < from + eight; ++k)
             chunk.given_slots[k - first] = all[k].slot;
+        const size_t at = size_t(from - first) * stride;
         trace_arriving(light, all.subspan(from, eight), directions.travel, stride,
-                       std::span(chunk.given).subspan(size_t(from - first) * stride));
+                       std::span(chunk.given).subspan(at), sights, at);
+    });
+}
+
+void recall_given(const FrontOrder& order, const SnLight& light, const Directions& directions,
+                  uint32_t stride, const Sights& sights, Chunk& chunk) {
+    const uint32_t first = order.first_given[size_t(chunk.begin)];
+    const uint32_t count = order.given_of(chunk.begin, chunk.end);
+    chunk.given_slots.resize(count);
+    chunk.given.assign(size_t(count) * stride, glm::vec4(0.0f));
+    tbb::parallel_for(size_t(0), size_t(count), [&](size_t i) {
+        chunk.given_slots[i] = order.given[first + i].slot;
+        for (size_t d = 0; d < directions.travel.size(); ++d) {
+            const size_t at = i * stride + d;
+            chunk.given[at] = glm::vec4(light.luminance(sights[at], -directions.travel[d]), 0.0f);
+        }
     });
 }
 

@@ -25,7 +25,7 @@ Directions direction_table(const Octant& octant, std::span<const glm::dvec3> pos
 
 /// The luminance that every slot of the ring starts with: the sky's, which is read before it is
 /// written where a slot's place lies outside the grid. Of `texels` texels.
-void fill_ring(const Sky& sky, const Directions& directions, uint32_t stride, uint64_t texels,
+void fill_ring(const SnLight& light, const Directions& directions, uint32_t stride, uint64_t texels,
                std::vector<glm::vec4>& ring);
 
 /// Some fronts of an octant: [begin, end).
@@ -40,8 +40,11 @@ struct Chunk {
 void pack_fronts(const FrontOrder& order, const SweepLayout& layout, uint32_t stride,
                  uint64_t bytes, int begin, Chunk& chunk);
 
-/// Finds the luminance of what is given there.
+/// Finds the luminance of what is given there; and what rays met, unless `sights` is null.
 void trace_given(const FrontOrder& order, const SnLight& light, const Directions& directions,
-                 uint32_t stride, Chunk& chunk);
+                 uint32_t stride, Chunk& chunk, Sights* sights = nullptr);
+/// The same in another light, by what they met.
+void recall_given(const FrontOrder& order, const SnLight& light, const Directions& directions,
+                  uint32_t stride, const Sights& sights, Chunk& chunk);
 
 } // namespace lpvbake::solver::sn

@@ -36,6 +36,17 @@ Sky sky_along(const Sky& sky, int count) {
     return scene::averaged_sky(sky, directions);
 }
 
+/// The layers, of skies only where those are wanted.
+std::vector<scene::LightLayer> sky_layers(std::span<const scene::LightLayer> layers, bool skies) {
+    std::vector<scene::LightLayer> wanted(layers.begin(), layers.end());
+    for (scene::LightLayer& layer : wanted)
+        if (!skies) {
+            layer.sky = glm::vec3(0.0f);
+            layer.beyond = {};
+        }
+    return wanted;
+}
+
 /// True if surfaces lie beyond the places beside the grid.
 bool reaches_out(const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
                  const Grid& grid) {
@@ -63,10 +74,14 @@ uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings) {
     return std::max(sweep, gather::gather_device_bytes(peak_settings(settings)));
 }
 
-uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& settings) {
-    const uint64_t sweep = grid.size() * (1 + 8 + sizeof(SnPlace)) + 4 * chunk_bytes;
+uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& settings,
+                       uint64_t layers) {
+    const uint64_t met =
+        layers > 0 ? sizeof(uint32_t) * uint64_t(sn_direction_count(settings.directions)) : 0;
+    const uint64_t sweep = grid.size() * (1 + 8 + sizeof(SnPlace) + met) + 4 * chunk_bytes;
     return grid.size() * uint64_t(volume::sh_count(settings.order)) * 12
-           + std::max(sweep, gather::gather_host_bytes(grid, patches, peak_settings(settings)));
+           + std::max(sweep,
+                      gather::gather_host_bytes(grid, patches, peak_settings(settings), layers));
 }
 
 double sn_seconds(const Grid& grid, const SnSettings& settings, bool gpu) {
@@ -90,52 +105,103 @@ SnProgram::SnProgram(const gpu::Device& device, const Grid& grid, const SnSettin
 
 float SnProgram::gather_peaks(const surface::LitSurfaces& lit,
                               const visibility::Visibility& visibility, const Sky& sky,
-                              Progress& progress, Volume& volume) const {
+                              Progress& progress, Volume& volume,
+                              const gather::Layers& layers) const {
     const float limit = peak * mean_luminance({lit, visibility, sky}, volume.grid, volume.validity);
-    gather_.gather(lit, is_peak(sky, limit) ? sky : Sky(), visibility, volume, progress, limit);
-    volume.sh_order = settings_.order;
-    volume.sh.resize(size_t(volume::sh_count(settings_.order)));
+    const bool bright = is_peak(sky, limit);
+    const std::vector<scene::LightLayer> gathered = sky_layers(layers.light, bright);
+    gather_.gather(lit, bright ? sky : Sky(), visibility, volume, progress, limit,
+                   {gathered, layers.volumes});
+    const auto cut = [&](Volume& of) {
+        of.sh_order = settings_.order;
+        of.sh.resize(size_t(volume::sh_count(settings_.order)));
+    };
+    cut(volume);
+    std::ranges::for_each(layers.volumes, cut);
     return limit;
 }
 
+/// What all sweeps of a grid share: of the light, and of its layers by what its rays met.
+class SnProgram::Sweeping {
+public:
+    Sweeping(const SnProgram& program, const surface::LitSurfaces& lit,
+             const visibility::Visibility& visibility, size_t sweeps, Progress& progress)
+        : program_(program),
+          plan_(plan_sweep(program.device_, program.grid_, program.settings_.order, program.stride_,
+                           program.largest_)),
+          occupancy_(find_occupied(lit.patches, program.grid_.dims)),
+          boundary_(reaches_out(lit, visibility, program.grid_)),
+          sweeps_(sweeps),
+          progress_(progress) {}
+
+    void run(const SnLight& light, Volume& volume) {
+        const uint32_t stride = program_.stride_;
+        const int count = program_.settings_.directions;
+        const std::vector<glm::dvec3> positive = sn_octant_directions(count);
+        const size_t batches = (positive.size() + stride - 1) / stride;
+        Sweeper sweeper(program_.device_, program_.grid_, plan_, program_.sweep_);
+        size_t chunks = 0;
+        for (int number = 0; number < 8; ++number) {
+            const Octant octant(program_.grid_, plan_.layout, number);
+            const FrontOrder order = order_fronts(octant, occupancy_, boundary_, plan_.slab);
+            for (size_t batch = 0; batch < batches; ++batch) {
+                const size_t first = batch * stride;
+                const Directions directions =
+                    direction_table(octant,
+                                    std::span(positive).subspan(
+                                        first, std::min(size_t(stride), positive.size() - first)),
+                                    stride, count, program_.settings_.order);
+                fill_ring(light, directions, stride, plan_.ring_texels(), ring_);
+                sweeper.begin(directions, ring_);
+                for (int begin = 0; begin < order.fronts(); begin = chunk_.end) {
+                    pack_fronts(order, plan_.layout, stride, plan_.chunk, begin, chunk_);
+                    if (light.layer)
+                        recall_given(order, light, directions, stride, sights_[chunks++], chunk_);
+                    else
+                        trace_given(order, light, directions, stride, chunk_,
+                                    sweeps_ > 1 ? &sights_.emplace_back() : nullptr);
+                    sweeper.run(order, chunk_);
+                    const double share = double(chunk_.end) / order.fronts();
+                    tell((number + (double(batch) + share) / double(batches)) / 8.0);
+                }
+            }
+        }
+        sweeper.add_to(volume);
+        ++done_;
+    }
+
+private:
+    /// A share of this sweep.
+    void tell(double share) {
+        progress_.advance(uint64_t(100.0 * (double(done_) + share) / double(sweeps_)));
+    }
+
+    const SnProgram& program_;
+    const SweepPlan plan_;
+    const Occupancy occupancy_;
+    const bool boundary_;
+    size_t sweeps_, done_ = 0;
+    Progress& progress_;
+    std::vector<Sights> sights_; ///< of the first sweep's chunks, one after the other
+    std::vector<glm::vec4> ring_;
+    Chunk chunk_;
+};
+
 void SnProgram::sweep(const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
-                      const Sky& sky, float limit, Progress& progress, Volume& volume) const {
+                      const Sky& sky, float limit, Progress& progress, Volume& volume,
+                      const gather::Layers& layers) const {
     if (limit == 0.0f)
         return; // peaks are all there is
     progress.begin("sweep", 100);
-    const SnLight light{lit, visibility,
-                        is_peak(sky, limit) ? Sky() : sky_along(sky, settings_.directions), limit};
-    const SweepPlan plan = plan_sweep(device_, grid_, settings_.order, stride_, largest_);
-    const Occupancy occupancy = find_occupied(lit.patches, grid_.dims);
-    const bool boundary = reaches_out(lit, visibility, grid_);
-    const std::vector<glm::dvec3> positive = sn_octant_directions(settings_.directions);
-    const size_t batches = (positive.size() + stride_ - 1) / stride_;
-    Sweeper sweeper(device_, grid_, plan, sweep_);
-    std::vector<glm::vec4> ring;
-    Chunk chunk;
-    for (int number = 0; number < 8; ++number) {
-        const Octant octant(grid_, plan.layout, number);
-        const FrontOrder order = order_fronts(octant, occupancy, boundary, plan.slab);
-        for (size_t batch = 0; batch < batches; ++batch) {
-            const size_t first = batch * stride_;
-            const Directions directions =
-                direction_table(octant,
-                                std::span(positive).subspan(
-                                    first, std::min(size_t(stride_), positive.size() - first)),
-                                stride_, settings_.directions, settings_.order);
-            fill_ring(light.sky, directions, stride_, plan.ring_texels(), ring);
-            sweeper.begin(directions, ring);
-            for (int begin = 0; begin < order.fronts(); begin = chunk.end) {
-                pack_fronts(order, plan.layout, stride_, plan.chunk, begin, chunk);
-                trace_given(order, light, directions, stride_, chunk);
-                sweeper.run(order, chunk);
-                const double share = double(chunk.end) / order.fronts();
-                progress.advance(
-                    uint64_t(100.0 * (number + (double(batch) + share) / double(batches)) / 8.0));
-            }
-        }
+    const bool bright = is_peak(sky, limit);
+    SnLight light{lit, visibility, bright ? Sky() : sky_along(sky, settings_.directions), limit};
+    Sweeping sweeping(*this, lit, visibility, 1 + layers.light.size(), progress);
+    sweeping.run(light, volume);
+    const std::vector<scene::LightLayer> swept = sky_layers(layers.light, !bright);
+    for (light.index = 0; light.index < swept.size(); ++light.index) {
+        light.layer = &swept[light.index];
+        sweeping.run(light, layers.volumes[light.index]);
     }
-    sweeper.add_to(volume);
 }
 
 } // namespace lpvbake::solver::sn

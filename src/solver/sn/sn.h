@@ -30,8 +30,10 @@ gather::GatherSettings peak_settings(const SnSettings& settings);
 /// what is streamed, at most 60 MiB; or what the gather takes.
 uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings);
 
-/// Host memory, bytes, where all cells lie beside surfaces and all patches are bright.
-uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& settings);
+/// Host memory, bytes, where all cells lie beside surfaces and all patches are bright; with layers,
+/// what rays meet is kept, which takes four times as much where something tints.
+uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& settings,
+                       uint64_t layers = 0);
 
 /// Time of the sweep on two threads, s, without shader compilation.
 double sn_seconds(const Grid& grid, const SnSettings& settings, bool gpu);
@@ -47,16 +49,21 @@ public:
     /// a limit, 1.5 times the mean luminance in the valid cells (Volume::validity has to be there;
     /// other cells get none), and returns the limit, nits. The scene's units are the grid's cells,
     /// as `frame` has them. Throws as GatherProgram::gather.
+    /// The same of layers: of each side's light the share that is taken of all.
     float gather_peaks(const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
-                       const Sky& sky, Progress& progress, Volume& volume) const;
+                       const Sky& sky, Progress& progress, Volume& volume,
+                       const gather::Layers& layers = {}) const;
 
     /// Adds the light below the limit, that of surfaces and the sky beyond the grid as well. Tells
     /// `progress` the share that is done, of 100. Throws Error (memory, device) and whatever
-    /// `progress` throws.
+    /// `progress` throws. Of layers it adds the rest, swept one after the other by what the rays
+    /// of the first sweep met.
     void sweep(const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
-               const Sky& sky, float limit, Progress& progress, Volume& volume) const;
+               const Sky& sky, float limit, Progress& progress, Volume& volume,
+               const gather::Layers& layers = {}) const;
 
 private:
+    class Sweeping;
     const gpu::Device& device_;
     Grid grid_;
     SnSettings settings_;
