@@ -36,8 +36,6 @@ const char manual[] =
 #include "manual/bake.txt.h"
     ;
 
-// ---------------------------------------------------------------- running
-
 /// What a program that shows the scene beside the volume has to know: its lights, the mean of its
 /// sky, nits, and an exposure for both.
 void add_light(const Scene& scene, Volume& volume) {

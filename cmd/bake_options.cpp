@@ -160,7 +160,7 @@ void add_parameters(options::Options& options, BakeOptions& o) {
             if (std::ranges::find(names, parameter.name) == names.end())
                 names.push_back(parameter.name);
     for (const std::string& name : names) {
-        std::string help, ranges;
+        std::string help;
         std::vector<const solver::Parameter*> all;
         for (const solver::SolverKind* kind : bake::solver_kinds()) {
             const solver::Parameter* own = solver::find_parameter(*kind, name);

@@ -43,11 +43,8 @@ bake::LayerWish parse_layer(const std::string& text, const std::string& whole) {
 
 std::vector<bake::LayerWish> parse_layers(const std::string& text) {
     std::vector<bake::LayerWish> wishes;
-    for (std::size_t begin = 0; begin <= text.size();) {
-        const std::size_t comma = std::min(text.find(',', begin), text.size());
-        wishes.push_back(parse_layer(text.substr(begin, comma - begin), text));
-        begin = comma + 1;
-    }
+    for (const std::string& part : options::split(text, ','))
+        wishes.push_back(parse_layer(part, text));
     return wishes;
 }
 

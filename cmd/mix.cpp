@@ -1,13 +1,12 @@
 // lpvbake mix: one volume of the layers of a bake, by weights, colours and a sky.
 
 #include "bake/layers.h"
-#include "colour/colour.h"
 #include "commands.h"
 #include "io/layers.h"
 #include "layer_files.h"
 #include "lpvbake/error.h"
 #include "lpvbake/scene.h"
-#include "options/wording.h"
+#include "options/lights.h"
 #include "render/display.h"
 #include "report/describe.h"
 #include "scene/sky.h"
@@ -47,16 +46,8 @@ Weight parse_weight(const std::string& text) {
 }
 
 std::optional<glm::vec3> colour_of(const std::string& text) {
-    if (text.size() == 7 && text[0] == '#') {
-        glm::vec3 colour;
-        for (int c = 0; c < 3; ++c) {
-            const std::string digits = text.substr(std::size_t(1 + 2 * c), 2);
-            if (digits.find_first_not_of("0123456789abcdefABCDEF") != std::string::npos)
-                return {};
-            colour[c] = float(colour::srgb_to_linear(std::stoi(digits, nullptr, 16) / 255.0));
-        }
+    if (const auto colour = options::parse_hex_colour(text))
         return colour;
-    }
     const auto numbers = options::parse_numbers(text);
     if (!numbers || (numbers->size() != 1 && numbers->size() != 3))
         return {};

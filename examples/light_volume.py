@@ -85,6 +85,23 @@ class LightVolume:
         return self.read(point, normal)[0]
 
 
+def blended(volumes, point, normal):
+    """The irradiance of volumes, each with a share of what those before it leave; of those that the
+    point sees, or else of the first."""
+    total, left, fallback = 0.0, 1.0, None
+    light = np.zeros(3)
+    for share, volume in volumes:
+        if share == 0 or left == 0:
+            continue
+        value, clear = volume.read(point, normal)
+        fallback = value if fallback is None else fallback
+        if clear:
+            light += left * share * value
+            total += left * share
+            left *= 1 - share
+    return light / total if total > 0 else fallback
+
+
 @dataclass
 class LightLevels:
     levels: list        # of LightVolume, finest first
@@ -117,19 +134,8 @@ class LightLevels:
     def irradiance(self, point, normal):
         """Of the levels around a point, each by its share of what finer ones leave; one that sees
         no cell there does not count, unless none does."""
-        total, left, fallback = 0.0, 1.0, None
-        light = np.zeros(3)
-        for level, volume in enumerate(self.levels):
-            share = self.share(level, np.asarray(point, float))
-            if share == 0 or left == 0:
-                continue
-            value, clear = volume.read(point, normal)
-            fallback = value if fallback is None else fallback
-            if clear:
-                light += left * share * value
-                total += left * share
-                left *= 1 - share
-        return light / total if total > 0 else fallback
+        shares = (self.share(level, np.asarray(point, float)) for level in range(len(self.levels)))
+        return blended(zip(shares, self.levels), point, normal)
 
 
 @dataclass
@@ -153,19 +159,8 @@ class LightPlaces:
         shares = [np.clip(depth / max(falloff, 1e-300), 0, 1) for depth, falloff in zip(depths, self.falloff)]
         if max(shares) == 0:
             return self.levels[int(np.argmax(depths))].irradiance(point, normal)
-        total, left, fallback = 0.0, 1.0, None
-        light = np.zeros(3)
-        for t, volume in zip(shares, self.levels):
-            share = t * t * (3 - 2 * t)
-            if share == 0 or left == 0:
-                continue
-            value, clear = volume.read(point, normal)
-            fallback = value if fallback is None else fallback
-            if clear:
-                light += left * share * value
-                total += left * share
-                left *= 1 - share
-        return light / total if total > 0 else fallback
+        shares = [t * t * (3 - 2 * t) for t in shares]
+        return blended(zip(shares, self.levels), point, normal)
 
 
 @dataclass

@@ -52,7 +52,7 @@ inline std::optional<std::pair<double, double>> read_limit(const std::filesystem
 }
 
 /// Bytes of memory, however much of it is free: the machine's, or what control groups leave of it.
-inline uint64_t machine_memory(const std::filesystem::path& root = "/") {
+inline uint64_t machine_memory(const std::filesystem::path& root) {
     double bytes = double(sysconf(_SC_PHYS_PAGES)) * double(sysconf(_SC_PAGESIZE));
     each_control_group(root, "memory", [&](const std::filesystem::path& group) {
         for (const char* file : {"memory.max", "memory.limit_in_bytes"})
@@ -60,6 +60,11 @@ inline uint64_t machine_memory(const std::filesystem::path& root = "/") {
                 bytes = std::min(bytes, limit->first);
     });
     return uint64_t(bytes);
+}
+/// The same of this system, looked up once.
+inline uint64_t machine_memory() {
+    static const uint64_t bytes = machine_memory("/");
+    return bytes;
 }
 
 /// Threads that may run at once: those of the processors that the process is bound to, or of the

@@ -1,4 +1,4 @@
-// Numbers as text.
+// Numbers as text, and what names may be of.
 #pragma once
 
 #include <cstdint>
@@ -25,6 +25,12 @@ inline std::string two_digits(double value) {
 /// "1 light", "2 lights", "3 patches"; `many` is `one` and an s unless given.
 inline std::string counted(uint64_t count, const std::string& one, const std::string& many = "") {
     return std::to_string(count) + " " + (count == 1 ? one : many.empty() ? one + "s" : many);
+}
+
+/// Whether names of files have the character on any system: ASCII letters, digits, '_', '-', '.'.
+inline bool is_of_file_names(char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-'
+           || c == '_' || c == '.';
 }
 
 /// What is said of a file, with its name in front unless it stands there; empty: it has none.

@@ -46,19 +46,13 @@ double positive(std::string_view text, const char* name, const Argument& argumen
 
 /// "#rrggbb" (sRGB) or "R:G:B" (linear).
 glm::vec3 color(std::string_view text, const Argument& argument) {
-    glm::vec3 result;
     if (text.starts_with('#')) {
-        const std::string_view digits = text.substr(1);
-        uint32_t value = 0;
-        const auto [end, error] =
-            std::from_chars(digits.data(), digits.data() + digits.size(), value, 16);
-        if (digits.size() != 6 || error != std::errc() || end != digits.data() + digits.size())
+        const std::optional<glm::vec3> parsed = parse_hex_colour(text);
+        if (!parsed)
             argument.fail("COLOUR is not #rrggbb");
-        for (int channel = 0; channel < 3; ++channel)
-            result[channel] = static_cast<float>(
-                colour::srgb_to_linear(((value >> (16 - 8 * channel)) & 255u) / 255.0));
-        return result;
+        return *parsed;
     }
+    glm::vec3 result;
     const std::vector<std::string> channels = split(std::string(text), ':');
     if (channels.size() != 3)
         argument.fail("COLOUR is neither #rrggbb nor R:G:B");
@@ -84,6 +78,20 @@ std::vector<std::string> fields(const Argument& argument, size_t required) {
 }
 
 } // namespace
+
+std::optional<glm::vec3> parse_hex_colour(std::string_view text) {
+    if (text.size() != 7 || text[0] != '#')
+        return std::nullopt;
+    uint32_t value = 0;
+    const auto [end, error] = std::from_chars(text.data() + 1, text.data() + 7, value, 16);
+    if (error != std::errc() || end != text.data() + 7)
+        return std::nullopt;
+    glm::vec3 result;
+    for (int channel = 0; channel < 3; ++channel)
+        result[channel] = static_cast<float>(
+            colour::srgb_to_linear(((value >> (16 - 8 * channel)) & 255u) / 255.0));
+    return result;
+}
 
 Light parse_sun(const std::string& text) {
     const Argument argument{text, "AZIMUTH,ELEVATION,LUX[,COLOUR]", "45,30,100000,#fff4e0"};

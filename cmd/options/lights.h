@@ -3,9 +3,14 @@
 
 #include "scene/scene.h"
 
+#include <optional>
 #include <string>
+#include <string_view>
 
 namespace lpvbake::cmd::options {
+
+/// Linear colour of "#rrggbb" (sRGB); none of any other text.
+std::optional<glm::vec3> parse_hex_colour(std::string_view text);
 
 /// "AZIMUTH,ELEVATION,LUX[,COLOUR]": where the sun stands. Azimuth in degrees from +Z towards +X,
 /// elevation in degrees above the horizon. COLOUR is #rrggbb (sRGB) or R:G:B (linear).

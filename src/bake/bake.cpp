@@ -173,10 +173,6 @@ void finish_layer(const BakePlan& plan, const Layer& layer, const Volume& whole,
     volume.metadata["layer"] = layer.name;
 }
 
-} // namespace
-
-namespace {
-
 /// The scene in the axes of boxes of one turn.
 struct TurnedScene {
     glm::dquat turn;

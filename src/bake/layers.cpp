@@ -15,11 +15,6 @@
 namespace lpvbake::bake {
 namespace {
 
-bool is_of_names(char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-'
-           || c == '_' || c == '.';
-}
-
 /// Materials whose emission lights others.
 std::vector<bool> emissive(const Scene& scene, bool emitters) {
     return emitters ? scene::emissive_materials(scene)
@@ -38,7 +33,7 @@ public:
     Layer& add(const std::string& wanted, const char* kind) {
         std::string name = wanted;
         std::ranges::replace_if(
-            name, [](char c) { return !is_of_names(c); }, '_');
+            name, [](char c) { return !is_of_file_names(c); }, '_');
         if (!is_layer_name(name))
             name = kind + std::string("_") + name;
         const auto taken = [&](const std::string& other) {
@@ -148,7 +143,7 @@ void add_sky(const LayerWish& wish, Left& left) {
 } // namespace
 
 bool is_layer_name(const std::string& name) {
-    return !name.empty() && name.size() <= 64 && std::ranges::all_of(name, is_of_names)
+    return !name.empty() && name.size() <= 64 && std::ranges::all_of(name, is_of_file_names)
            && name[0] != '.' && name[0] != '-';
 }
 

@@ -198,6 +198,17 @@ Cells enclosed(const Cells& solid, const Lattice& lattice) {
     return sides;
 }
 
+/// Calls with each cell that touches one by a face.
+template <class Call>
+void for_neighbours(std::size_t cell, const Grid& grid, const Call& call) {
+    for (int side = 0; side < 6; ++side) {
+        glm::ivec3 there = grid.cell_at(cell);
+        there[side / 2] += side % 2 ? 1 : -1;
+        if (grid.contains(there))
+            call(grid.index(there));
+    }
+}
+
 /// Cells that touch each other by their faces.
 std::vector<std::vector<std::size_t>> components(const Cells& set, const Grid& grid) {
     std::vector<std::vector<std::size_t>> parts;
@@ -208,15 +219,11 @@ std::vector<std::vector<std::size_t>> components(const Cells& set, const Grid& g
         std::vector<std::size_t>& part = parts.emplace_back(1, i);
         left[i] = 0;
         for (std::size_t next = 0; next < part.size(); ++next) {
-            const glm::ivec3 at = grid.cell_at(part[next]);
-            for (int side = 0; side < 6; ++side) {
-                glm::ivec3 there = at;
-                there[side / 2] += side % 2 ? 1 : -1;
-                if (!grid.contains(there) || !left[grid.index(there)])
-                    continue;
-                left[grid.index(there)] = 0;
-                part.push_back(grid.index(there));
-            }
+            for_neighbours(part[next], grid, [&](std::size_t there) {
+                if (left[there])
+                    part.push_back(there);
+                left[there] = 0;
+            });
         }
     }
     return parts;
@@ -279,18 +286,12 @@ void grow(const Cells& free, const Grid& grid, int steps, Labels& labels) {
     for (int step = 0; step < steps && !front.empty(); ++step) {
         next.clear();
         for (const std::size_t cell : front) {
-            const glm::ivec3 at = grid.cell_at(cell);
-            for (int side = 0; side < 6; ++side) {
-                glm::ivec3 there = at;
-                there[side / 2] += side % 2 ? 1 : -1;
-                if (!grid.contains(there))
-                    continue;
-                const std::size_t beside = grid.index(there);
-                if (!free[beside] || labels[beside] != no_room)
-                    continue;
-                labels[beside] = labels[cell];
-                next.push_back(beside);
-            }
+            for_neighbours(cell, grid, [&](std::size_t there) {
+                if (!free[there] || labels[there] != no_room)
+                    return;
+                labels[there] = labels[cell];
+                next.push_back(there);
+            });
         }
         front.swap(next);
     }

@@ -1,6 +1,7 @@
 #include "io/described.h"
 
 #include "io/atomic_file.h"
+#include "io/io.h"
 #include "io/layout.h"
 #include "io/ratios.h"
 #include "io/texel.h"
@@ -11,6 +12,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <map>
 
 namespace lpvbake::io {
@@ -340,6 +342,22 @@ std::vector<std::string> left_behind(const std::string& sidecar,
             left.push_back(path);
     }
     return left;
+}
+
+void add_with_textures(const std::string& path, std::vector<std::string>& files) {
+    files.push_back(path);
+    const VolumeFormat* format = volume_format(path);
+    if (!format || format->sidecar[0] == '\0')
+        return;
+    const std::string sidecar = sidecar_of(path, format->sidecar);
+    std::ranges::move(left_behind(sidecar, {}), std::back_inserter(files));
+    files.push_back(sidecar);
+}
+
+std::string with_suffix(const std::string& path, const std::string& suffix) {
+    const std::filesystem::path whole(path);
+    return (whole.parent_path() / (whole.stem().string() + suffix + whole.extension().string()))
+        .string();
 }
 
 void check_listed(const std::string& path, const std::string& described, const std::string& sidecar,

@@ -74,6 +74,13 @@ std::string sidecar_of(const std::string& path, const std::string& sidecar);
 std::vector<std::string> left_behind(const std::string& sidecar,
                                      const std::vector<std::string>& files);
 
+/// Adds a volume's file and, of a kind that has a sidecar, that and what it lists: all that has to
+/// go with it.
+void add_with_textures(const std::string& path, std::vector<std::string>& files);
+
+/// NAME + suffix, with the extension of NAME.EXTENSION.
+std::string with_suffix(const std::string& path, const std::string& suffix);
+
 /// Throws Error (invalid) unless `path` is that of the volume that `description`, in the file
 /// `described`, is of: its own, or one of its textures.
 void check_listed(const std::string& path, const std::string& described, const std::string& sidecar,

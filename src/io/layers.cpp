@@ -9,7 +9,6 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <iterator>
 
 namespace lpvbake::io {
 namespace {
@@ -56,15 +55,8 @@ std::vector<std::string> left_over(const std::string& manifest,
     }
     for (const LayerEntry& layer : former.layers) {
         const bool ours = layer.file == layer_path(former.file, layer.name);
-        if (!ours || std::ranges::count(kept, layer.file) > 0)
-            continue;
-        over.push_back(layer.file);
-        const VolumeFormat* format = volume_format(layer.file);
-        if (!format || format->sidecar[0] == '\0')
-            continue;
-        const std::string sidecar = sidecar_of(layer.file, format->sidecar);
-        std::ranges::move(left_behind(sidecar, {}), std::back_inserter(over));
-        over.push_back(sidecar);
+        if (ours && std::ranges::count(kept, layer.file) == 0)
+            add_with_textures(layer.file, over);
     }
     return over;
 }
@@ -72,10 +64,7 @@ std::vector<std::string> left_over(const std::string& manifest,
 } // namespace
 
 std::string layer_path(const std::string& path, const std::string& name) {
-    const fs::path whole(path);
-    return (whole.parent_path()
-            / (whole.stem().string() + "_layer_" + name + whole.extension().string()))
-        .string();
+    return with_suffix(path, "_layer_" + name);
 }
 
 std::string layer_manifest_path(const std::string& path) {

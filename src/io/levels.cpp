@@ -11,7 +11,6 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <iterator>
 
 namespace lpvbake::io {
 namespace {
@@ -103,15 +102,8 @@ std::vector<std::string> further_files(const std::string& manifest, std::size_t 
                                  && std::ranges::none_of(places, [&](const volume::Place& place) {
                                         return stem == begin + place.name;
                                     });
-        if (!is_of_former)
-            continue;
-        further.push_back(files[i]);
-        const VolumeFormat* format = volume_format(files[i]);
-        if (!format || format->sidecar[0] == '\0')
-            continue;
-        const std::string sidecar = sidecar_of(files[i], format->sidecar);
-        std::ranges::move(left_behind(sidecar, {}), std::back_inserter(further));
-        further.push_back(sidecar);
+        if (is_of_former)
+            add_with_textures(files[i], further);
     }
     return further;
 }
@@ -170,22 +162,12 @@ Json place_json(const volume::Place& place, const Grid& grid) {
 } // namespace
 
 std::string level_path(const std::string& path, std::size_t level) {
-    const fs::path whole(path);
-    return level == 0 ? path
-                      : (whole.parent_path()
-                         / (whole.stem().string() + "_level" + std::to_string(level)
-                            + whole.extension().string()))
-                            .string();
+    return level == 0 ? path : with_suffix(path, "_level" + std::to_string(level));
 }
 
 std::string member_path(const std::string& path, const std::vector<volume::Place>& places,
                         std::size_t i) {
-    const fs::path whole(path);
-    return places.empty()
-               ? level_path(path, i)
-               : (whole.parent_path()
-                  / (whole.stem().string() + "_" + places[i].name + whole.extension().string()))
-                     .string();
+    return places.empty() ? level_path(path, i) : with_suffix(path, "_" + places[i].name);
 }
 
 std::string manifest_path(const std::string& path, bool placed) {

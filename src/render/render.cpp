@@ -97,15 +97,17 @@ glm::dvec3 through_air(const medium::Fog& fog, Show show, glm::dvec3 origin, glm
     return colour;
 }
 
-/// How often what air adds counts in sample i of n: it is summed in few, spread over the pixel.
-double fog_weight(uint32_t i, uint32_t n) {
+/// How often what air adds counts in each of n samples: it is summed in few, spread over the pixel.
+std::vector<double> fog_weights(uint32_t n) {
     constexpr uint32_t most = 4;
     const uint32_t stride = n / std::min(n, most);
-    const auto counts = [&](uint32_t each) { return each % stride == each / stride % stride; };
-    uint32_t all = 0;
-    for (uint32_t each = 0; each < n; ++each)
-        all += counts(each);
-    return counts(i) ? double(n) / all : 0.0;
+    std::vector<double> weights;
+    for (uint32_t i = 0; i < n; ++i)
+        weights.push_back(i % stride == i / stride % stride ? 1.0 : 0.0);
+    const double all = std::accumulate(weights.begin(), weights.end(), 0.0);
+    for (double& weight : weights)
+        weight *= n / all;
+    return weights;
 }
 
 image::Pixels black(glm::ivec2 size) {
@@ -143,12 +145,12 @@ Rendering render(const LitScene& lit, const volume::Levels& levels, const raster
         return glm::dvec3(visibility.tint(
             {glm::vec3(view.origin), glm::vec3(along), float(view.nearest), float(depth)}, true));
     };
-    const auto colour = [&](const raster::RasterTexel& seen, glm::dvec3 along, double fog,
+    const auto colour = [&](const raster::RasterTexel& seen, glm::dvec3 along, double fog_weight,
                             uint64_t& rays) {
         const auto in_air = [&](glm::dvec3 behind, double depth) {
-            return settings.fog && through_glass
-                       ? through_air(*settings.fog, show, view.origin, along, depth, behind, fog)
-                       : behind;
+            return settings.fog && through_glass ? through_air(*settings.fog, show, view.origin,
+                                                               along, depth, behind, fog_weight)
+                                                 : behind;
         };
         if (seen.triangle == 0)
             return in_air(background(scene, show, along) * tint_of(along, HUGE_VAL), HUGE_VAL);
@@ -169,6 +171,7 @@ Rendering render(const LitScene& lit, const volume::Levels& levels, const raster
 
     Rendering result;
     result.picture = black(size);
+    const std::vector<double> fog = fog_weights(samples);
     std::vector<glm::dvec3> sums;
     std::vector<uint64_t> rays(std::size_t(size.y), 0);
     const auto across = uint64_t((size.x + raster::max_tile - 1) / raster::max_tile);
@@ -187,13 +190,12 @@ Rendering render(const LitScene& lit, const volume::Levels& levels, const raster
                 // What is seen of a blended surface is spread over the samples, by the golden
                 // ratio.
                 tile.shift = sample * 0x9e3779b9u;
-                const double fog = fog_weight(sample, samples);
                 const std::span<const raster::RasterTexel> seen = raster.draw(view, tile, true);
                 tbb::parallel_for(0, extent.y, [&](int row) {
                     for (int column = 0; column < extent.x; ++column) {
                         const std::size_t i =
                             std::size_t(row) * std::size_t(extent.x) + std::size_t(column);
-                        sums[i] += colour(seen[i], view.along(tile.at(column, row)), fog,
+                        sums[i] += colour(seen[i], view.along(tile.at(column, row)), fog[sample],
                                           rays[std::size_t(y + row)]);
                     }
                 });

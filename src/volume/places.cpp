@@ -27,11 +27,8 @@ std::string lowered(std::string name) {
 }
 
 void check_name(const Place& place) {
-    const auto is_plain = [](unsigned char c) {
-        return std::isalnum(c) || c == '_' || c == '-' || c == '.';
-    };
     if (place.name.empty() || place.name.size() > 100 || place.name.front() == '.'
-        || !std::ranges::all_of(place.name, is_plain))
+        || !std::ranges::all_of(place.name, is_of_file_names))
         reject(place, "has a name that is no part of a file's: use up to 100 letters, digits, '_', "
                       "'-' and '.'");
 }

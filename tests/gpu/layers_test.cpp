@@ -81,6 +81,17 @@ protected:
         solver::gather::GatherReport report;
     };
 
+    /// The first layers make up the field; all but the last, weighted, make up the last.
+    static void expect_sums(const Fields& fields, const Fields& plain, std::size_t parts,
+                            const std::vector<glm::vec3>& weights, int order) {
+        std::vector<glm::vec3> ones(fields.layers.size(), glm::vec3(0.0f)), mixture = weights;
+        std::fill_n(ones.begin(), parts, glm::vec3(1.0f));
+        mixture.push_back(glm::vec3(0.0f));
+        EXPECT_LT(difference(sum_of(fields.layers, ones), plain.volume.sh), 1e-5) << order;
+        EXPECT_LT(difference(sum_of(fields.layers, mixture), fields.layers.back().sh), 1e-5)
+            << order;
+    }
+
     static surface::LitSurfaces light(const Setting& setting,
                                       const std::vector<scene::LightLayer>& layers) {
         Progress silent;
@@ -132,12 +143,7 @@ TEST_F(Layers, OfAGatherSumUpAndAreLinear) {
         EXPECT_EQ(fields.volume.sh, plain.volume.sh) << order;
         EXPECT_EQ(fields.report.rays, plain.report.rays);
         EXPECT_GT(fields.report.interpolated, 0u);
-        std::vector<glm::vec3> ones(layers.size(), glm::vec3(0.0f)), mixture = weights;
-        std::fill_n(ones.begin(), parts, glm::vec3(1.0f));
-        mixture.push_back(glm::vec3(0.0f));
-        EXPECT_LT(difference(sum_of(fields.layers, ones), plain.volume.sh), 1e-5) << order;
-        EXPECT_LT(difference(sum_of(fields.layers, mixture), fields.layers.back().sh), 1e-5)
-            << order;
+        expect_sums(fields, plain, parts, weights, order);
     }
 }
 
@@ -154,12 +160,7 @@ TEST_F(Layers, OfASweepSumUpAndAreLinear) {
             layers.push_back(scenes::mixed(layers, weights));
             const Fields plain = sweep(setting, {}, order), fields = sweep(setting, layers, order);
             EXPECT_EQ(fields.volume.sh, plain.volume.sh) << order;
-            std::vector<glm::vec3> ones(layers.size(), glm::vec3(0.0f)), mixture = weights;
-            std::fill_n(ones.begin(), parts, glm::vec3(1.0f));
-            mixture.push_back(glm::vec3(0.0f));
-            EXPECT_LT(difference(sum_of(fields.layers, ones), plain.volume.sh), 1e-5) << order;
-            EXPECT_LT(difference(sum_of(fields.layers, mixture), fields.layers.back().sh), 1e-5)
-                << order;
+            expect_sums(fields, plain, parts, weights, order);
         }
 }
 

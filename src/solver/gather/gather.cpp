@@ -215,6 +215,19 @@ GatherReport GatherProgram::with_sources(const surface::LitSurfaces& surfaces, c
     return report;
 }
 
+/// The same with what solves eight places at a time.
+template <class Run>
+GatherReport GatherProgram::with_packets(const surface::LitSurfaces& surfaces, const Sky& sky,
+                                         const visibility::Visibility& visibility, Volume& volume,
+                                         const Run& run) const {
+    return with_sources(surfaces, sky, visibility, 0.0f, volume, {},
+                        [&](const Surroundings& world, GatherReport& report, Laps& laps) {
+                            PacketSolver solver(device_, settings_.order, surfaces_, local_size_,
+                                                list_bytes_, world, volume, {}, report, laps);
+                            run(world, solver, report, laps);
+                        });
+}
+
 GatherReport GatherProgram::gather(const surface::LitSurfaces& surfaces, const Sky& sky,
                                    const visibility::Visibility& visibility, Volume& volume,
                                    Progress& progress, float above, const Layers& layers) const {
@@ -232,25 +245,22 @@ GatherReport GatherProgram::gather_at(std::span<const glm::vec3> places,
                                       const surface::LitSurfaces& surfaces, const Sky& sky,
                                       const visibility::Visibility& visibility, Volume& volume,
                                       Progress& progress) const {
-    return with_sources(surfaces, sky, visibility, 0.0f, volume, {},
-                        [&](const Surroundings& world, GatherReport& report, Laps& laps) {
-                            PacketSolver solver(device_, settings_.order, surfaces_, local_size_,
-                                                list_bytes_, world, volume, {}, report, laps);
-                            solve_places(places, world, solver, volume, progress, report, laps);
-                        });
+    return with_packets(
+        surfaces, sky, visibility, volume,
+        [&](const Surroundings& world, PacketSolver& solver, GatherReport& report, Laps& laps) {
+            solve_places(places, world, solver, volume, progress, report, laps);
+        });
 }
 
 GatherReport GatherProgram::gather_blocks(std::span<const Block> blocks,
                                           const surface::LitSurfaces& surfaces, const Sky& sky,
                                           const visibility::Visibility& visibility, Volume& volume,
                                           Progress& progress) const {
-    return with_sources(surfaces, sky, visibility, 0.0f, volume, {},
-                        [&](const Surroundings& world, GatherReport& report, Laps& laps) {
-                            PacketSolver solver(device_, settings_.order, surfaces_, local_size_,
-                                                list_bytes_, world, volume, {}, report, laps);
-                            solve_blocks(blocks, surfaces.patches, world, solver, progress, report,
-                                         laps);
-                        });
+    return with_packets(
+        surfaces, sky, visibility, volume,
+        [&](const Surroundings& world, PacketSolver& solver, GatherReport& report, Laps& laps) {
+            solve_blocks(blocks, surfaces.patches, world, solver, progress, report, laps);
+        });
 }
 
 } // namespace lpvbake::solver::gather

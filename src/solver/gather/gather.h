@@ -95,6 +95,10 @@ private:
     GatherReport with_sources(const surface::LitSurfaces& surfaces, const Sky& sky,
                               const visibility::Visibility& visibility, float above, Volume& volume,
                               const Layers& layers, const Run& run) const;
+    template <class Run>
+    GatherReport with_packets(const surface::LitSurfaces& surfaces, const Sky& sky,
+                              const visibility::Visibility& visibility, Volume& volume,
+                              const Run& run) const;
 
     const gpu::Device& device_;
     GatherSettings settings_;
