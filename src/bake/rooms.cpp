@@ -1,8 +1,11 @@
 #include "bake/rooms.h"
 
+#include "mix_word.h"
 #include "scene/frame.h"
 #include "scene/roles.h"
 #include "scene/scene.h"
+#include "surface/hemisphere.h"
+#include "surface/patches.h"
 #include "text.h"
 #include "visibility/visibility.h"
 #include "volume/compare.h"
@@ -109,10 +112,10 @@ void mark(const std::array<glm::vec3, 3>& corners, const Grid& grid, Cells& soli
         }
 }
 
-/// A wall as far as boxes are turned to it.
+/// An upright triangle, grid units.
 struct Wall {
-    Bounds box;               ///< of the triangle, metres
-    std::complex<double> way; ///< area by four times its direction about the vertical
+    std::array<glm::vec3, 3> corners;
+    glm::vec3 normal; ///< of length 1
 };
 
 /// What stands in the scene, and its walls.
@@ -136,16 +139,10 @@ Cells mark_surfaces(const Scene& scene, const Lattice& lattice, std::vector<Wall
                           });
         for (std::size_t i = 0; i < triangles.size(); ++i) {
             const auto corners = corners_of(i);
-            const glm::dvec3 normal(glm::cross(corners[1] - corners[0], corners[2] - corners[0]));
-            const double area = glm::length(normal);
-            if (!(area > 0) || std::abs(normal.y) > 0.1 * area)
-                continue;
-            Bounds box;
-            for (const glm::vec3& corner : corners) {
-                const glm::dvec3 at = frame.to_world(glm::dvec3(corner));
-                box = {glm::min(box.lo, at), glm::max(box.hi, at)};
-            }
-            walls.push_back({box, std::polar(area, 4 * std::atan2(normal.x, normal.z))});
+            const glm::vec3 normal = glm::cross(corners[1] - corners[0], corners[2] - corners[0]);
+            const float area = glm::length(normal);
+            if (area > 0 && std::abs(normal.y) <= 0.1f * area)
+                walls.push_back({corners, normal / area});
         }
     }
     return solid;
@@ -239,13 +236,20 @@ double height_of(const std::vector<std::size_t>& part, const Grid& grid) {
     return (high - low) * grid.cell;
 }
 
+/// At most 16 of the cells.
+std::vector<std::size_t> some_of(const std::vector<std::size_t>& part) {
+    const std::size_t count = std::min<std::size_t>(part.size(), 16);
+    std::vector<std::size_t> some;
+    for (std::size_t i = 0; i < count; ++i)
+        some.push_back(part[i * part.size() / count]);
+    return some;
+}
+
 /// Whether more than half of what is seen from some of the cells are backs.
 bool is_inside_solid(const std::vector<std::size_t>& part, const Grid& grid,
                      const visibility::Visibility& visibility) {
-    constexpr std::size_t most = 16;
     int backs = 0, fronts = 0;
-    for (std::size_t i = 0; i < std::min(part.size(), most); ++i) {
-        const std::size_t cell = part[i * part.size() / std::min(part.size(), most)];
+    for (const std::size_t cell : some_of(part))
         for (const glm::dvec3& way : volume::neighbour_normals()) {
             const visibility::Hit hit = visibility.closest(
                 {glm::vec3(grid.cell_at(cell)) + 0.5f, glm::vec3(way), 0.0f, HUGE_VALF});
@@ -253,24 +257,91 @@ bool is_inside_solid(const std::vector<std::size_t>& part, const Grid& grid,
                 continue;
             ++(hit.facing == visibility::Facing::back ? backs : fronts);
         }
-    }
     return backs > fronts;
 }
 
-/// The turn about the vertical of most walls that meet a box, radians, -45 to 45 degrees; 0 where
-/// they have none.
-double turn_of(const Bounds& box, const std::vector<Wall>& walls) {
-    std::complex<double> sum = 0;
-    double all = 0;
-    for (const Wall& wall : walls)
-        if (glm::all(glm::lessThanEqual(wall.box.lo, box.hi))
-            && glm::all(glm::lessThanEqual(box.lo, wall.box.hi))) {
-            sum += wall.way;
-            all += std::abs(wall.way);
+/// Where a scene's light comes from, as far as the air of a room has to be reached by some.
+class LightSources {
+public:
+    LightSources(const Scene& scene, const scene::Frame& frame,
+                 const visibility::Visibility& visibility)
+        : scene_(scene),
+          visibility_(visibility),
+          sky_(scene::has_sky(scene)) {
+        for (const Light& light : scene.lights)
+            if (light.type == LightType::directional)
+                suns_.push_back(glm::vec3(light.direction));
+            else
+                lamps_.push_back(glm::vec3(frame.from_world(light.position)));
+        for (const Instance& instance : scene.instances)
+            if (instance.role == Role::lights_only && shines(instance)) { // rays do not meet it
+                const auto positions = scene::positions_in_frame(scene, instance, frame);
+                for (const glm::uvec3& t : scene.meshes[std::size_t(instance.mesh)].triangles)
+                    lamps_.push_back((positions[t.x] + positions[t.y] + positions[t.z]) / 3.0f);
+            }
+    }
+
+    bool any() const {
+        return sky_ || !suns_.empty() || !lamps_.empty() || scene::has_emitters(scene_);
+    }
+
+    /// Whether light gets to some of the cells, by whatever reflections: followed backwards.
+    bool reach(const std::vector<std::size_t>& part, const Grid& grid) const {
+        for (const std::size_t cell : some_of(part)) {
+            const glm::vec3 point = glm::vec3(grid.cell_at(cell)) + 0.5f;
+            for (std::size_t i = 0; i < suns_.size() + lamps_.size(); ++i)
+                if (is_seen(i, point))
+                    return true;
+            uint32_t path = 0;
+            for (const glm::dvec3& way : volume::neighbour_normals())
+                if (follow(point, glm::vec3(way), mix_word(uint32_t(cell)) + path++))
+                    return true;
         }
-    const double turn = std::arg(sum) / 4;
-    return std::abs(sum) < 0.5 * all || std::abs(turn) < glm::radians(0.5) ? 0 : turn;
-}
+        return false;
+    }
+
+private:
+    static constexpr int most_reflections = 64;
+    static constexpr float back = 1e-2f; ///< cells: off an edge that is hit, on its own side
+
+    bool shines(const Instance& instance) const {
+        const Mesh& mesh = scene_.meshes[std::size_t(instance.mesh)];
+        return scene_.materials[std::size_t(mesh.material)].emission != glm::vec3(0.0f);
+    }
+
+    bool is_seen(std::size_t light, glm::vec3 from) const {
+        if (light < suns_.size())
+            return visibility_.transmittance({from, -suns_[light], 0.0f, HUGE_VALF}) > 0.0f;
+        return visibility_.transmittance({from, lamps_[light - suns_.size()] - from}) > 0.0f;
+    }
+
+    bool follow(glm::vec3 point, glm::vec3 way, uint32_t path) const {
+        const std::size_t lights = suns_.size() + lamps_.size();
+        const auto unit = [](uint32_t bits) { return float(bits >> 8) * 0x1p-24f; };
+        for (int i = 0; i < most_reflections; ++i) {
+            const visibility::Hit hit = visibility_.closest({point, way, 0.0f, HUGE_VALF});
+            if (hit.instance == visibility::no_hit)
+                return sky_;
+            if (hit.facing == visibility::Facing::back)
+                return false;
+            if (shines(scene_.instances[hit.instance]))
+                return true;
+            point += std::max(0.0f, hit.t - back) * way;
+            const glm::vec3 normal = glm::dot(hit.normal, way) > 0 ? -hit.normal : hit.normal;
+            point += surface::ray_offset(point) * normal;
+            path = mix_word(path + 1);
+            if (lights > 0 && is_seen(path % lights, point))
+                return true;
+            way = surface::sample_cosine(normal, {unit(path), unit(mix_word(path ^ 1u))});
+        }
+        return false;
+    }
+
+    const Scene& scene_;
+    const visibility::Visibility& visibility_;
+    bool sky_;
+    std::vector<glm::vec3> suns_, lamps_; ///< how they travel; where they are
+};
 
 /// The room that each cell belongs to; no_room: none.
 using Labels = std::vector<uint32_t>;
@@ -297,20 +368,137 @@ void grow(const Cells& free, const Grid& grid, int steps, Labels& labels) {
     }
 }
 
-/// A box around the cells of a room.
-volume::VolumeBox box_around(const std::vector<std::size_t>& cells, const Grid& grid,
-                             const std::vector<Wall>& walls) {
-    const auto extent = [&](const glm::dmat3& axes) {
-        Bounds box;
-        for (const std::size_t cell : cells) {
-            const glm::dvec3 at = glm::transpose(axes) * grid.center(grid.cell_at(cell));
-            box = {glm::min(box.lo, at), glm::max(box.hi, at)};
+/// How much wall there is of each direction about the vertical, which is one with those a quarter
+/// turn from it.
+class Directions {
+public:
+    void add(glm::vec3 normal, double area) {
+        const double angle = 4 * std::atan2(double(normal.x), double(normal.z));
+        at(int(std::lround(angle / (2 * glm::pi<double>()) * bins))) += std::polar(area, angle);
+        all_ += area;
+    }
+
+    /// Of the direction that most walls have, the mean of what is about the same; radians, -45 to
+    /// 45 degrees. 0 where none stands out, as in a round room.
+    double strongest() {
+        int peak = 0;
+        double most = 0;
+        for (int i = 0; i < bins; ++i) { // of equal ones that of the least turn
+            const int bin = i % 2 == 0 ? i / 2 : -(i + 1) / 2;
+            double weight = 0;
+            for (int off = -reach; off <= reach; ++off)
+                weight += std::abs(at(bin + off)) * (reach + 1 - std::abs(off));
+            if (weight > most * (1 + 1e-6)) {
+                most = weight;
+                peak = bin;
+            }
         }
-        return Bounds{box.lo - slack * grid.cell, box.hi + slack * grid.cell};
-    };
-    const double turn = turn_of(extent(glm::dmat3(1.0)), walls);
+        std::complex<double> sum = 0;
+        for (int off = -reach; off <= reach; ++off)
+            sum += at(peak + off);
+        const double turn = std::arg(sum) / 4;
+        return std::abs(sum) < 0.25 * all_ || std::abs(turn) < glm::radians(0.5) ? 0 : turn;
+    }
+
+private:
+    static constexpr int bins = 360, reach = 8; ///< a quarter of a degree each
+
+    std::complex<double>& at(int bin) { return sums_[std::size_t((bin % bins + bins) % bins)]; }
+
+    std::array<std::complex<double>, bins> sums_{}; ///< area by four times its direction
+    double all_ = 0;
+};
+
+/// Of the walls before which each room's air lies.
+std::vector<Directions> directions_of(const std::vector<Wall>& walls, const Labels& labels,
+                                      uint32_t rooms, const Grid& grid) {
+    constexpr float step = 2; // cells: between points that are looked at, and what is before them
+    constexpr float most_steps = 1024;
+    std::vector<Directions> directions(rooms);
+    for (const auto& [corners, normal] : walls) {
+        const glm::vec3 u = corners[1] - corners[0], v = corners[2] - corners[0];
+        const float longest = std::max({glm::length(u), glm::length(v), glm::length(u - v)});
+        const int steps = int(std::clamp(std::ceil(longest / step), 1.0f, most_steps));
+        const double area = 0.5 * double(glm::length(glm::cross(u, v))) / (steps * steps);
+        for (int i = 0; i < steps; ++i)
+            for (int j = 0; j < 2 * (steps - i) - 1; ++j) { // of a row's parts each other is turned
+                const float third = j % 2 == 0 ? 1 / 3.0f : 2 / 3.0f;
+                const glm::vec3 point = corners[0] + (float(i) + third) / float(steps) * u
+                                        + (float(j / 2) + third) / float(steps) * v;
+                for (const float side : {-step, step}) {
+                    const glm::ivec3 cell(glm::floor(point + side * normal));
+                    if (const uint32_t room =
+                            grid.contains(cell) ? labels[grid.index(cell)] : no_room;
+                        room != no_room)
+                        directions[room].add(normal, area);
+                }
+            }
+    }
+    return directions;
+}
+
+/// The cells of a room: those that its ball covers, and what is left beside them.
+struct RoomCells {
+    std::vector<std::size_t> covered, beside;
+};
+
+/// Cells of a room between two planes a cell apart.
+struct Section {
+    std::size_t count = 0;
+    double farthest = -HUGE_VAL; ///< of their centres
+};
+
+/// How far outward a room goes on, of sections from inside of it: not where it is but an opening in
+/// a wall, or the ball's side in one.
+double end_of(const std::vector<Section>& sections) {
+    constexpr double wide = 1 / 3.0; // of the first
+    double end = sections[0].farthest;
+    for (const Section& section : sections) {
+        if (double(section.count) < wide * double(sections[0].count))
+            break;
+        end = std::max(end, section.farthest);
+    }
+    return end;
+}
+
+/// A box around the cells of a room. `radius` is that of its ball.
+volume::VolumeBox box_around(const RoomCells& cells, const Grid& grid, double radius, double turn) {
     const glm::dquat rotation(std::cos(turn / 2), 0.0, std::sin(turn / 2), 0.0);
-    const Bounds box = extent(glm::mat3_cast(rotation));
+    const glm::dmat3 to_box = glm::mat3_cast(glm::conjugate(rotation));
+    const auto place_of = [&](std::size_t cell) {
+        return to_box * grid.center(grid.cell_at(cell));
+    };
+    Bounds covered;
+    for (const std::size_t cell : cells.covered) {
+        const glm::dvec3 at = place_of(cell);
+        covered = {glm::min(covered.lo, at), glm::max(covered.hi, at)};
+    }
+    // From so far inside of where the ball comes to, the wall that it comes through lies outward.
+    const double inside = (std::ceil(radius / grid.cell) + 1.5) * grid.cell;
+    std::array<std::vector<Section>, 6> sections;
+    sections.fill(std::vector<Section>(1));
+    for (const std::vector<std::size_t>* some : {&cells.covered, &cells.beside})
+        for (const std::size_t cell : *some) {
+            const glm::dvec3 at = place_of(cell);
+            for (std::size_t side = 0; side < 6; ++side) {
+                const int axis = int(side / 2);
+                const double outward = side % 2 == 0 ? -at[axis] : at[axis];
+                const double end = side % 2 == 0 ? -covered.lo[axis] : covered.hi[axis];
+                const double from = (outward - end + inside) / grid.cell;
+                if (from < 0)
+                    continue;
+                if (sections[side].size() <= std::size_t(from))
+                    sections[side].resize(std::size_t(from) + 1);
+                Section& section = sections[side][std::size_t(from)];
+                ++section.count;
+                section.farthest = std::max(section.farthest, outward);
+            }
+        }
+    Bounds box;
+    for (int axis = 0; axis < 3; ++axis) {
+        box.lo[axis] = -end_of(sections[std::size_t(2 * axis)]) - slack * grid.cell;
+        box.hi[axis] = end_of(sections[std::size_t(2 * axis + 1)]) + slack * grid.cell;
+    }
     return volume::box_in_world({"room", 0, -1}, box.lo, box.hi, glm::mat4_cast(rotation));
 }
 
@@ -336,12 +524,15 @@ Rooms find_rooms(const Scene& scene, const RoomSettings& settings) {
     std::vector<Wall> walls;
     Cells taken = mark_surfaces(scene, lattice, walls);
     const Cells inside = enclosed(taken, lattice);
-    const visibility::Visibility visibility(scene, scene::frame_of(grid));
+    const scene::Frame frame = scene::frame_of(grid);
+    const visibility::Visibility visibility(scene, frame);
+    const LightSources sources(scene, frame, visibility);
 
     // First what is wide, somewhere wider than where a door meets a corridor; then, in what that
     // leaves, corridors and closets wider than most doors.
     Labels labels(grid.size(), no_room);
     uint32_t count = 0;
+    std::vector<bool> is_lit; // a room each
     Cells air(grid.size());
     for (std::size_t i = 0; i < air.size(); ++i)
         air[i] = !taken[i] && inside[i];
@@ -358,6 +549,7 @@ Rooms find_rooms(const Scene& scene, const RoomSettings& settings) {
             if (!is_roomy || height_of(part, grid) + 2 * radius < settings.least_height
                 || is_inside_solid(part, grid, visibility))
                 continue;
+            is_lit.push_back(!sources.any() || sources.reach(part, grid));
             for (const std::size_t cell : part) {
                 wide[cell] = 1;
                 labels[cell] = count;
@@ -372,16 +564,21 @@ Rooms find_rooms(const Scene& scene, const RoomSettings& settings) {
         }
         grow(covered, grid, std::numeric_limits<int>::max(), labels);
     }
+    const Labels covered = labels;
     // Corners, and what furniture keeps the ball from.
     grow(air, grid, int(2 * settings.radius / grid.cell), labels);
 
-    std::vector<std::vector<std::size_t>> cells(count);
+    std::vector<RoomCells> cells(count);
     for (std::size_t i = 0; i < labels.size(); ++i)
         if (labels[i] != no_room)
-            cells[labels[i]].push_back(i);
+            (covered[i] != no_room ? cells[labels[i]].covered : cells[labels[i]].beside)
+                .push_back(i);
+    std::vector<Directions> directions = directions_of(walls, labels, count, grid);
     Rooms rooms;
-    for (const std::vector<std::size_t>& part : cells)
-        rooms.boxes.push_back(box_around(part, grid, walls));
+    for (uint32_t room = 0; room < count; ++room)
+        if (is_lit[room])
+            rooms.boxes.push_back(
+                box_around(cells[room], grid, settings.radius, directions[room].strongest()));
     std::ranges::stable_sort(rooms.boxes, std::greater<>(), volume_of);
     if (rooms.boxes.size() > settings.most_rooms) {
         rooms.left_out = rooms.boxes.size() - settings.most_rooms;
@@ -392,6 +589,8 @@ Rooms find_rooms(const Scene& scene, const RoomSettings& settings) {
     rooms.detail = format("%s in %d x %d x %d cells of %.3g m of air",
                           counted(rooms.boxes.size(), "room").c_str(), grid.dims.x, grid.dims.y,
                           grid.dims.z, grid.cell);
+    if (const auto dark = std::ranges::count(is_lit, false))
+        rooms.detail += format("; no light gets into %td more", dark);
     if (rooms.boxes.empty())
         rooms.boxes.push_back({{"all", 0, -1}, bounds.lo, bounds.hi, 0});
     return rooms;

@@ -30,9 +30,11 @@ struct Rooms {
 /// Finds them on a lattice of at most 2^22 cells of 5 cm or more over the scene, or where doors
 /// would be lost in them over its crowd (scene::trimmed_bounds). A room is air in one piece that a
 /// ball can roll through, with a place for one 1.3 times as large, that has surfaces above and
-/// below it and on three of four sides, and does not lie inside of solids (their backs all around);
-/// and what is left beside it. Boxes are turned about the vertical as most walls around are. Takes
-/// time in proportion to cells and area of surfaces. Depends on the scene alone.
+/// below it and on three of four sides, and does not lie inside of solids (their backs all around,
+/// or, in a scene with light, no path to any); and what is left beside it, but for doorways and
+/// windows. A box is turned about the vertical as most of the wall that its air lies before, by the
+/// peak of a histogram over area. Takes time in proportion to cells and area of surfaces. Depends
+/// on the scene alone.
 Rooms find_rooms(const Scene& scene, const RoomSettings& settings = {});
 
 } // namespace lpvbake::bake

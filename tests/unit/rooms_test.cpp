@@ -6,6 +6,7 @@
 #include "volume/places.h"
 
 #include <glm/gtc/constants.hpp>
+#include <glm/gtc/matrix_transform.hpp>
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
@@ -130,6 +131,102 @@ TEST(Rooms, CorridorsAreFoundInWhatRoomsLeave) {
     const bake::Rooms rooms = bake::find_rooms(house.scene);
     ASSERT_EQ(rooms.boxes.size(), 3u) << text_of(rooms);
     expect_box(rooms.boxes[2], {0, 0, 5.1}, {8.1, 2.5, 6.3});
+}
+
+double degrees_of(const volume::VolumeBox& box) {
+    EXPECT_EQ(box.turn.x, 0);
+    EXPECT_EQ(box.turn.z, 0);
+    return glm::degrees(2 * std::atan2(box.turn.y, box.turn.w));
+}
+
+glm::dmat4 turn_about(glm::dvec3 middle, double degrees) {
+    return glm::translate(glm::dmat4(1.0), middle)
+           * glm::rotate(glm::dmat4(1.0), glm::radians(degrees), glm::dvec3(0, 1, 0));
+}
+
+TEST(Rooms, WallsTurnABoxNotWhatStandsInIt) {
+    // 5 x 4 m, 46.8 m2 of wall; blocks of 19.2 m2, all turned one way, which turn the mean by 4.5
+    // degrees.
+    Scene scene;
+    const int white = scenes::add_material(scene, glm::vec3(0.7f));
+    scenes::add_box(scene, white, {0, 0, 0}, {5, 2.6f, 4}, Facing::inward);
+    for (const glm::dvec3 middle : {glm::dvec3(1.2, 0, 1), glm::dvec3(3.8, 0, 1.2),
+                                    glm::dvec3(1.2, 0, 3), glm::dvec3(3.8, 0, 2.9)})
+        scenes::add_box(scene, white, {-0.6f, 0, -0.6f}, {0.6f, 1, 0.6f}, Facing::outward,
+                        turn_about(middle, 17));
+    for (const double turn : {0.0, 20.0, -33.0, 44.0}) {
+        const Scene turned =
+            scene::turned(scene, glm::dmat3(turn_about({}, turn)), glm::dvec3(1, 0, 2));
+        const bake::Rooms rooms = bake::find_rooms(turned);
+        ASSERT_EQ(rooms.boxes.size(), 1u) << text_of(rooms);
+        EXPECT_NEAR(degrees_of(rooms.boxes[0]), turn, 0.1);
+    }
+}
+
+TEST(Rooms, ACornellBoxIsNotTurned) {
+    const bake::Rooms rooms = bake::find_rooms(scenes::cornell_box_with_sun());
+    ASSERT_EQ(rooms.boxes.size(), 1u) << text_of(rooms);
+    EXPECT_EQ(rooms.boxes[0].place.name, "room1");
+    expect_box(rooms.boxes[0], {-1, 0, -1}, {1, 2, 1});
+}
+
+TEST(Rooms, ARoundRoomIsNotTurned) {
+    House house;
+    house.slabs(-3, -3, 3, 3);
+    for (int i = 0; i < 36; ++i)
+        scenes::add_box(house.scene, house.white, {-0.3f, 0, 2}, {0.3f, 2.5f, 2.2f},
+                        Facing::outward, turn_about({}, 10 * i + 3));
+    const bake::Rooms rooms = bake::find_rooms(house.scene);
+    ASSERT_EQ(rooms.boxes.size(), 1u) << text_of(rooms);
+    expect_box(rooms.boxes[0], {-1.95, 0, -1.95}, {1.95, 2.5, 1.95});
+}
+
+TEST(Rooms, DoorsAndWindowsDoNotWidenABox) {
+    House house = {two_rooms()}; // thick walls beside both rooms, with an opening each
+    house.wall({-1.2f, 0, 5.2f}, {9.3f, 2.5f, 5.4f});
+    house.wall({-1.2f, -0.2f, -0.2f}, {0, 0, 5.2f});
+    house.wall({-1.2f, 2.5f, -0.2f}, {0, 2.7f, 5.2f});
+    house.wall({-1.2f, 0, -0.2f}, {-0.2f, 0.9f, 5.2f});
+    house.wall({-1.2f, 2, -0.2f}, {-0.2f, 2.5f, 5.2f});
+    house.wall({-1.2f, 0.9f, -0.2f}, {-0.2f, 2, 2});
+    house.wall({-1.2f, 0.9f, 3.1f}, {-0.2f, 2, 5.2f});
+    const bake::Rooms rooms = bake::find_rooms(house.scene);
+    ASSERT_EQ(rooms.boxes.size(), 2u) << text_of(rooms);
+    expect_box(rooms.boxes[0], {4.1, 0, 0}, {9.1, 2.5, 5}, 0.2);
+    expect_box(rooms.boxes[1], {0, 0, 0}, {4, 2.5, 5}, 0.2);
+}
+
+TEST(Rooms, WhatNoLightGetsIntoIsNone) {
+    // A block of walls that have two fronts: from within nothing tells it from a room.
+    House house = {two_rooms()};
+    const int both = scenes::add_material(house.scene, glm::vec3(0.7f), glm::vec3(0.0f), true);
+    scenes::add_box(house.scene, both, {5.6f, 0, 1.6f}, {7.4f, 2.3f, 3.4f}, Facing::outward);
+    EXPECT_EQ(bake::find_rooms(house.scene).boxes.size(), 3u) << "there is no light at all";
+    const auto lit = [&](const auto& by) {
+        Scene scene = house.scene;
+        by(scene);
+        return bake::find_rooms(scene);
+    };
+    for (const bake::Rooms& rooms :
+         {lit([](Scene& scene) { scene.sky.luminance = glm::vec3(1000.0f); }),
+          lit([](Scene& scene) {
+              scene.lights = {scenes::point_light({2, 2, 2}, 100)};
+          })}) {
+        EXPECT_EQ(rooms.boxes.size(), 2u) << text_of(rooms);
+        EXPECT_NE(rooms.detail.find("1 more"), std::string::npos) << rooms.detail;
+    }
+    // With a lamp in it, or a pane that glows, it is one.
+    EXPECT_EQ(lit([](Scene& scene) {
+                  scene.lights = {scenes::point_light({2, 2, 2}, 100),
+                                  scenes::point_light({6.5, 2, 2.5}, 100)};
+              }).boxes.size(),
+              3u);
+    EXPECT_EQ(lit([](Scene& scene) {
+                  const int glow = scenes::add_material(scene, glm::vec3(0.0f), glm::vec3(100.0f));
+                  scenes::add_quad(scene, glow, {6, 2.2f, 2}, {1, 0, 0}, {0, 0, 1});
+              }).boxes.size(),
+              1u)
+        << "without light in the others";
 }
 
 TEST(Rooms, ATurnedHouseHasTurnedBoxes) {
