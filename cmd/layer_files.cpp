@@ -51,9 +51,19 @@ std::vector<bake::LayerWish> parse_layers(const std::string& text) {
 std::vector<io::LayerEntry> entries_of(std::span<const bake::Layer> layers,
                                        const std::string& path) {
     std::vector<io::LayerEntry> entries;
-    for (const bake::Layer& layer : layers)
-        entries.push_back(
-            {layer.name, layer.kind, layer.unit, layer.weight, io::layer_path(path, layer.name)});
+    for (const bake::Layer& layer : layers) {
+        entries.push_back({layer.name,
+                           layer.kind,
+                           layer.unit,
+                           layer.weight,
+                           io::layer_path(path, layer.name),
+                           {},
+                           layer.emitters,
+                           layer.light.sky != glm::vec3(0.0f)});
+        for (std::size_t i = 0; i < layer.light.lights.size(); ++i)
+            if (layer.light.lights[i] != glm::vec3(0.0f))
+                entries.back().lights.push_back(i);
+    }
     return entries;
 }
 

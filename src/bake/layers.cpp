@@ -25,7 +25,8 @@ std::vector<bool> emissive(const Scene& scene, bool emitters) {
 class Left {
 public:
     Left(const Scene& scene, bool emitters)
-        : lights_(scene.lights.size(), true),
+        : scene_(scene),
+          lights_(scene.lights.size(), true),
           emissions_(emissive(scene, emitters)),
           sky_(scene::has_sky(scene)) {}
 
@@ -60,6 +61,7 @@ public:
     void give_emission(std::size_t i, Layer& to) {
         emissions_[i] = false;
         to.light.emissions[i] = glm::vec3(1.0f);
+        to.emitters.push_back(scene_.materials[i].name);
     }
     void give_sky(Layer& to) {
         sky_ = false;
@@ -86,6 +88,7 @@ public:
     std::vector<Layer> layers;
 
 private:
+    const Scene& scene_;
     std::vector<bool> lights_, emissions_;
     bool sky_;
 };

@@ -31,6 +31,7 @@ struct Layer {
     std::string unit;       ///< what weight 1 is: "scene": as the scene has it; "nits"
     glm::vec3 weight{1.0f}; ///< sum with these: the scene's light
     scene::LightLayer light;
+    std::vector<std::string> emitters = {}; ///< names of the materials whose emission it has
 };
 
 /// The layers that are wished for, groups first: a light has a part in the first that asks for it,

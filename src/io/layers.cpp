@@ -88,6 +88,8 @@ WriteReport::File write_layer_manifest(const std::string& path,
     std::vector<std::string> kept;
     for (const LayerEntry& layer : layers) {
         list.push_back(json_of(layer));
+        list.back().update(
+            Json{{"lights", layer.lights}, {"emitters", layer.emitters}, {"sky", layer.sky}});
         kept.push_back(layer_path(path, layer.name));
         list.back()["file"] = fs::path(kept.back()).filename().string();
     }

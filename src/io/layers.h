@@ -7,6 +7,8 @@
 //      "layers": [{"name", "kind": "light", "emitter", "group", "sky", "rest" or "mode",
 //                  "unit": what weight 1 is: "scene": as the scene has it; "nits",
 //                  "weight": [r, g, b]: the sum with these is all light,
+//                  "lights": its places in the metadata `lights` of that, "emitters": names of
+//                  its materials, "sky": whether it has the sky: what to dim of the direct light,
 //                  "file": of the layer, beside the manifest}, ...]}
 #pragma once
 
@@ -23,6 +25,9 @@ struct LayerEntry {
     std::string name, kind, unit;
     glm::vec3 weight{1.0f};
     std::string file; ///< its path
+    std::vector<std::size_t> lights = {};
+    std::vector<std::string> emitters = {};
+    bool sky = false;
 };
 
 struct LayerSet {
@@ -44,7 +49,8 @@ std::string text_of(const std::vector<LayerEntry>& layers);
 WriteReport::File write_layer_manifest(const std::string& path,
                                        const std::vector<LayerEntry>& layers);
 
-/// Throws Error: file (it is not there), invalid (what it says is wrong).
+/// All but what is to be dimmed of direct light. Throws Error: file (it is not there), invalid
+/// (what it says is wrong).
 LayerSet read_layer_manifest(const std::string& path);
 
 } // namespace lpvbake::io

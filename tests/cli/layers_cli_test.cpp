@@ -51,6 +51,11 @@ TEST_F(LayersCli, AreVolumesBesideThatOfAllLight) {
     EXPECT_EQ(manifest["layers"][0]["kind"], "light");
     EXPECT_EQ(manifest["layers"][0]["file"], "a_layer_bulb.vdb");
     EXPECT_EQ(manifest["layers"][1]["kind"], "emitter");
+    EXPECT_EQ(manifest["layers"][0]["lights"], json({0}));
+    EXPECT_EQ(manifest["layers"][0]["emitters"], json::array());
+    EXPECT_EQ(manifest["layers"][1]["lights"], json::array());
+    EXPECT_EQ(manifest["layers"][1]["emitters"], json({"lamp"}));
+    EXPECT_EQ(manifest["layers"][1]["sky"], false);
     const Volume plain = read_volume(folder_ / "plain.vdb"), all = read_volume(folder_ / "a.vdb");
     EXPECT_EQ(all.sh, plain.sh);
     EXPECT_EQ(all.walls, plain.walls);

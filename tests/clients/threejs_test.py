@@ -251,6 +251,52 @@ class ThreeJs(unittest.TestCase):
         self.assertLess(both, 0.01)
         self.assertGreater(alone, 0.03)
 
+    def test_sliders_of_layers_show_what_render_shows_of_the_mixture(self):
+        scene = json.loads(self.scene.read_text())
+        lamp, = [material for material in scene["materials"] if "emissiveFactor" in material]
+        lamp["name"] = "the lamp"  # its layer has another name, which files may have
+        (self.folder / "lamps.gltf").write_text(json.dumps(scene))
+        light = ["--point", "0.5,1.2,0.2,60,1:0.5:0.2", "--sky", "0.2:0.4:1,30"]
+        as_it_is = ["--target", "threejs", "--dering", "off"]
+        weights = {"bulb": 0.25, "the_lamp": 1.5, "point": 0, "sky": 2}
+        mixture = ",".join(f"{name}:{weight}" for name, weight in weights.items())
+        page = f"{self.url}?scene=lamps.gltf&camera={CAMERA}&exposure={EXPOSURE}&volume="
+        for name in ("layers.exr", "layers.ktx2"):
+            run(LPVBAKE, "bake", self.folder / "lamps.gltf", "-o", self.folder / name, *as_it_is, "--fit", "none",
+                "--layers", "lights,emitters,sky", *light)
+            run(LPVBAKE, "mix", self.folder / name, *(f"{each}={weight}" for each, weight in weights.items()),
+                "-o", self.folder / f"mixed_{name}", *as_it_is)
+            for show in ("indirect", "both"):
+                path = self.folder / "render_mixed.png"
+                scales = [word for each, weight in (("bulb", 0.25), ("the lamp", 1.5), ("point", 0))
+                          for word in ("--light-scale", f"{each}={weight}")]
+                run(LPVBAKE, "render", self.folder / "lamps.gltf", self.folder / f"mixed_{name}", "-o", path,
+                    "--camera", CAMERA, "--size", f"{SIZE[0]}x{SIZE[1]}", "--exposure", EXPOSURE, "--show",
+                    "final" if show == "both" else show, *light[:2], *scales, "--sky", "0.2:0.4:1,60")
+                expected = picture(path)
+
+                def difference():
+                    view = self.chromium.screenshot(self.folder / f"view_{show}.png")
+                    return float(np.mean(np.abs(view - expected)))
+
+                layers = page + f"layers.layers.json&show={show}"
+                self.assertEqual(self.chromium.open(layers + f"&panel=0&mix={mixture}"), ["ready", ""])
+                mixed = difference()
+                self.assertEqual(self.chromium.open(layers + "&panel=0"), ["ready", ""])
+                as_baked = difference()
+                self.chromium.script(
+                    f"const weights = {json.dumps(weights)}; document.querySelectorAll('#layers label').forEach(label =>"
+                    " { const slider = label.firstChild; slider.value = weights[label.textContent.trim()];"
+                    " slider.dispatchEvent(new Event('input', { bubbles: true })); })")
+                moved = difference()
+                print(f"{name}, {show}: mean difference {mixed:.5f}, sliders moved {moved:.5f}, as baked {as_baked:.4f}")
+                self.assertLess(mixed, TOLERANCE)
+                self.assertEqual(moved, mixed)
+                self.assertGreater(as_baked, 5 * TOLERANCE)
+        state, message = self.chromium.open(page + "layers.layers.json&mix=bulb:1,door:2")
+        self.assertEqual(state, "failed")
+        self.assertIn("door:2 is not NAME:WEIGHT of bulb", message)
+
     def test_says_what_is_wrong(self):
         run(LPVBAKE, "convert", self.folder / "volume.json", self.folder / "band.exr")
         state, message = self.chromium.open(f"{self.url}?scene=scene.gltf&volume=band.json")
