@@ -353,9 +353,9 @@ void add_layers_option(options::Options& options, BakeOptions& o) {
 void add_adjust_option(options::Options& options, BakeOptions& o) {
     options
         .text("--adjust", o.adjust, "FILE",
-              "JSON file of boxes whose cells are valid or not whatever geometry says, or whose "
-              "light is multiplied; see below")
-        .exclude({"at", "adaptive"})
+              "JSON file of boxes whose cells are valid or not whatever geometry says, whose "
+              "light is multiplied, or whose bricks are finer or coarser; see below")
+        .exclude({"at"})
         .record(options::Recorded::if_changed);
 }
 
@@ -591,6 +591,12 @@ bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& read
     settings.direct.sun_angle = glm::radians(o.sun_angle);
     if (!o.adjust.empty())
         settings.adjust = io::read_adjustments(o.adjust);
+    for (const volume::Adjustment& box : settings.adjust)
+        if (box.finer && !o.adaptive)
+            throw Error(ErrorKind::unsupported,
+                        o.adjust + ": \"" + (*box.finer ? "finer" : "coarser")
+                            + "\" is of the bricks of --adaptive alone; give the box cells of "
+                              "another size as a --level");
     if (o.adaptive)
         settings.adaptive = {o.adaptive->x, o.adaptive->y,
                              o.error.value_or(o.max_size ? 0.0 : usual_brick_error), o.max_size,

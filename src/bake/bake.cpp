@@ -130,15 +130,6 @@ void fit_volume(const BakePlan& plan, const Level& level, Surfaces& surfaces,
                            reader.name));
 }
 
-void warn_of_empty(const std::vector<volume::Adjustment>& boxes, const std::vector<Grid>& grids,
-                   solver::Stages& stages) {
-    for (std::size_t i = 0; i < boxes.size(); ++i)
-        if (std::ranges::none_of(
-                grids, [&](const Grid& grid) { return volume::holds_cells(boxes[i], grid); }))
-            stages.warn(format("`adjust`: no cell lies in boxes[%zu], %s; it changes nothing", i,
-                               volume::text_of({&boxes[i], 1}).c_str()));
-}
-
 /// What is told of a level that is solved.
 void finish_level(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
                   const Level& level, Surfaces& surfaces, solver::Stages& stages, Volume& volume) {

@@ -26,8 +26,16 @@ using volume::brick_samples;
 
 /// How much nearer than it is a surface is taken to be to a brick, cells of level 0.
 constexpr float occupied_margin = 0.1f;
+/// Finest cells by which a sample may lie outside of a box of BakeSettings::adjust.
+constexpr double adjust_slack = 1e-4;
 /// What decides where to refine if no error is asked for.
 constexpr double usual_error = 0.02;
+/// Of so many samples one is solved twice, to know their noise.
+constexpr uint64_t twice = 32;
+/// Samples that a brick's own twins weigh as much as, those of its level together.
+constexpr double usual_twins = 16;
+/// What light in a cell's middle is off by is above the noise if its square is so many times that.
+constexpr double beyond_noise = 8;
 
 /// A sample, by its place in the lattice of level 0.
 using Key = uint64_t;
@@ -68,10 +76,34 @@ void for_box(glm::ivec3 lo, glm::ivec3 hi, const auto& each) {
                 each(at);
 }
 
+/// Whether a sample is solved twice: by chance, and always the same.
+bool is_twin(Key key) {
+    key *= 0x9e3779b97f4a7c15u;
+    key ^= key >> 32;
+    return key * 0xd6e8feb86659fd93u >> 32 < (uint64_t(1) << 32) / twice;
+}
+
+/// Noise of samples that were solved twice.
+struct Noise {
+    double square = 0; ///< sum of volume::mean_square_irradiance
+    double light = 0;  ///< sum of the squares of volume::mean_irradiance
+    double twins = 0;
+
+    void add(const Noise& other) {
+        square += other.square;
+        light += other.light;
+        twins += other.twins;
+    }
+    /// Of the light's square.
+    double share() const { return light > 0 ? square / light : 0; }
+};
+
 /// All samples that are solved, or are going to be.
 class Samples {
 public:
-    Volume light; ///< a row
+    Volume light;                     ///< a row
+    std::map<uint32_t, double> twins; ///< the noise (mean square) of some
+    Noise noise;                      ///< of all
 
     std::size_t size() const { return known_.size(); }
     uint32_t find(Key key) const { return lower(key)->sample; }
@@ -94,16 +126,22 @@ public:
                            [](const Known& a, const Known& b) { return a.key < b.key; });
     }
 
-    /// Finds which of those that are added lie outside of geometry.
-    void look(const visibility::Visibility& visibility) {
+    /// Finds which of those that are added lie outside of geometry, or are said to.
+    void look(const solver::Inputs& inputs) {
+        const visibility::Visibility& visibility = inputs.visibility;
         const std::size_t before = light.validity.size();
         light.validity.resize(size());
         tbb::parallel_for(before, size(), [&](std::size_t i) {
-            const visibility::Capture capture =
-                visibility.capture_at(places_[i - (size() - places_.size())]);
+            const glm::vec3 place = places_[i - (size() - places_.size())];
+            const visibility::Capture capture = visibility.capture_at(place);
+            const bool outside =
+                capture.open && visibility::backs_around(visibility, capture.point, 0) <= 0;
             light.validity[i] =
-                capture.open && visibility::backs_around(visibility, capture.point, 0) <= 0 ? 1.0f
-                                                                                            : 0.0f;
+                volume::validity_at(inputs.adjust, inputs.frame.to_world(glm::dvec3(place)),
+                                    adjust_slack * inputs.frame.unit)
+                        .value_or(outside)
+                    ? 1.0f
+                    : 0.0f;
         });
     }
 
@@ -115,15 +153,19 @@ public:
                const solver::Inputs& inputs, solver::Stages& stages) {
         if (places_.empty())
             return;
-        const std::size_t before = solved();
+        const std::size_t before = solved(), count = places_.size();
+        std::size_t again = 0;
+        for (const solver::Block& block : blocks)
+            again += block.again.size();
         Volume one;
-        one.grid.dims = {int(places_.size()), 1, 1};
-        one.validity.assign(light.validity.begin() + std::ptrdiff_t(before), light.validity.end());
+        one.grid.dims = {int(count + again), 1, 1};
         solver.solve_blocks(blocks, inputs, stages, one);
         light.sh_order = one.sh_order;
         light.sh.resize(one.sh.size());
         for (std::size_t k = 0; k < light.sh.size(); ++k)
-            light.sh[k].insert(light.sh[k].end(), one.sh[k].begin(), one.sh[k].end());
+            light.sh[k].insert(light.sh[k].end(), one.sh[k].begin(),
+                               one.sh[k].begin() + std::ptrdiff_t(count));
+        compare_twins(blocks, one);
         for (std::size_t i = before; i < size(); ++i)
             if (is_valid(uint32_t(i))) {
                 sum_ += volume::mean_irradiance(light, i);
@@ -136,6 +178,30 @@ public:
     double mean() const { return valid_ > 0 ? sum_ / double(valid_) : 0; }
 
 private:
+    /// Twins stand at the end of what was solved, in the order of the blocks.
+    void compare_twins(std::span<const solver::Block> blocks, const Volume& solved_now) {
+        const std::size_t before = solved();
+        std::size_t second = places_.size();
+        for (const solver::Block& block : blocks) {
+            std::map<uint16_t, uint32_t> cells;
+            for (const solver::Block::Place& place : block.places)
+                cells[place.at] = place.cell;
+            for (const solver::Block::Place& place : block.again) {
+                const uint32_t first = cells.at(place.at);
+                std::array<glm::dvec3, volume::sh_count(volume::sh_max_order)> off{};
+                for (std::size_t k = 0; k < light.sh.size(); ++k)
+                    off[k] =
+                        glm::dvec3(solved_now.sh[k][first]) - glm::dvec3(solved_now.sh[k][second]);
+                const double square =
+                    0.5 * volume::mean_square_irradiance(std::span(off).first(light.sh.size()));
+                const double own = volume::mean_irradiance(solved_now, first);
+                twins[uint32_t(before + first)] = square;
+                noise.add({square, own * own, 1});
+                ++second;
+            }
+        }
+    }
+
     struct Known {
         Key key;
         uint32_t sample;
@@ -216,12 +282,56 @@ public:
 
     std::size_t samples() const { return samples_.size(); }
 
+    /// Of those of take(), the ones that somebody wants.
+    std::vector<uint8_t> kept() const {
+        const volume::BrickTree tree(levels_, bricks());
+        std::vector<uint8_t> kept;
+        for (const Brick& brick : tree.bricks())
+            kept.push_back(told(brick) == true);
+        return kept;
+    }
+
+    /// The noise of the samples of each brick of take(), as volume::trim wants it.
+    std::vector<double> noise() const {
+        std::vector<Noise> own;
+        std::map<int, Noise> of_level;
+        for (const auto& each : bricks_) {
+            Noise& noise = own.emplace_back();
+            for (const Key key : keys_of(each.first))
+                if (const uint32_t sample = samples_.find(key); is_twin(key))
+                    if (const auto found = samples_.twins.find(sample);
+                        found != samples_.twins.end()) {
+                        const double light = volume::mean_irradiance(samples_.light, sample);
+                        noise.add({found->second, light * light, 1});
+                    }
+            of_level[each.first.level].add(noise);
+        }
+        std::vector<std::pair<Brick, double>> noises;
+        std::size_t i = 0;
+        for (const auto& each : bricks_) {
+            const Brick& brick = each.first;
+            const Noise& noise = own[i++];
+            double light = 0, valid = 0; // mean square
+            for (const Key key : keys_of(brick))
+                if (const uint32_t sample = samples_.find(key); samples_.is_valid(sample)) {
+                    const double one = volume::mean_irradiance(samples_.light, sample);
+                    light += one * one;
+                    ++valid;
+                }
+            const double usual = valid > 0 ? of_level[brick.level].share() * light / valid : 0;
+            noises.emplace_back(brick,
+                                (noise.square + usual_twins * usual) / (noise.twins + usual_twins));
+        }
+        const volume::BrickTree tree(levels_, bricks());
+        std::vector<double> sorted(noises.size());
+        for (const auto& [brick, noise] : noises)
+            sorted[*tree.find(brick)] = noise;
+        return sorted;
+    }
+
     volume::VolumeSet take() {
-        std::vector<Brick> bricks;
-        for (const auto& each : bricks_)
-            bricks.push_back(each.first);
         volume::VolumeSet set;
-        set.bricks.emplace(levels_, std::move(bricks));
+        set.bricks.emplace(levels_, bricks());
         set.levels.resize(set.bricks->bricks().size());
         Volume& light = samples_.light;
         each_brick(set, [&](const Brick& brick, Volume& volume) {
@@ -240,6 +350,13 @@ public:
     }
 
 private:
+    std::vector<Brick> bricks() const {
+        std::vector<Brick> bricks;
+        for (const auto& each : bricks_)
+            bricks.push_back(each.first);
+        return bricks;
+    }
+
     /// With those around that it asks for.
     void add(const Brick& brick) {
         if (!bricks_.emplace(brick, 0).second)
@@ -285,6 +402,21 @@ private:
                && glm::all(glm::greaterThan(hi, plan_.bricks->box.lo));
     }
 
+    /// What the last box of BakeSettings::adjust that meets a brick, or holds its middle, says.
+    std::optional<bool> told(const Brick& brick) const {
+        const Grid own = levels_.grid_of(brick);
+        const glm::dvec3 lo = own.center(glm::ivec3(0)), hi = own.center(own.dims - 1);
+        std::optional<bool> finer;
+        for (const volume::Adjustment& box : inputs_.adjust)
+            if (box.finer == true && glm::all(glm::lessThan(lo, box.hi))
+                && glm::all(glm::greaterThan(hi, box.lo)))
+                finer = true;
+            else if (box.finer == false && glm::all(glm::lessThan(box.lo, 0.5 * (lo + hi)))
+                     && glm::all(glm::lessThan(0.5 * (lo + hi), box.hi)))
+                finer = false;
+        return finer;
+    }
+
     /// Refuses what does not fit before it is there.
     void check_memory(std::size_t samples) const {
         const uint64_t bytes = plan_.bricks->other_bytes
@@ -303,7 +435,7 @@ private:
     void look(std::vector<Key> keys) {
         check_memory(samples_.size() + keys.size());
         samples_.add(std::move(keys));
-        samples_.look(inputs_.visibility);
+        samples_.look(inputs_);
     }
 
     /// Solves bricks of one level, and adds those of the next that they ask for.
@@ -349,11 +481,13 @@ private:
             for_box(glm::ivec3(0), glm::ivec3(brick_cells / 2 - 1),
                     [&](glm::ivec3 cell) { keys[in_cube(each)].push_back(middle_of(each, cell)); });
         std::vector<solver::Block> blocks;
-        std::vector<uint8_t> taken(samples_.size() - samples_.solved());
+        const std::size_t fresh = samples_.size() - samples_.solved();
+        std::vector<uint8_t> taken(fresh);
+        auto next = uint32_t(fresh); // cell of one that is solved again
         const Grid all{{}, 1, glm::ivec3(solver::Block::edge + 1)};
         for (auto& [brick, own] : keys) {
             const glm::ivec3 first = brick_cells * brick.at << cube;
-            solver::Block block{place_of(first), float(1 << step), {}};
+            solver::Block block{place_of(first), float(1 << step), {}, {}};
             std::ranges::sort(own);
             own.erase(std::unique(own.begin(), own.end()), own.end());
             for (const Key key : own) {
@@ -363,7 +497,10 @@ private:
                 uint32_t cell = solver::Block::known;
                 if (sample >= samples_.solved() && !taken[sample - samples_.solved()]++)
                     cell = uint32_t(sample - samples_.solved());
-                block.places.push_back({uint16_t(all.index((at_of(key) - first) >> step)), cell});
+                const auto at = uint16_t(all.index((at_of(key) - first) >> step));
+                block.places.push_back({at, cell});
+                if (cell != solver::Block::known && is_twin(key))
+                    block.again.push_back({at, next++});
             }
             blocks.push_back(std::move(block));
         }
@@ -373,14 +510,15 @@ private:
     /// An eighth of a brick, as the brick that it would be: wanted by what is known before its
     /// light is, or open.
     void sort_out(const Brick& part, std::vector<Brick>& wanted, std::vector<Brick>& open) const {
-        if (bricks_.contains(part) || !is_wanted(part))
+        const std::optional<bool> finer = told(part);
+        if (bricks_.contains(part) || !is_wanted(part) || finer == false)
             return;
         std::size_t valid = 0;
         for_box(glm::ivec3(0), glm::ivec3(brick_cells / 2), [&](glm::ivec3 s) {
             valid += samples_.is_valid(samples_.find(corner_of(part, s)));
         });
         constexpr std::size_t edge = brick_cells / 2 + 1;
-        if (occupied_(part) || (valid > 0 && valid < edge * edge * edge))
+        if (finer == true || occupied_(part) || (valid > 0 && valid < edge * edge * edge))
             wanted.push_back(part);
         else if (valid > 0)
             open.push_back(part);
@@ -398,6 +536,7 @@ private:
     bool is_rough(const Brick& part) const {
         const Volume& light = samples_.light;
         const double most = error_ * samples_.mean();
+        const double chance = beyond_noise * 9 / 8 * samples_.noise.share();
         bool rough = false;
         for_box(glm::ivec3(0), glm::ivec3(brick_cells / 2 - 1), [&](glm::ivec3 cell) {
             const uint32_t middle = samples_.find(middle_of(part, cell));
@@ -413,8 +552,9 @@ private:
                 for (std::size_t k = 0; k < light.sh.size(); ++k)
                     off[k] -= 0.125 * glm::dvec3(light.sh[k][corner]);
             }
-            rough =
-                volume::mean_square_irradiance(std::span(off).first(light.sh.size())) > most * most;
+            const double own = volume::mean_irradiance(light, middle);
+            rough = volume::mean_square_irradiance(std::span(off).first(light.sh.size()))
+                    > most * most + chance * own * own;
         });
         return rough;
     }
@@ -474,12 +614,17 @@ BakedBricks bake_bricks(const Scene& scene, const BakePlan& plan, const gpu::Dev
     const visibility::Visibility visibility = open_scene(scene, plan, stages);
     const surface::LitSurfaces surfaces = light_scene(scene, plan, visibility, stages);
     const solver::Inputs inputs{scene,      device,    plan.grid, plan.frame,
-                                visibility, &surfaces, plan.maps};
+                                visibility, &surfaces, plan.maps, plan.settings.adjust};
+    warn_of_empty(plan.settings.adjust, {&plan.grid, 1}, stages);
     volume::VolumeSet& set = baked.set;
+    std::vector<double> noise;
+    std::vector<uint8_t> kept;
     {
         Refining refining(plan, surfaces, *solver, inputs, stages);
         refining.run();
         baked.samples = refining.samples();
+        noise = refining.noise();
+        kept = refining.kept();
         set = refining.take();
     }
     stages.begin("walls");
@@ -487,10 +632,13 @@ BakedBricks bake_bricks(const Scene& scene, const BakePlan& plan, const gpu::Dev
     stages.end("of " + counted(set.levels.size(), "brick"));
     stages.begin("trim");
     const std::size_t before = set.levels.size();
-    const volume::Trimmed trimmed = volume::trim(
-        *set.bricks, set.levels, {plan.settings.adaptive->error, std::size_t(plan.bricks->most)});
+    const volume::Trimmed trimmed =
+        volume::trim(*set.bricks, set.levels,
+                     {plan.settings.adaptive->error, std::size_t(plan.bricks->most), kept}, noise);
     baked.error = trimmed.error;
     keep(trimmed.bricks, set);
+    for (Volume& brick : set.levels)
+        volume::adjust_intensity(plan.settings.adjust, brick);
     volume::stitch(*set.bricks, set.levels);
     stages.end(format("%zu of %s left, %s %% of irradiance lost by it", set.levels.size(),
                       counted(before, "brick").c_str(), two_digits(100 * trimmed.error).c_str()));
@@ -500,7 +648,13 @@ BakedBricks bake_bricks(const Scene& scene, const BakePlan& plan, const gpu::Dev
                    "%.3g %%",
                    two_digits(100 * trimmed.error).c_str(), 100 * wanted));
     describe_light(scene, plan, device, visibility, set.levels.front());
+    if (!plan.settings.adjust.empty())
+        set.levels.front().metadata["adjust"] = volume::text_of(plan.settings.adjust);
     set.levels.back().metadata = set.levels.front().metadata;
+    if (set.levels.size() > plan.bricks->most)
+        stages.warn(format("`adjust`: the finer bricks of its boxes are more than `max_size` "
+                           "allows, %zu",
+                           std::size_t(plan.bricks->most)));
     warn_of_dark(scene, set.levels, stages);
     baked.stages = stages.reports();
     return baked;

@@ -96,4 +96,13 @@ void warn_of_dark(const Scene& scene, std::span<const Volume> volumes, solver::S
         stages.warn(scene::why_dark(scene));
 }
 
+void warn_of_empty(std::span<const volume::Adjustment> boxes, std::span<const Grid> grids,
+                   solver::Stages& stages) {
+    for (std::size_t i = 0; i < boxes.size(); ++i)
+        if (std::ranges::none_of(
+                grids, [&](const Grid& grid) { return volume::holds_cells(boxes[i], grid); }))
+            stages.warn(format("`adjust`: no cell lies in boxes[%zu], %s; it changes nothing", i,
+                               volume::text_of({&boxes[i], 1}).c_str()));
+}
+
 } // namespace lpvbake::bake

@@ -31,4 +31,8 @@ void describe_light(const Scene& scene, const BakePlan& plan, const gpu::Device&
 /// Warns where none of the volumes of a bake holds light, and says why.
 void warn_of_dark(const Scene& scene, std::span<const Volume> volumes, solver::Stages& stages);
 
+/// Warns of boxes in which no cell of the grids lies.
+void warn_of_empty(std::span<const volume::Adjustment> boxes, std::span<const Grid> grids,
+                   solver::Stages& stages);
+
 } // namespace lpvbake::bake

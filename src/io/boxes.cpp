@@ -35,14 +35,12 @@ void read_box(const std::string& path, const std::string& place, const Json& jso
 void read_set(const std::string& path, const std::string& place, const Json& json,
               volume::Adjustment& box) {
     const std::string what = json.is_string() ? json.get<std::string>() : "";
-    if (what == "finer" || what == "coarser")
-        throw Error(ErrorKind::unsupported,
-                    path + ": " + place + ".set: \"" + what
-                        + "\" is for grids that adapt, which a bake has none of; give the box "
-                          "cells of another size as a `level`");
-    if (what != "valid" && what != "invalid")
-        reject(path, place + ".set: must be \"valid\" or \"invalid\"");
-    box.valid = what == "valid";
+    if (what == "valid" || what == "invalid")
+        box.valid = what == "valid";
+    else if (what == "finer" || what == "coarser")
+        box.finer = what == "finer";
+    else
+        reject(path, place + ".set: must be \"valid\", \"invalid\", \"finer\" or \"coarser\"");
 }
 
 volume::Adjustment read_adjustment(const std::string& path, const std::string& place,

@@ -85,6 +85,9 @@ struct Block {
     glm::vec3 first;           ///< the place in its lowest corner, frame units
     float step = 1;            ///< from place to place, frame units
     std::vector<Place> places; ///< all that are valid
+    /// Some of these, solved once more by other draws of what they look at, for cells of their own:
+    /// what they differ by is noise.
+    std::vector<Place> again;
 };
 
 /// A solver, being compiled for a device, a grid and settings.

@@ -51,6 +51,15 @@ void adjust_validity(std::span<const Adjustment> boxes, Volume& volume) {
             });
 }
 
+std::optional<bool> validity_at(std::span<const Adjustment> boxes, glm::dvec3 point, double slack) {
+    std::optional<bool> valid;
+    for (const Adjustment& box : boxes)
+        if (box.valid && glm::all(glm::greaterThanEqual(point, box.lo - slack))
+            && glm::all(glm::lessThanEqual(point, box.hi + slack)))
+            valid = box.valid;
+    return valid;
+}
+
 void adjust_intensity(std::span<const Adjustment> boxes, Volume& volume) {
     for (const Adjustment& box : boxes)
         if (box.intensity != 1)
@@ -67,6 +76,8 @@ std::string text_of(std::span<const Adjustment> boxes) {
                        box.lo.y, box.lo.z, box.hi.x, box.hi.y, box.hi.z);
         if (box.valid)
             text += *box.valid ? " valid" : " invalid";
+        if (box.finer)
+            text += *box.finer ? " finer" : " coarser";
         if (box.intensity != 1)
             text += format(" intensity %.9g", box.intensity);
     }

@@ -1,5 +1,5 @@
-// Boxes in which somebody knows better than a bake which cells are valid, or how bright they are to
-// be.
+// Boxes in which somebody knows better than a bake which cells are valid, how bright they are to
+// be, or how small.
 #pragma once
 
 #include "lpvbake/volume.h"
@@ -17,6 +17,9 @@ struct Adjustment {
     /// Whatever geometry says: true, the cell counts as outside of solids; false, as inside.
     std::optional<bool> valid;
     double intensity = 1; ///< their light is multiplied by it
+    /// Of bricks alone: true, the finest stand wherever they meet it; false, no finer one stands in
+    /// it for its own sake.
+    std::optional<bool> finer;
     /// Where cells are in axes that were turned about a point: from those to the box's.
     glm::dquat turn{1.0, 0.0, 0.0, 0.0};
     glm::dvec3 about{0.0};
@@ -27,6 +30,9 @@ bool holds_cells(const Adjustment& box, const Grid& grid);
 
 /// Sets Volume::validity, which is there, box by box: of several that hold a cell the last counts.
 void adjust_validity(std::span<const Adjustment> boxes, Volume& volume);
+/// The same of one point, which lies in a box if it is less than `slack` metres outside; none: no
+/// box says.
+std::optional<bool> validity_at(std::span<const Adjustment> boxes, glm::dvec3 point, double slack);
 /// Multiplies Volume::sh, by all boxes that hold a cell.
 void adjust_intensity(std::span<const Adjustment> boxes, Volume& volume);
 

@@ -261,8 +261,10 @@ struct Loss {
     }
 };
 
-/// The square of what a sample loses if a coarser brick is read there.
-double loss_at(const Volume& fine, std::size_t sample, const Volume& coarse) {
+/// The square of what a sample loses if a coarser brick is read there, with noise of so much in
+/// both.
+double loss_at(const Volume& fine, std::size_t sample, const Volume& coarse, double fine_noise,
+               double coarse_noise) {
     const Taps taps = taps_at(coarse, fine.grid.center(fine.grid.cell_at(sample)));
     std::array<glm::dvec3, sh_count(sh_max_order)> off{};
     for (std::size_t k = 0; k < fine.sh.size(); ++k) {
@@ -271,13 +273,22 @@ double loss_at(const Volume& fine, std::size_t sample, const Volume& coarse) {
             if (taps.cells.weight[i] > 0)
                 off[k] -= taps.cells.weight[i] * glm::dvec3(coarse.sh[k][taps.cells.cell[i]]);
     }
-    return mean_square_irradiance(std::span(off).first(fine.sh.size()));
+    double chance = fine_noise, largest = 0;
+    for (std::size_t i = 0; i < 8 && taps.valid; ++i) {
+        chance += taps.cells.weight[i] * taps.cells.weight[i] * coarse_noise;
+        largest = std::max(largest, double(taps.cells.weight[i]));
+    }
+    if (largest > 1 - slack) // that sample itself
+        chance = 0;
+    return mean_square_irradiance(std::span(off).first(fine.sh.size())) - chance;
 }
 
 /// Of the samples of the eighths that no finer brick has.
-Loss own_loss(const BrickTree& tree, std::span<const Volume> bricks, std::size_t brick) {
+Loss own_loss(const BrickTree& tree, std::span<const Volume> bricks, std::span<const double> noise,
+              std::size_t brick) {
     const Brick& own = tree.bricks()[brick];
     const Volume& volume = bricks[brick];
+    const auto noise_of = [&](std::size_t i) { return noise.empty() ? 0 : noise[i]; };
     Loss loss;
     for (int eighth = 0; eighth < 8; ++eighth) {
         const glm::ivec3 part(eighth & 1, eighth >> 1 & 1, eighth >> 2);
@@ -294,7 +305,7 @@ Loss own_loss(const BrickTree& tree, std::span<const Volume> bricks, std::size_t
                     loss.sum += mean_irradiance(volume, sample);
                     for (auto up = tree.parent(brick); up; up = tree.parent(*up))
                         loss.squares[std::size_t(tree.bricks()[*up].level)] +=
-                            loss_at(volume, sample, bricks[*up]);
+                            loss_at(volume, sample, bricks[*up], noise_of(brick), noise_of(*up));
                 }
     }
     return loss;
@@ -303,13 +314,16 @@ Loss own_loss(const BrickTree& tree, std::span<const Volume> bricks, std::size_t
 /// Takes bricks away one by one.
 class Trimming {
 public:
-    Trimming(const BrickTree& tree, std::span<const Volume> bricks)
+    Trimming(const BrickTree& tree, std::span<const Volume> bricks, const TrimGoal& goal,
+             std::span<const double> noise)
         : tree_(tree),
+          goal_(goal),
+          noisy_(!noise.empty()),
           losses_(bricks.size()),
           there_(bricks.size(), 1),
           left_(bricks.size()) {
         tbb::parallel_for(std::size_t(0), bricks.size(),
-                          [&](std::size_t i) { losses_[i] = own_loss(tree, bricks, i); });
+                          [&](std::size_t i) { losses_[i] = own_loss(tree, bricks, noise, i); });
         for (std::size_t i = 0; i < bricks.size(); ++i) // fine ones first
             if (const auto parent = tree.parent(i))
                 losses_[*parent].add(losses_[i]);
@@ -319,12 +333,12 @@ public:
             offer(i);
     }
 
-    Trimmed run(const TrimGoal& goal) {
+    Trimmed run() {
         const double mean = whole_.samples ? whole_.sum / double(whole_.samples) : 0;
-        const double most = goal.error * goal.error * mean * mean * double(whole_.samples);
+        const double most = goal_.error * goal_.error * mean * mean * double(whole_.samples);
         while (!offers_.empty()) {
             const auto [cost, brick] = offers_.top();
-            if (left_ <= goal.most && lost_ + cost > most)
+            if (left_ <= goal_.most && lost_ + cost > most)
                 break;
             offers_.pop();
             if (!there_[brick] || !is_free(brick))
@@ -363,9 +377,12 @@ private:
 
     void offer(std::size_t brick) {
         const auto level = std::size_t(tree_.bricks()[brick].level);
-        if (level + 1 < std::size_t(tree_.levels().count) && there_[brick] && is_free(brick))
-            offers_.push(
-                {losses_[brick].squares[level + 1] - losses_[brick].squares[level], brick});
+        if (level + 1 == std::size_t(tree_.levels().count) || !there_[brick] || !is_free(brick)
+            || (!goal_.kept.empty() && goal_.kept[brick]))
+            return;
+        const double cost = losses_[brick].squares[level + 1] - losses_[brick].squares[level];
+        // Noise is known on average: what seems to be gained does not pay for what is lost.
+        offers_.push({noisy_ ? std::max(0.0, cost) : cost, brick});
     }
 
     /// What a brick that is gone kept from going.
@@ -384,6 +401,8 @@ private:
     }
 
     const BrickTree& tree_;
+    const TrimGoal& goal_;
+    bool noisy_;
     std::vector<Loss> losses_; ///< of a brick with all in it
     Loss whole_;
     std::vector<uint8_t> there_;
@@ -395,8 +414,9 @@ private:
 
 } // namespace
 
-Trimmed trim(const BrickTree& tree, std::span<const Volume> bricks, const TrimGoal& goal) {
-    return Trimming(tree, bricks).run(goal);
+Trimmed trim(const BrickTree& tree, std::span<const Volume> bricks, const TrimGoal& goal,
+             std::span<const double> noise) {
+    return Trimming(tree, bricks, goal, noise).run();
 }
 
 // ---------------------------------------------------------------- one volume of all

@@ -78,22 +78,27 @@ void stitch(const BrickTree& tree, std::span<Volume> bricks);
 
 /// What bricks may lose by trim().
 struct TrimGoal {
-    double error = 0;            ///< as Trimmed::error
-    std::size_t most = SIZE_MAX; ///< bricks; it counts before the error
+    double error = 0;                   ///< as Trimmed::error
+    std::size_t most = SIZE_MAX;        ///< bricks; it counts before the error
+    std::span<const uint8_t> kept = {}; ///< not 0: that brick does not go; empty: all may
 };
 
 struct Trimmed {
     std::vector<Brick> bricks; ///< that are left
     /// Root mean square, over all valid samples of the finest bricks that there were, all normals
-    /// and RGB, of the irradiance that reading them by what is left changes; as a share of its
-    /// mean.
+    /// and RGB, of the irradiance that reading them by what is left changes, without their noise;
+    /// as a share of its mean.
     double error = 0;
 };
 
 /// Takes bricks away, those first that cost the least error, from all levels but the coarsest: as
 /// many as the error allows, and more where there are more than `most`. Bricks are read as
 /// flatten() does, and have not been stitched. The same for any number of threads.
-Trimmed trim(const BrickTree& tree, std::span<const Volume> bricks, const TrimGoal& goal);
+/// `noise` is the mean square error by chance of the samples of each brick, as
+/// mean_square_irradiance() has it (empty: none). It is not lost: what a sample differs by from
+/// what others make of its place holds the noise of both, which smaller cells do not take away.
+Trimmed trim(const BrickTree& tree, std::span<const Volume> bricks, const TrimGoal& goal,
+             std::span<const double> noise = {});
 
 /// How bricks stand in one volume.
 struct BrickStack {

@@ -128,8 +128,9 @@ TEST_F(SceneCli, BoxesAdjustWhatIsBaked) {
     refused(R"({"boxes": [{"box": [0, 0, 0, 1, 1, 1]}]})", "boxes[0]: adjusts nothing");
     refused(R"({"boxes": [{"box": [0, 0, 0, 1, 1, 1], "intensity": -1}]})", "boxes[0].intensity");
     refused(R"({"boxes": [{"box": [0, 0, 0, 1, 1, 1], "brighter": 1}]})", "\"brighter\"");
-    refused(R"({"boxes": [{"box": [0, 0, 0, 1, 1, 1], "set": "finer"}]})", "\"finer\"",
+    refused(R"({"boxes": [{"box": [0, 0, 0, 1, 1, 1], "set": "finer"}]})", "\"finer\" is of",
             cmd::ExitCode::unsupported);
+    refused(R"({"boxes": [{"box": [0, 0, 0, 1, 1, 1], "set": "fine"}]})", "\"finer\" or");
     expect_error("bake \"$ROOM\" -o a.vdb --adjust gone.json", cmd::ExitCode::file, "gone.json");
     expect_error("bake \"$ROOM\" -o a.vdb --adjust a.vdb", cmd::ExitCode::usage, "replace");
 }

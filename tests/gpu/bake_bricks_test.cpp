@@ -258,6 +258,50 @@ TEST_F(BakedInBricks, SizeIsObeyedAndErrorFallsWithIt) {
     EXPECT_EQ(error_of("`max_size`", [&] { run(scene, settings); }).kind, ErrorKind::argument);
 }
 
+TEST_F(BakedInBricks, BoxesMakeThemFinerOrCoarser) {
+    // An emitter in the middle, whose bricks are the finest; a corner of air, whose are not.
+    bake::BakeSettings settings = settings_of(0.125, 0.25, 0.5);
+    settings.bounds = Bounds{glm::dvec3(-1), glm::dvec3(3)};
+    const Scene scene = one_emitter();
+    const glm::dvec3 air(2.4, 2.4, 2.4), emitter(0.6, 0.6, 0.6);
+    const auto level_at = [](const VolumeSet& set, glm::dvec3 p) {
+        return set.bricks->bricks()[set.bricks->at(p)].level;
+    };
+    const VolumeSet plain = run(scene, settings).set;
+    ASSERT_EQ(level_at(plain, air), 1);
+    ASSERT_EQ(level_at(plain, emitter), 0);
+
+    settings.adjust = {{air - 0.2, air + 0.2, {}, 1, true}};
+    EXPECT_EQ(level_at(run(scene, settings).set, air), 0) << "though nothing is lost without";
+    settings.adjust = {{glm::dvec3(-1), glm::dvec3(3), {}, 1, false}};
+    EXPECT_EQ(counted_by_level(run(scene, settings).set).size(), 1u);
+    // The last box counts, for bricks as for cells.
+    settings.adjust.push_back({emitter - 0.1, emitter + 0.1, {}, 1, true});
+    EXPECT_EQ(level_at(run(scene, settings).set, emitter), 0);
+
+    settings.adjust = {{glm::dvec3(-1), glm::dvec3(3), {}, 3, {}}};
+    const VolumeSet bright = run(scene, settings).set;
+    ASSERT_TRUE(*bright.bricks == *plain.bricks);
+    EXPECT_NEAR(bright.levels.back().sh[0][0].x, 3 * plain.levels.back().sh[0][0].x,
+                1e-5f * bright.levels.back().sh[0][0].x);
+    settings.adjust = {{air - 0.2, air + 0.2, false, 1, {}}};
+    const VolumeSet closed = run(scene, settings).set;
+    const Volume& brick = closed.levels[closed.bricks->at(air)];
+    EXPECT_FALSE(brick.is_valid(brick.grid.index(glm::ivec3(brick.grid.to_grid(air)))));
+    EXPECT_EQ(closed.levels.front().metadata.at("adjust"), "2.2,2.2,2.2,2.6,2.6,2.6 invalid");
+}
+
+TEST_F(BakedInBricks, NoiseMakesNoBricks) {
+    // A room whose light is even: what samples differ by is what the solver errs by.
+    const Scene scene = scenes::furnace(20.0f, 0.5f, 100.0f);
+    bake::BakeSettings settings = settings_of(0.25, 1, 0.02);
+    settings.solver.set("vpls", 24);
+    settings.bounds = Bounds{glm::dvec3(2), glm::dvec3(18)};
+    const bake::BakedBricks baked = run(scene, settings);
+    EXPECT_EQ(counted_by_level(baked.set)[0], 0);
+    EXPECT_LE(baked.error, 0.02);
+}
+
 TEST_F(BakedInBricks, AnErrorLeavesNoMoreThanItAllows) {
     const Scene scene = scenes::cornell_box_with_point();
     std::size_t last = 1u << 30;

@@ -295,6 +295,52 @@ TEST(Bricks, TrimmingKeepsErrorAndSize) {
     EXPECT_LE(both.bricks.size(), 5u) << "the size counts first";
 }
 
+/// Light of no trend, the same in all bricks: its own noise.
+glm::dvec3 noisy(std::size_t k, glm::dvec3 p) {
+    const glm::ivec3 at(glm::round(p * 16.0));
+    std::mt19937 random(uint32_t(at.x * 73856093 ^ at.y * 19349663 ^ at.z * 83492791)
+                        + uint32_t(k));
+    random.discard(8);
+    return glm::dvec3(k == 0 ? 100 : 0)
+           + glm::dvec3(std::normal_distribution<double>(0, k == 0 ? 5 : 2)(random));
+}
+
+TEST(Bricks, NoiseIsNotLost) {
+    const VolumeSet set = bricks_of(noisy);
+    std::array<glm::dvec3, 4> chance{glm::dvec3(5), glm::dvec3(2), glm::dvec3(2), glm::dvec3(2)};
+    double square = 0; // of independent coefficients: the sum of each alone
+    for (std::size_t k = 0; k < 4; ++k) {
+        std::array<glm::dvec3, 4> one{};
+        one[k] = chance[k];
+        square += volume::mean_square_irradiance(one);
+    }
+    const std::vector<double> noise(set.levels.size(), square);
+    const volume::TrimGoal goal{.error = 0.02};
+    EXPECT_GT(volume::trim(*set.bricks, set.levels, goal).bricks.size(), set.levels.size() - 3)
+        << "noise of 6 % counts as light";
+    const auto trimmed = volume::trim(*set.bricks, set.levels, goal, noise);
+    EXPECT_EQ(trimmed.bricks.size(), 2u);
+    EXPECT_LT(trimmed.error, 0.01);
+    // What light does lose is told as before.
+    const VolumeSet rough = bricks_of(wavy);
+    const std::vector<double> little(rough.levels.size(), 1e-6);
+    EXPECT_NEAR(volume::trim(*rough.bricks, rough.levels, {0, 4}, little).error,
+                volume::trim(*rough.bricks, rough.levels, {0, 4}).error, 1e-3);
+}
+
+TEST(Bricks, WhatIsKeptDoesNotGo) {
+    const VolumeSet flat = bricks_of(affine);
+    std::vector<uint8_t> kept(flat.levels.size(), 0);
+    const std::size_t fine = *flat.bricks->find({0, {2, 1, 1}});
+    kept[fine] = 1;
+    for (const std::size_t most : {SIZE_MAX, std::size_t(1)}) {
+        const BrickTree left(three(),
+                             volume::trim(*flat.bricks, flat.levels, {1, most, kept}).bricks);
+        EXPECT_TRUE(left.find({0, {2, 1, 1}}));
+        EXPECT_FALSE(left.find({0, {1, 1, 0}}));
+    }
+}
+
 TEST(Bricks, IrradianceIsThatOfAllNormals) {
     // c0 alone: E = pi c0 Y0 everywhere; c1: E = 2/3 pi c1 Y1, its mean square (2/3)^2 pi c1^2 / 4.
     using std::numbers::pi;

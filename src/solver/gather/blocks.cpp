@@ -58,12 +58,13 @@ private:
 class BlockZone {
 public:
     BlockZone(const Surroundings& world, const Block& block,
-              std::span<const surface::Patch> patches, std::span<const uint32_t> some)
+              std::span<const surface::Patch> patches, std::span<const uint32_t> some,
+              uint32_t draw)
         : grid_{{}, 1.0, block_dims},
           occupied_(patches, some, block.first, block.step, block_dims),
           validity_(grid_.size(), 0.0f),
           points_(grid_.size()),
-          cells_{grid_, occupied_, validity_, block.first, block.step, points_},
+          cells_{grid_, occupied_, validity_, block.first, block.step, draw, points_},
           zone_(world, cells_, glm::ivec3(0), glm::ivec3(zone_edge)) {
         for (const Block::Place& place : block.places) {
             validity_[place.at] = 1.0f;
@@ -76,9 +77,9 @@ public:
     uint64_t rays() const { return zone_.rays(); }
 
     /// The cells that are to be solved, with what they see.
-    std::vector<Packet> look(const Block& block) {
+    std::vector<Packet> look(std::span<const Block::Place> places) {
         std::vector<std::pair<uint32_t, Block::Place>> wanted;
-        for (const Block::Place& place : block.places)
+        for (const Block::Place& place : places)
             if (place.cell != Block::known)
                 wanted.push_back({morton(glm::vec3(grid_.cell_at(place.at))), place});
         std::ranges::stable_sort(wanted, {}, &std::pair<uint32_t, Block::Place>::first);
@@ -113,15 +114,22 @@ void solve_blocks(std::span<const Block> blocks, std::span<const surface::Patch>
     progress.begin("gather", blocks.size());
     for (size_t first = 0; first < blocks.size(); first += most_zones) {
         const size_t count = std::min(most_zones, blocks.size() - first);
-        std::vector<std::unique_ptr<BlockZone>> zones(count);
-        std::vector<std::vector<Packet>> packets(count);
-        tbb::parallel_for(size_t(0), count, [&](size_t i) {
-            const Block& block = blocks[first + i];
-            zones[i] = std::make_unique<BlockZone>(world, block, patches, patches_of[first + i]);
-            packets[i] = zones[i]->look(block);
+        // Those of each block, then those of all that are solved again.
+        std::vector<std::unique_ptr<BlockZone>> zones(2 * count);
+        std::vector<std::vector<Packet>> packets(zones.size());
+        tbb::parallel_for(size_t(0), zones.size(), [&](size_t i) {
+            const Block& block = blocks[first + i % count];
+            const std::vector<Block::Place>& own = i < count ? block.places : block.again;
+            if (own.empty())
+                return;
+            zones[i] = std::make_unique<BlockZone>(world, block, patches,
+                                                   patches_of[first + i % count], i >= count);
+            packets[i] = zones[i]->look(own);
         });
         std::vector<Packet> all;
-        for (size_t i = 0; i < count; ++i) {
+        for (size_t i = 0; i < zones.size(); ++i) {
+            if (!zones[i])
+                continue;
             std::ranges::move(packets[i], std::back_inserter(all));
             report.rays += zones[i]->rays();
         }

@@ -147,8 +147,8 @@ const uint64_t* CellZone::bits(glm::ivec3 point) {
                 own[channel * words_ + i / 64] &= ~bit;
         }
     const glm::ivec3 cell = base_ + point;
-    rays_ += look(cells_.point(world_.visibility, cell), pattern_of(cells_.place(cell)), open,
-                  own.get());
+    const uint32_t pattern = pattern_of(cells_.place(cell)) + 0x9e3779b1u * cells_.draw;
+    rays_ += look(cells_.point(world_.visibility, cell), pattern, open, own.get());
 
     bits_.push_back(std::move(own));
     known_[at] = uint16_t(bits_.size());

@@ -45,6 +45,7 @@ struct Cells {
     std::span<const float> validity;
     glm::vec3 first{0.5f}; ///< the place of the first one, frame units
     float step = 1;        ///< from place to place
+    uint32_t draw = 0;     ///< another number, other points of clusters are tested
     /// Where the light of each is taken; empty: where that of the frame's cells is.
     std::span<const glm::vec3> points = {};
 
