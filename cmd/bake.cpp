@@ -20,6 +20,7 @@
 #include "scene/sky.h"
 #include "scene_options.h"
 #include "text.h"
+#include "unchanged.h"
 #include "verification.h"
 #include "volume/dilate.h"
 
@@ -44,6 +45,18 @@ void add_light(const Scene& scene, Volume& volume) {
         report::lights_json(scene).dump(-1, ' ', false, report::Json::error_handler_t::replace);
     volume.metadata["sky"] = format("%.6g,%.6g,%.6g", sky.r, sky.g, sky.b);
     volume.metadata["exposure"] = format("%.1f", render::automatic_exposure(volume));
+}
+
+/// What of the command line stands in the metadata.
+struct Origin {
+    std::string settings;
+    std::string hash; ///< bake_hash
+};
+
+void fill_metadata(const BakeOptions& o, const Scene& scene, const Origin& origin, Volume& volume) {
+    fill_metadata(o, scene, origin.settings, volume);
+    if (!origin.hash.empty())
+        volume.metadata["bake_hash"] = origin.hash;
 }
 
 /// A bake, and how wrong it is.
@@ -157,7 +170,7 @@ void run_at(const BakeOptions& o, const std::string& settings, const Scene& scen
 }
 
 /// Bakes bricks, writes and tells of them.
-void run_bricks(const BakeOptions& o, const std::string& settings, const Scene& scene,
+void run_bricks(const BakeOptions& o, const Origin& origin, const Scene& scene,
                 const bake::Choice& choice, gpu::Device& device, Run& run) {
     tell("choice: " + choice.text);
     bake::BakedBricks baked = bake::bake_bricks(scene, choice.plan, device, run.progress);
@@ -166,7 +179,7 @@ void run_bricks(const BakeOptions& o, const std::string& settings, const Scene& 
     Volume& first = baked.set.levels.front();
     first.metadata["choice"] = choice.text;
     first.metadata["bricks_error"] = format("%.6g", baked.error);
-    fill_metadata(o, scene, settings, first);
+    fill_metadata(o, scene, origin, first);
     add_light(scene, first);
     baked.set.levels.back().metadata = first.metadata;
     run.begin_stage();
@@ -210,10 +223,11 @@ bake::Storage choose_storage(const Scene& scene, const bake::BakeSettings& base,
     return chosen;
 }
 
-void run(BakeOptions o, const std::string& settings) {
+void run(BakeOptions o, const options::Options& options) {
+    Origin origin{options.recorded(), ""};
     check_options(o);
     const readers::Reader reader = reader_of(*o.outputs.target, o.fit);
-    tell("settings: " + settings);
+    tell("settings: " + origin.settings);
     bake::BakeSettings base = to_settings(o, reader);
     bake::Wish wish = wish_of(o);
     Run run(o, o, o.outputs.paths);
@@ -221,20 +235,24 @@ void run(BakeOptions o, const std::string& settings) {
     if (!o.at.empty())
         points = io::read_points(o.at);
     base.points = points.positions.size();
-    auto opening = std::async(in_background(), [&o] {
+    auto opening = std::async(o.if_changed ? std::launch::deferred : in_background(), [&o] {
         return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
     });
     const Scene scene = run.load();
     run.end_stage("load", counted(scene::triangle_count(scene), "triangle") + ", "
                               + counted(scene.lights.size(), "light"));
     const std::optional<PackedScene> packed = packed_for(o.outputs.paths, o.scene, o.load);
+    base.bounds = o.box_in(scene);
+    base.levels = levels_of(o, scene);
+    if (o.at.empty())
+        origin.hash = bake_hash(o, options, scene, packed);
+    if (o.if_changed && !needs_bake(o, origin.hash, !base.levels.empty(), run))
+        return;
     stop_if_signalled();
     const std::unique_ptr<gpu::Device> device = opening.get();
     tell("device: " + device->info().name + ", " + device->info().driver);
     run.end_stage("open", "the device, opened while the scene was loaded");
 
-    base.bounds = o.box_in(scene);
-    base.levels = levels_of(o, scene);
     if (o.places()) {
         std::vector<std::string> warnings;
         std::string detail;
@@ -266,11 +284,11 @@ void run(BakeOptions o, const std::string& settings) {
     }
 
     if (!o.at.empty()) {
-        run_at(o, settings, scene, std::move(points), choice, *device, run);
+        run_at(o, origin.settings, scene, std::move(points), choice, *device, run);
         return;
     }
     if (o.adaptive) {
-        run_bricks(o, settings, scene, choice, *device, run);
+        run_bricks(o, origin, scene, choice, *device, run);
         return;
     }
     Attempt made = bake_until(o, scene, facts, base, wish, std::move(choice), reader, *device, run);
@@ -278,7 +296,7 @@ void run(BakeOptions o, const std::string& settings) {
     all.metadata["choice"] = made.choice.text;
     if (storage)
         all.metadata["storage"] = storage->text;
-    fill_metadata(o, scene, settings, all);
+    fill_metadata(o, scene, origin, all);
     for (Volume& level : made.set.levels) {
         level.metadata.insert(all.metadata.begin(), all.metadata.end());
         add_light(scene, level);
@@ -313,7 +331,7 @@ options::Action declare(options::Options& options) {
             fields->load.boxes = volumes.substr(volumes.find(':') + 1);
         // Whatever their order, the files are the same.
         std::ranges::sort(options.find("level")->given);
-        run(*fields, options.recorded());
+        run(*fields, options);
     };
 }
 

@@ -62,11 +62,6 @@ GivenVolume parse_volume(const std::string& text) {
 constexpr const char* nodes_prefix = "nodes:";
 constexpr const char* auto_volumes = "auto";
 
-/// Whether --volumes names a file.
-bool has_volume_file(const BakeOptions& o) {
-    return !o.volumes.empty() && !o.volumes.starts_with(nodes_prefix) && o.volumes != auto_volumes;
-}
-
 // ---------------------------------------------------------------- options of solvers
 
 /// "sn", "sn or gather".
@@ -418,7 +413,15 @@ void add_bake_options(options::Options& options, BakeOptions& o) {
     add_isa_option(options, o);
     add_dry_run_option(options, o,
                        "Print grid, memory, the files that will exist and an estimate of the time");
+    options
+        .flag("--if-changed", o.if_changed,
+              "Leave outputs that inputs, options and version would bake again as they are")
+        .exclude({"at"});
     add_run_options(options, o);
+}
+
+bool has_volume_file(const BakeOptions& o) {
+    return !o.volumes.empty() && !o.volumes.starts_with(nodes_prefix) && o.volumes != auto_volumes;
 }
 
 void check_options(const BakeOptions& o) {

@@ -59,12 +59,16 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::optional<glm::dvec2> adaptive; ///< finest and coarsest cells of bricks, metres
     std::optional<uint64_t> max_size;   ///< of bricks, bytes
     std::vector<std::vector<bake::LayerWish>> layers;
+    bool if_changed = false;
 
     bool nests() const { return !level.empty() || levels; }
     bool places() const { return !volume.empty() || !volumes.empty(); }
 };
 
 void add_bake_options(options::Options& options, BakeOptions& o);
+
+/// Whether --volumes names a file.
+bool has_volume_file(const BakeOptions& o);
 
 /// All that can be known to be wrong before any work is done. Throws Error (argument).
 void check_options(const BakeOptions& o);

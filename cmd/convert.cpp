@@ -96,6 +96,8 @@ volume::VolumeSet read_levels(const ConvertOptions& o) {
         for (const char* fact : {"level", "level_set"})
             set.levels.front().metadata.erase(fact);
     }
+    for (Volume& volume : set.levels)
+        volume.metadata.erase("bake_hash"); // it is as no bake would write it
     return set;
 }
 

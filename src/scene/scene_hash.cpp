@@ -1,9 +1,15 @@
 #include "scene/scene_hash.h"
 
+#include "file_error.h"
+#include "lpvbake/error.h"
 #include "scene/sky.h"
 
+#include <array>
+#include <cerrno>
 #include <cstdio>
 #include <cstring>
+#include <fstream>
+#include <string_view>
 #include <type_traits>
 
 namespace lpvbake::scene {
@@ -18,12 +24,22 @@ public:
         word(values.size());
         bytes(values.data(), values.size() * sizeof(T));
     }
+    void add_text(std::string_view text) {
+        word(text.size());
+        bytes(text.data(), text.size());
+    }
     /// Values without padding only.
     template <class... T>
     void add(const T&... values) {
+        static_assert((std::is_trivially_copyable_v<T> && ...));
         (bytes(&values, sizeof values), ...);
     }
-    uint64_t value() const { return state_; }
+    /// 16 hexadecimal digits.
+    std::string text() const {
+        char digits[17];
+        std::snprintf(digits, sizeof digits, "%016llx", static_cast<unsigned long long>(state_));
+        return digits;
+    }
 
 private:
     void word(uint64_t w) { state_ = (state_ ^ w) * 0x100000001b3u; }
@@ -80,9 +96,27 @@ std::string scene_hash(const Scene& scene) {
         hash.add(scene.sky.map->texels);
     }
     hash.add(scene.rules.max_albedo, scene.rules.metallic_black, scene.rules.cull_backfaces);
-    char digits[17];
-    std::snprintf(digits, sizeof digits, "%016llx", static_cast<unsigned long long>(hash.value()));
-    return digits;
+    return hash.text();
+}
+
+std::string file_hash(const std::string& path) {
+    std::ifstream file(path, std::ios::binary);
+    std::array<char, 1 << 16> part;
+    Hash hash;
+    while (file) {
+        file.read(part.data(), part.size());
+        hash.add_text(std::string_view(part.data(), std::size_t(file.gcount())));
+    }
+    if (!file.eof())
+        throw Error(kind_of_file_error(errno), path + ": cannot be read: " + std::strerror(errno));
+    return hash.text();
+}
+
+std::string text_hash(std::span<const std::string> texts) {
+    Hash hash;
+    for (const std::string& text : texts)
+        hash.add_text(text);
+    return hash.text();
 }
 
 } // namespace lpvbake::scene

@@ -77,6 +77,7 @@ class Documents(unittest.TestCase):
 
         bake = ["bake", "box.gltf", *SMALL]
         run("bake", *bake, "-o", "sn.vdb", "-o", "sn.exr", "--fit", "surfaces")
+        run("bake_unchanged", *bake, "-o", "sn.vdb", "-o", "sn.exr", "--fit", "surfaces", "--if-changed")
         stored = ["bake", "box.gltf", "--threads", "1", "-o", "stored.ktx2", "--bytes", "100k"]
         run("bake", *stored)
         run("bake_dry_run", *stored, "--dry-run")

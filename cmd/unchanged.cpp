@@ -1,0 +1,130 @@
+#include "unchanged.h"
+
+#include "io/layers.h"
+#include "io/levels.h"
+#include "lpvbake/error.h"
+#include "read_light.h"
+#include "scene/scene_hash.h"
+#include "terminal.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+
+namespace lpvbake::cmd {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Options of the group that says what files hold are no part of the recorded settings.
+std::string options_text(const BakeOptions& o, const options::Options& options) {
+    std::string text = options.recorded();
+    for (const options::Option& option : options.rows())
+        if (option.group == "Output" && option.recorded == options::Recorded::never
+            && option.is_set())
+            text += "; " + option.name() + " = " + option.toml();
+    if (o.bytes) // it is of what kinds of files there are
+        for (const std::string& path : o.outputs.paths)
+            text += "; " + fs::path(path).extension().string();
+    return text;
+}
+
+void check_hash(const std::string& path, const Volume& volume, const std::string& hash) {
+    const auto fact = volume.metadata.find("bake_hash");
+    if (fact == volume.metadata.end() || fact->second != hash)
+        throw Error(ErrorKind::invalid, path + ": is of other inputs, options or version");
+}
+
+/// The hash, and whether the files that programs read beside the numbers are there.
+void check_volume(const BakeOptions& o, const std::string& path, const Volume& volume,
+                  const std::string& hash) {
+    check_hash(path, volume, hash);
+    Volume grids; // of one cell
+    grids.grid.dims = glm::ivec3(1);
+    grids.sh_order = volume.sh_order;
+    grids.sh.assign(volume.sh.size(), {glm::vec3(0)});
+    for (const std::string& file : io::files_for(o.outputs.storage(), path, std::move(grids)))
+        if (!fs::is_regular_file(file))
+            throw Error(ErrorKind::file, file + ": is not there");
+}
+
+void check_output(const BakeOptions& o, const std::string& path, const std::string& hash,
+                  bool levels) {
+    if (!o.adaptive && !levels && !o.places())
+        check_volume(o, path, read_light(path), hash);
+    else {
+        const std::string manifest = io::manifest_path(path, o.places());
+        const volume::VolumeSet set = read_levels(manifest);
+        if (o.adaptive)
+            check_hash(manifest, set.levels.front(), hash); // metadata are of all bricks
+        else
+            for (std::size_t i = 0; i < set.levels.size(); ++i)
+                check_volume(o, io::member_path(path, set.places, i), set.levels[i], hash);
+    }
+    if (!o.layers.empty())
+        for (const io::LayerEntry& layer :
+             io::read_layer_manifest(io::layer_manifest_path(path)).layers)
+            check_volume(o, layer.file, read_light(layer.file), hash);
+}
+
+/// Empty where all outputs are as the bake would write them.
+std::optional<std::string> why_bake(const BakeOptions& o, const std::string& hash, bool levels) {
+    if (hash.empty())
+        return "the scene or a file of boxes can be read but once";
+    try {
+        for (const std::string& path : o.outputs.paths)
+            check_output(o, path, hash, levels);
+    } catch (const Error& error) {
+        return error.what();
+    }
+    return {};
+}
+
+void print_unchanged(const BakeOptions& o, const Run& run) {
+    if (o.format == Format::json) {
+        print_json({{"command", "bake"},
+                    {"version", LPVBAKE_VERSION},
+                    {"scene", o.scene},
+                    {"unchanged", true},
+                    {"outputs", o.outputs.paths},
+                    {"warnings", run.progress.warnings()},
+                    {"seconds", run.seconds()}});
+        return;
+    }
+    std::string paths;
+    for (const std::string& path : o.outputs.paths)
+        paths += (paths.empty() ? "" : ", ") + path;
+    std::printf("unchanged     %s: inputs, options and version are those of the bake\n",
+                paths.c_str());
+}
+
+} // namespace
+
+std::string bake_hash(const BakeOptions& o, const options::Options& options, const Scene& scene,
+                      const std::optional<PackedScene>& packed) {
+    std::vector<std::string> texts{LPVBAKE_VERSION, options_text(o, options),
+                                   scene::scene_hash(scene)};
+    for (const std::string& file :
+         {o.scene, o.adjust, has_volume_file(o) ? o.volumes : std::string()}) {
+        if (file.empty())
+            continue;
+        if (!fs::is_regular_file(file))
+            return {};
+        texts.push_back(scene::file_hash(file));
+    }
+    if (packed)
+        texts.insert(texts.end(), {packed->json, packed->bytes});
+    return scene::text_hash(texts);
+}
+
+bool needs_bake(const BakeOptions& o, const std::string& hash, bool levels, Run& run) {
+    if (const std::optional<std::string> reason = why_bake(o, hash, levels)) {
+        tell("bakes: " + *reason);
+        return true;
+    }
+    run.progress.end();
+    print_unchanged(o, run);
+    return false;
+}
+
+} // namespace lpvbake::cmd

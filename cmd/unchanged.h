@@ -1,0 +1,23 @@
+// bake --if-changed: whether outputs are those that a bake would write.
+#pragma once
+
+#include "bake_options.h"
+#include "lpvbake/pack.h"
+
+#include <optional>
+#include <string>
+
+namespace lpvbake::cmd {
+
+/// All that outputs of a bake follow from, as 16 hex digits, which they have as metadata
+/// `bake_hash`: version, options that outputs depend on, the bytes of the scene's file and of files
+/// of boxes, the scene as it was loaded and, for a .glb, as it is packed. Empty where a file can be
+/// read but once, as standard input. Throws Error (file).
+std::string bake_hash(const BakeOptions& o, const options::Options& options, const Scene& scene,
+                      const std::optional<PackedScene>& packed);
+
+/// True where an output is not there, cannot be read whole, or has another hash; else tells that
+/// there is nothing to do. `levels`: whether there are nested grids.
+bool needs_bake(const BakeOptions& o, const std::string& hash, bool levels, Run& run);
+
+} // namespace lpvbake::cmd
