@@ -83,6 +83,10 @@ public:
             if (place.cell != Block::known)
                 wanted.push_back({morton(glm::vec3(grid_.cell_at(place.at))), place});
         std::ranges::stable_sort(wanted, {}, &std::pair<uint32_t, Block::Place>::first);
+        std::vector<glm::ivec3> cells(wanted.size());
+        std::ranges::transform(wanted, cells.begin(),
+                               [&](const auto& each) { return grid_.cell_at(each.second.at); });
+        zone_.find(cells);
         std::vector<Packet> packets;
         uint32_t eighth = 0;
         for (const auto& [order, place] : wanted) {

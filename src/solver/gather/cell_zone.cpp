@@ -2,7 +2,10 @@
 
 #include "lpvbake/volume.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
+#include <atomic>
 #include <bit>
 
 namespace lpvbake::solver::gather {
@@ -88,33 +91,61 @@ bool CellZone::usable(glm::ivec3 point) const {
            && cells_.validity[cells_.grid.index(cell)] > 0.0f;
 }
 
-const uint64_t* CellZone::bits(glm::ivec3 point) {
-    const size_t at = slot(point);
-    if (known_[at])
-        return bits_[known_[at] - 1u].get();
-    const size_t words = words_ * planes_;
-    auto own = std::make_unique<uint64_t[]>(words);
+int CellZone::cube_around(glm::ivec3 point, glm::ivec3& lo) const {
+    const int lowest = (point.x | point.y | point.z) & -(point.x | point.y | point.z);
+    if (lowest == 0 || lowest >= coarsest)
+        return 0;
+    const int edge = 2 * lowest;
+    lo = point & ~(edge - 1);
+    for (int i = 0; i < 3; ++i)
+        if (lo[i] == zone_edge)
+            lo[i] -= edge;
+    return cells_.occupied(base_ + lo, std::countr_zero(uint32_t(edge))) ? 0 : edge;
+}
 
+/// With those that it will ask.
+void CellZone::add(glm::ivec3 point, Ranks& ranks) {
+    uint16_t& known = known_[slot(point)];
+    if (known)
+        return;
+    bits_.push_back(std::make_unique<uint64_t[]>(words()));
+    known = uint16_t(bits_.size());
+    glm::ivec3 lo;
+    const int edge = cube_around(point, lo);
+    for (int i = 0; edge > 0 && i < 8; ++i)
+        if (const glm::ivec3 corner = lo + edge * glm::ivec3(i & 1, i >> 1 & 1, i >> 2);
+            usable(corner))
+            add(corner, ranks);
+    ranks[edge > 0 ? size_t(std::countr_zero(uint32_t(2 * coarsest / edge))) : 0].push_back(point);
+}
+
+void CellZone::find(std::span<const glm::ivec3> cells) {
+    Ranks ranks;
+    for (const glm::ivec3 cell : cells)
+        add(cell - base_, ranks);
+    std::atomic<uint64_t> rays = 0;
+    for (const std::vector<glm::ivec3>& points : ranks)
+        tbb::parallel_for(size_t(0), points.size(),
+                          [&](size_t i) { rays += find_from(points[i]); });
+    rays_ += rays;
+}
+
+uint64_t CellZone::find_from(glm::ivec3 point) const {
+    uint64_t* own = bits(point);
     size_t count = 0; // of those corners
     // What the corners of the cube around the cell agree on. Where a surface crosses that, a cell
     // sees for itself: corners around an edge agree on what none between them sees.
     std::vector<uint64_t> open(words_, ~uint64_t(0));
-    const int lowest = (point.x | point.y | point.z) & -(point.x | point.y | point.z);
-    const int edge = 2 * lowest;
-    glm::ivec3 lo = point & ~(edge - 1);
-    for (int i = 0; i < 3; ++i)
-        if (lo[i] == zone_edge)
-            lo[i] -= edge;
-    if (lowest != 0 && lowest < coarsest
-        && !cells_.occupied(base_ + lo, std::countr_zero(uint32_t(edge)))) {
-        std::vector<uint64_t> all(words, ~uint64_t(0)), any(words, 0);
+    glm::ivec3 lo;
+    if (const int edge = cube_around(point, lo)) {
+        std::vector<uint64_t> all(words(), ~uint64_t(0)), any(words(), 0);
         glm::ivec3 least(lo + edge), most(lo); // of those corners
         for (int i = 0; i < 8; ++i) {
             const glm::ivec3 corner = lo + edge * glm::ivec3(i & 1, i >> 1 & 1, i >> 2);
             if (!usable(corner))
                 continue;
             const uint64_t* theirs = bits(corner);
-            for (size_t w = 0; w < words; ++w) {
+            for (size_t w = 0; w < words(); ++w) {
                 all[w] &= theirs[w];
                 any[w] |= theirs[w];
             }
@@ -148,11 +179,7 @@ const uint64_t* CellZone::bits(glm::ivec3 point) {
         }
     const glm::ivec3 cell = base_ + point;
     const uint32_t pattern = pattern_of(cells_.place(cell)) + 0x9e3779b1u * cells_.draw;
-    rays_ += look(cells_.point(world_.visibility, cell), pattern, open, own.get());
-
-    bits_.push_back(std::move(own));
-    known_[at] = uint16_t(bits_.size());
-    return bits_.back().get();
+    return look(cells_.point(world_.visibility, cell), pattern, open, own);
 }
 
 } // namespace lpvbake::solver::gather

@@ -4,6 +4,7 @@
 #include "solver/gather/zone.h"
 #include "volume/grid.h"
 
+#include <array>
 #include <memory>
 #include <span>
 #include <utility>
@@ -63,13 +64,23 @@ public:
     CellZone(const Surroundings& world, const Cells& cells, glm::ivec3 base, glm::ivec3 last);
 
     uint64_t rays() const { return rays_; }
-    /// What a cell (of this zone) sees; stays there as long as the zone.
-    const uint64_t* sees(glm::ivec3 cell) { return bits(cell - base_); }
+    /// Finds what some cells (of this zone) see that were not asked for yet, on all threads.
+    void find(std::span<const glm::ivec3> cells);
+    /// What one of them sees; stays there as long as the zone.
+    const uint64_t* sees(glm::ivec3 cell) const { return bits(cell - base_); }
 
 private:
+    /// Points by how far apart those lie whose answers they may take: the coarsest, which take
+    /// none, come first.
+    using Ranks = std::array<std::vector<glm::ivec3>, 4>;
+
     size_t slot(glm::ivec3 point) const;
-    const uint64_t* bits(glm::ivec3 point);
+    uint64_t* bits(glm::ivec3 point) const { return bits_[known_[slot(point)] - 1u].get(); }
     bool usable(glm::ivec3 point) const;
+    /// The edge of the cube whose corners a point asks, and that cube's first one; 0: it asks none.
+    int cube_around(glm::ivec3 point, glm::ivec3& lo) const;
+    void add(glm::ivec3 point, Ranks& ranks);
+    uint64_t find_from(glm::ivec3 point) const;
 
     const Cells& cells_;
     glm::ivec3 base_;

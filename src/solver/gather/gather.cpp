@@ -110,6 +110,9 @@ private:
             zones_[zone] = std::make_unique<CellZone>(world_, cells_, base, end - 1);
         std::sort(cells.begin(), cells.end(),
                   [](const auto& a, const auto& b) { return a.first < b.first; });
+        std::vector<glm::ivec3> places(cells.size());
+        std::ranges::transform(cells, places.begin(), [](const auto& cell) { return cell.second; });
+        zones_[zone]->find(places);
         for (size_t at = 0; at < cells.size(); ++at) {
             if (at == 0 || packets.back().cells.size() == lanes
                 || part_of(cells[at].first) != part_of(cells[at - 1].first))
