@@ -45,8 +45,15 @@ std::vector<Emitter> emitters_of(const surface::LitSurfaces& surfaces, float abo
     return emitters;
 }
 
+/// What parts emitters.
+struct Key {
+    glm::vec3 center, normal;
+    uint32_t emitter;
+};
+
 struct Builder {
-    std::vector<Emitter>& emitters;
+    const std::vector<Emitter>& emitters;
+    std::vector<Key>& keys; ///< the emitters', in the tree's order
     std::vector<Cluster>& nodes;
     const visibility::Visibility& visibility;
 
@@ -70,10 +77,12 @@ struct Builder {
     }
 
 private:
+    const Emitter& at(uint32_t index) const { return emitters[keys[index].emitter]; }
+
     Cluster leaf(uint32_t index) const {
-        const Emitter& e = emitters[index];
+        const Emitter& e = at(index);
         Cluster c;
-        c.position = (e.a + e.b + e.c) / 3.0f;
+        c.position = e.center();
         c.normal = e.normal;
         c.lo = glm::min(e.a, glm::min(e.b, e.c));
         c.hi = glm::max(e.a, glm::max(e.b, e.c));
@@ -113,72 +122,80 @@ private:
     /// Whether the middle emitters of two clusters see each other, if they face each other or lie
     /// in one plane.
     bool see_each_other(const Cluster& a, const Cluster& b) const {
-        const glm::vec3 p = emitters[a.first + a.count / 2].point({0.25f, 0.5f});
-        const glm::vec3 q = emitters[b.first + b.count / 2].point({0.25f, 0.5f});
+        const glm::vec3 p = at(a.first + a.count / 2).point({0.25f, 0.5f});
+        const glm::vec3 q = at(b.first + b.count / 2).point({0.25f, 0.5f});
         return visibility.transmittance({p, q - p}) > 0.5f;
     }
 
+    /// Where keys lie and face.
+    struct Spread {
+        glm::vec3 facing{0.0f}; ///< mean normal
+        glm::vec3 lo{HUGE_VALF}, hi{-HUGE_VALF}, turned_lo{1.0f}, turned_hi{-1.0f};
+
+        explicit Spread(std::span<const Key> of) {
+            for (const Key& key : of) {
+                facing += key.normal / float(of.size());
+                lo = glm::min(lo, key.center);
+                hi = glm::max(hi, key.center);
+                turned_lo = glm::min(turned_lo, key.normal);
+                turned_hi = glm::max(turned_hi, key.normal);
+            }
+        }
+    };
+
     /// Where the nearer of two flat sheets ends, if that is what the emitters are: a cell sees one
     /// of them, so that no cluster should hold both. Their gap is small, or else they part anyhow.
-    std::optional<uint32_t> first_sheet(std::span<Emitter> of) {
-        glm::vec3 facing{0.0f}, lo{HUGE_VALF}, hi{-HUGE_VALF};
-        for (const Emitter& e : of) {
-            facing += e.normal / float(of.size());
-            lo = glm::min(lo, e.center());
-            hi = glm::max(hi, e.center());
-        }
-        if (!(glm::length(facing) > flat))
+    static std::optional<uint32_t> first_sheet(std::span<Key> of, const Spread& spread) {
+        const glm::vec3 lo = spread.lo, hi = spread.hi;
+        if (!(glm::length(spread.facing) > flat))
             return std::nullopt;
-        const auto height = [&](const Emitter& e) { return glm::dot(e.center() - lo, facing); };
+        const auto height = [&spread](const Key& key) {
+            return glm::dot(key.center - spread.lo, spread.facing);
+        };
         float low = HUGE_VALF, high = -HUGE_VALF;
-        for (const Emitter& e : of) {
-            low = std::min(low, height(e));
-            high = std::max(high, height(e));
+        for (const Key& key : of) {
+            low = std::min(low, height(key));
+            high = std::max(high, height(key));
         }
         const float gap = high - low;
         if (!(gap > 4.0f * surface::ray_offset(lo) && gap < 0.25f * glm::distance(lo, hi)))
             return std::nullopt;
-        for (const Emitter& e : of)
-            if (std::abs(height(e) - 0.5f * (low + high)) < 0.25f * gap)
+        for (const Key& key : of)
+            if (std::abs(height(key) - 0.5f * (low + high)) < 0.25f * gap)
                 return std::nullopt;
         const auto upper = std::stable_partition(
-            of.begin(), of.end(), [&](const Emitter& e) { return height(e) < low + 0.5f * gap; });
+            of.begin(), of.end(), [&](const Key& key) { return height(key) < low + 0.5f * gap; });
         return uint32_t(upper - of.begin());
     }
 
     uint32_t split(uint32_t first, uint32_t count) {
-        if (const auto sheet = first_sheet(std::span(emitters).subspan(first, count)))
+        const std::span<Key> of = std::span(keys).subspan(first, count);
+        const Spread spread(of);
+        if (const auto sheet = first_sheet(of, spread))
             return *sheet;
-        const auto begin = emitters.begin() + first, end = begin + count;
-        glm::vec3 lo{HUGE_VALF}, hi{-HUGE_VALF}, turned_lo{1.0f}, turned_hi{-1.0f};
-        for (auto e = begin; e != end; ++e) {
-            const glm::vec3 center = e->center();
-            lo = glm::min(lo, center);
-            hi = glm::max(hi, center);
-            turned_lo = glm::min(turned_lo, e->normal);
-            turned_hi = glm::max(turned_hi, e->normal);
-        }
-        const glm::vec3 extent = hi - lo, turn = (turned_hi - turned_lo) * glm::length(extent);
+        const glm::vec3 extent = spread.hi - spread.lo,
+                        turn = (spread.turned_hi - spread.turned_lo) * glm::length(extent);
         int axis = 0;
         for (int i = 1; i < 6; ++i) {
             const auto across = [&](int k) { return k < 3 ? extent[k] : turn[k - 3]; };
             if (across(i) > across(axis))
                 axis = i;
         }
-        const auto key = [axis](const Emitter& e) {
-            return axis < 3 ? e.center()[axis] : e.normal[axis - 3];
+        const auto place = [axis](const Key& key) {
+            return axis < 3 ? key.center[axis] : key.normal[axis - 3];
         };
-        const float middle = axis < 3 ? 0.5f * (lo[axis] + hi[axis])
-                                      : 0.5f * (turned_lo[axis - 3] + turned_hi[axis - 3]);
-        const auto cut =
-            std::stable_partition(begin, end, [&](const Emitter& e) { return key(e) < middle; });
-        const auto half = uint32_t(cut - begin);
+        const float middle = axis < 3
+                                 ? 0.5f * (spread.lo[axis] + spread.hi[axis])
+                                 : 0.5f * (spread.turned_lo[axis - 3] + spread.turned_hi[axis - 3]);
+        const auto cut = std::stable_partition(of.begin(), of.end(),
+                                               [&](const Key& key) { return place(key) < middle; });
+        const auto half = uint32_t(cut - of.begin());
         // All in one place, or a tree that would grow too deep.
         const uint32_t least = count / 16;
         if (half > least && count - half > least)
             return half;
-        std::stable_sort(begin, end,
-                         [&](const Emitter& a, const Emitter& b) { return key(a) < key(b); });
+        std::stable_sort(of.begin(), of.end(),
+                         [&](const Key& a, const Key& b) { return place(a) < place(b); });
         return count / 2;
     }
 };
@@ -226,12 +243,19 @@ uint32_t Clusters::emitter_at(const Cluster& cluster, double share) const {
 Clusters make_clusters(const surface::LitSurfaces& surfaces,
                        const visibility::Visibility& visibility, float above) {
     Clusters clusters;
-    clusters.emitters = emitters_of(surfaces, above);
-    const auto count = uint32_t(clusters.emitters.size());
+    const std::vector<Emitter> emitters = emitters_of(surfaces, above);
+    const auto count = uint32_t(emitters.size());
     if (count == 0)
         return clusters;
+    std::vector<Key> keys(count);
+    tbb::parallel_for(0u, count, [&](uint32_t i) {
+        keys[i] = {emitters[i].center(), emitters[i].normal, i};
+    });
     clusters.nodes.resize(2 * size_t(count) - 1);
-    Builder{clusters.emitters, clusters.nodes, visibility}.build(0, 0, count);
+    Builder{emitters, keys, clusters.nodes, visibility}.build(0, 0, count);
+    clusters.emitters.resize(count);
+    tbb::parallel_for(0u, count,
+                      [&](uint32_t i) { clusters.emitters[i] = emitters[keys[i].emitter]; });
     clusters.power_before.resize(count + 1);
     for (uint32_t i = 0; i < count; ++i)
         clusters.power_before[i + 1] =
