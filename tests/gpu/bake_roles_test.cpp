@@ -182,10 +182,10 @@ TEST_F(BakedRoles, BoxesSetValidityAndBrightness) {
                           device(), silent);
     };
     const Volume plain = run(scene, "gather");
-    const std::vector<volume::Adjustment> valid{{{-1, 1.2, -1}, {1, 1.6, 1}, false},
-                                                {{-0.6, 1.2, -1}, {1, 1.6, 1}, true}};
+    const std::vector<volume::Adjustment> valid{{{-1, 1.2, -1}, {1, 1.6, 1}, false, 1, {}},
+                                                {{-0.6, 1.2, -1}, {1, 1.6, 1}, true, 1, {}}};
     std::vector<volume::Adjustment> all = valid;
-    all.push_back({{-1, 1.6, -1}, {1, 2, 1}, {}, 3});
+    all.push_back({{-1, 1.6, -1}, {1, 2, 1}, {}, 3, {}});
     const Volume darker = adjusted(valid, "").volume, changed = adjusted(all, "").volume;
     for (std::size_t i = 0; i < plain.grid.size(); ++i) {
         const glm::ivec3 cell = plain.grid.cell_at(i);
@@ -201,9 +201,10 @@ TEST_F(BakedRoles, BoxesSetValidityAndBrightness) {
               "-1,1.6,-1,1,2,1 intensity 3");
     // Light that is turned up is not fitted away.
     const Volume fitted = run(scene, "gather", "unity");
-    EXPECT_EQ(adjusted({{{-1, 0, -1}, {1, 2, 1}, {}, 2}}, "unity").volume.sh[0][200],
+    EXPECT_EQ(adjusted({{{-1, 0, -1}, {1, 2, 1}, {}, 2, {}}}, "unity").volume.sh[0][200],
               2.0f * fitted.sh[0][200]);
-    const std::vector<std::string> warnings = adjusted({{{5, 0, 0}, {6, 1, 1}, true}}, "").warnings;
+    const std::vector<std::string> warnings =
+        adjusted({{{5, 0, 0}, {6, 1, 1}, true, 1, {}}}, "").warnings;
     ASSERT_EQ(warnings.size(), 1u);
     EXPECT_NE(warnings[0].find("boxes[0], 5,0,0,6,1,1 valid"), std::string::npos) << warnings[0];
 }

@@ -123,7 +123,7 @@ TEST_F(BakedVolumes, ATurnedBoxShowsWhatOneAlongTheAxesDoes) {
                          {0.5, 1.5, 0.5},
                          0.1,
                          glm::angleAxis(0.6, glm::dvec3(0, 1, 0))}};
-    settings.adjust = {{{-9, 1.2, -9}, {9, 9, 9}, {}, 2}};
+    settings.adjust = {{{-9, 1.2, -9}, {9, 9, 9}, {}, 2, {}}};
     const std::vector<Volume> volumes =
         run(scene, bake::plan_bake(bake::survey(scene), settings, device().info()));
     const readers::Reader& reader = *readers::reader_named("lpvbake");

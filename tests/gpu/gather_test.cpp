@@ -473,7 +473,7 @@ std::pair<std::vector<solver::Block>, std::vector<size_t>> blocks_on(const Volum
     std::vector<uint8_t> taken(grid.grid.size());
     for (int i = 0; i < count; ++i) {
         const glm::ivec3 first(solver::Block::edge * i, 0, 0);
-        solver::Block block{glm::vec3(first) + 0.5f, 1, {}};
+        solver::Block block{glm::vec3(first) + 0.5f, 1, {}, {}};
         for (size_t at = 0; at < cube.size(); ++at) {
             const size_t cell = grid.grid.index(first + cube.cell_at(at));
             if (!grid.is_valid(cell))
