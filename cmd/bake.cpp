@@ -1,5 +1,7 @@
 // lpvbake bake: from a glTF file to volume files.
 
+#include "bake.h"
+
 #include "bake/bake.h"
 
 #include "background.h"
@@ -49,12 +51,14 @@ void add_light(const Scene& scene, Volume& volume) {
 
 /// What of the command line stands in the metadata.
 struct Origin {
-    std::string settings;
+    std::string settings, output_settings;
     std::string hash; ///< bake_hash
 };
 
 void fill_metadata(const BakeOptions& o, const Scene& scene, const Origin& origin, Volume& volume) {
     fill_metadata(o, scene, origin.settings, volume);
+    if (!origin.output_settings.empty())
+        volume.metadata["output_settings"] = origin.output_settings;
     if (!origin.hash.empty())
         volume.metadata["bake_hash"] = origin.hash;
 }
@@ -223,9 +227,25 @@ bake::Storage choose_storage(const Scene& scene, const bake::BakeSettings& base,
     return chosen;
 }
 
-void run(BakeOptions o, const options::Options& options) {
-    Origin origin{options.recorded(), ""};
+options::Action declare(options::Options& options) {
+    const auto fields = std::make_shared<BakeOptions>();
+    add_bake_options(options, *fields);
+    return [fields, &options] {
+        fields->any_resolution =
+            !options.find("resolution")->is_given() && !options.find("cell-size")->is_given();
+        // Whatever their order, the files are the same.
+        std::ranges::sort(options.find("level")->given);
+        run_bake(*fields, options);
+    };
+}
+
+} // namespace
+
+void run_bake(BakeOptions o, const options::Options& options) {
+    Origin origin{options.recorded(), output_settings(options), ""};
     check_options(o);
+    if (const std::string& volumes = o.volumes; volumes.starts_with("nodes:"))
+        o.load.boxes = volumes.substr(volumes.find(':') + 1);
     const readers::Reader reader = reader_of(*o.outputs.target, o.fit);
     tell("settings: " + origin.settings);
     bake::BakeSettings base = to_settings(o, reader);
@@ -320,22 +340,6 @@ void run(BakeOptions o, const options::Options& options) {
         o, device->info(),
         {made.choice, std::move(written), &made.set.levels.front(), storage, made.verified}, run);
 }
-
-options::Action declare(options::Options& options) {
-    const auto fields = std::make_shared<BakeOptions>();
-    add_bake_options(options, *fields);
-    return [fields, &options] {
-        fields->any_resolution =
-            !options.find("resolution")->is_given() && !options.find("cell-size")->is_given();
-        if (const std::string& volumes = fields->volumes; volumes.starts_with("nodes:"))
-            fields->load.boxes = volumes.substr(volumes.find(':') + 1);
-        // Whatever their order, the files are the same.
-        std::ranges::sort(options.find("level")->given);
-        run(*fields, options);
-    };
-}
-
-} // namespace
 
 options::Command bake_command() {
     return {"bake", "Bakes the light that a scene's surfaces send on into volume files.", manual,

@@ -60,6 +60,7 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::optional<uint64_t> max_size;   ///< of bricks, bytes
     std::vector<std::vector<bake::LayerWish>> layers;
     bool if_changed = false;
+    bool told = true; ///< the result is printed
 
     bool nests() const { return !level.empty() || levels; }
     bool places() const { return !volume.empty() || !volumes.empty(); }

@@ -238,6 +238,8 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const bake:
 
 void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const BakeResult& result,
                   const Run& run) {
+    if (!o.told)
+        return;
     const double seconds = run.seconds();
     const std::string reader = reader_of(*o.outputs.target, o.fit).name;
     const bake::BakePlan& plan = result.choice.plan;

@@ -6,6 +6,7 @@
 namespace lpvbake::cmd {
 
 options::Command bake_command();
+options::Command rebake_command();
 options::Command reference_command();
 options::Command info_command();
 options::Command render_command();
@@ -19,9 +20,9 @@ options::Command help_command();
 
 /// In the order of --help.
 inline options::Commands all_commands() {
-    return {bake_command(),   reference_command(), info_command(),    render_command(),
-            verify_command(), diff_command(),      convert_command(), mix_command(),
-            report_command(), devices_command(),   help_command()};
+    return {bake_command(),   rebake_command(), reference_command(), info_command(),
+            render_command(), verify_command(), diff_command(),      convert_command(),
+            mix_command(),    report_command(), devices_command(),   help_command()};
 }
 
 } // namespace lpvbake::cmd

@@ -96,8 +96,9 @@ volume::VolumeSet read_levels(const ConvertOptions& o) {
         for (const char* fact : {"level", "level_set"})
             set.levels.front().metadata.erase(fact);
     }
-    for (Volume& volume : set.levels)
-        volume.metadata.erase("bake_hash"); // it is as no bake would write it
+    for (Volume& volume : set.levels) // it is as no bake would write it
+        for (const char* fact : {"bake_hash", "output_settings"})
+            volume.metadata.erase(fact);
     return set;
 }
 

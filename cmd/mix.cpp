@@ -107,8 +107,8 @@ void set_weights(const MixOptions& o, TerminalProgress& progress, io::LayerSet& 
 
 /// What of the metadata is true of any light of the same layers.
 void describe(const MixOptions& o, Volume& volume) {
-    for (const char* fact : {"layers", "lights", "sky", "scene_hash", "settings", "bake_hash",
-                             "default_light", "verified_cells", "verified_surfaces"})
+    for (const char* fact : {"layers", "lights", "sky", "scene_hash", "settings", "output_settings",
+                             "bake_hash", "default_light", "verified_cells", "verified_surfaces"})
         volume.metadata.erase(fact);
     std::string mix;
     for (const Weight& weight : o.weights)

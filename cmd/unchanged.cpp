@@ -16,19 +16,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Options of the group that says what files hold are no part of the recorded settings.
-std::string options_text(const BakeOptions& o, const options::Options& options) {
-    std::string text = options.recorded();
-    for (const options::Option& option : options.rows())
-        if (option.group == "Output" && option.recorded == options::Recorded::never
-            && option.is_set())
-            text += "; " + option.name() + " = " + option.toml();
-    if (o.bytes) // it is of what kinds of files there are
-        for (const std::string& path : o.outputs.paths)
-            text += "; " + fs::path(path).extension().string();
-    return text;
-}
-
 void check_hash(const std::string& path, const Volume& volume, const std::string& hash) {
     const auto fact = volume.metadata.find("bake_hash");
     if (fact == volume.metadata.end() || fact->second != hash)
@@ -100,10 +87,22 @@ void print_unchanged(const BakeOptions& o, const Run& run) {
 
 } // namespace
 
+std::string output_settings(const options::Options& options) {
+    std::string text;
+    for (const options::Option& option : options.rows())
+        if (option.group == "Output" && option.recorded == options::Recorded::never
+            && option.is_set())
+            text += (text.empty() ? "" : "; ") + option.name() + " = " + option.toml();
+    return text;
+}
+
 std::string bake_hash(const BakeOptions& o, const options::Options& options, const Scene& scene,
                       const std::optional<PackedScene>& packed) {
-    std::vector<std::string> texts{LPVBAKE_VERSION, options_text(o, options),
+    std::vector<std::string> texts{LPVBAKE_VERSION, options.recorded(), output_settings(options),
                                    scene::scene_hash(scene)};
+    if (o.bytes) // what they leave room for is of the kinds of files
+        for (const std::string& path : o.outputs.paths)
+            texts.push_back(fs::path(path).extension().string());
     for (const std::string& file :
          {o.scene, o.adjust, has_volume_file(o) ? o.volumes : std::string()}) {
         if (file.empty())

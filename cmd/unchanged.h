@@ -9,6 +9,10 @@
 
 namespace lpvbake::cmd {
 
+/// The options that say what files hold, which the recorded settings have not, in their form:
+/// metadata `output_settings`.
+std::string output_settings(const options::Options& options);
+
 /// All that outputs of a bake follow from, as 16 hex digits, which they have as metadata
 /// `bake_hash`: version, options that outputs depend on, the bytes of the scene's file and of files
 /// of boxes, the scene as it was loaded and, for a .glb, as it is packed. Empty where a file can be

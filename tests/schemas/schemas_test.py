@@ -81,6 +81,7 @@ class Documents(unittest.TestCase):
         stored = ["bake", "box.gltf", "--threads", "1", "-o", "stored.ktx2", "--bytes", "100k"]
         run("bake", *stored)
         run("bake_dry_run", *stored, "--dry-run")
+        run("rebake", "rebake", "sn.vdb", "box.gltf", "--threads", "1")
         run("bake", *bake, "-o", "verified.vdb", "--verify", "8")
         verify = ["verify", "verified.vdb", "box.gltf", "--threads", "1", "--points", "8"]
         run("verify", *verify)
