@@ -162,10 +162,12 @@ public:
         solver.solve_blocks(blocks, inputs, stages, one);
         light.sh_order = one.sh_order;
         light.sh.resize(one.sh.size());
-        for (std::size_t k = 0; k < light.sh.size(); ++k)
+        compare_twins(blocks, one);
+        for (std::size_t k = 0; k < light.sh.size(); ++k) {
             light.sh[k].insert(light.sh[k].end(), one.sh[k].begin(),
                                one.sh[k].begin() + std::ptrdiff_t(count));
-        compare_twins(blocks, one);
+            one.sh[k] = {}; // so that it is there once
+        }
         for (std::size_t i = before; i < size(); ++i)
             if (is_valid(uint32_t(i))) {
                 sum_ += volume::mean_irradiance(light, i);
@@ -282,79 +284,98 @@ public:
 
     std::size_t samples() const { return samples_.size(); }
 
-    /// Of those of take(), the ones that somebody wants.
-    std::vector<uint8_t> kept() const {
-        const volume::BrickTree tree(levels_, bricks());
+    volume::BrickTree tree() const {
+        std::vector<Brick> bricks;
+        for (const auto& each : bricks_)
+            bricks.push_back(each.first);
+        return {levels_, std::move(bricks)};
+    }
+
+    /// Which of its bricks somebody wants.
+    std::vector<uint8_t> kept(const volume::BrickTree& tree) const {
         std::vector<uint8_t> kept;
         for (const Brick& brick : tree.bricks())
             kept.push_back(told(brick) == true);
         return kept;
     }
 
-    /// The noise of the samples of each brick of take(), as volume::trim wants it.
-    std::vector<double> noise() const {
-        std::vector<Noise> own;
+    /// The noise of the samples of each of its bricks, as volume::trim wants it.
+    std::vector<double> noise(const volume::BrickTree& tree) const {
+        const std::span<const Brick> bricks = tree.bricks();
+        std::vector<Noise> own(bricks.size());
+        std::vector<double> squares(bricks.size());
+        tbb::parallel_for(std::size_t(0), bricks.size(), [&](std::size_t i) {
+            own[i] = noise_of(bricks[i]);
+            squares[i] = mean_square(bricks[i]);
+        });
         std::map<int, Noise> of_level;
-        for (const auto& each : bricks_) {
-            Noise& noise = own.emplace_back();
-            for (const Key key : keys_of(each.first))
-                if (const uint32_t sample = samples_.find(key); is_twin(key))
-                    if (const auto found = samples_.twins.find(sample);
-                        found != samples_.twins.end()) {
-                        const double light = volume::mean_irradiance(samples_.light, sample);
-                        noise.add({found->second, light * light, 1});
-                    }
-            of_level[each.first.level].add(noise);
+        for (std::size_t i = 0; i < bricks.size(); ++i)
+            of_level[bricks[i].level].add(own[i]);
+        std::vector<double> noise;
+        for (std::size_t i = 0; i < bricks.size(); ++i) {
+            const double usual = of_level[bricks[i].level].share() * squares[i];
+            noise.push_back((own[i].square + usual_twins * usual) / (own[i].twins + usual_twins));
         }
-        std::vector<std::pair<Brick, double>> noises;
-        std::size_t i = 0;
-        for (const auto& each : bricks_) {
-            const Brick& brick = each.first;
-            const Noise& noise = own[i++];
-            double light = 0, valid = 0; // mean square
-            for (const Key key : keys_of(brick))
-                if (const uint32_t sample = samples_.find(key); samples_.is_valid(sample)) {
-                    const double one = volume::mean_irradiance(samples_.light, sample);
-                    light += one * one;
-                    ++valid;
-                }
-            const double usual = valid > 0 ? of_level[brick.level].share() * light / valid : 0;
-            noises.emplace_back(brick,
-                                (noise.square + usual_twins * usual) / (noise.twins + usual_twins));
-        }
-        const volume::BrickTree tree(levels_, bricks());
-        std::vector<double> sorted(noises.size());
-        for (const auto& [brick, noise] : noises)
-            sorted[*tree.find(brick)] = noise;
-        return sorted;
+        return noise;
     }
 
-    volume::VolumeSet take() {
+    /// One of its bricks, without walls.
+    Volume brick(const Brick& brick) const {
+        Volume volume = unlit(brick);
+        for (const std::vector<glm::vec3>& c : samples_.light.sh)
+            volume.sh.push_back(of_brick(brick, c));
+        return volume;
+    }
+
+    /// Some of its bricks, for good.
+    volume::VolumeSet take(std::vector<Brick> bricks) && {
+        check_memory(samples_.size(), bricks.size());
         volume::VolumeSet set;
-        set.bricks.emplace(levels_, bricks());
+        set.bricks.emplace(levels_, std::move(bricks));
         set.levels.resize(set.bricks->bricks().size());
-        Volume& light = samples_.light;
-        each_brick(set, [&](const Brick& brick, Volume& volume) {
-            volume.grid = levels_.grid_of(brick);
-            volume.sh_order = light.sh_order;
-            volume.sh.resize(light.sh.size());
-            volume.validity = of_brick(brick, light.validity);
-        });
-        for (std::size_t k = 0; k < light.sh.size(); ++k) {
+        each_brick(set, [&](const Brick& brick, Volume& volume) { volume = unlit(brick); });
+        for (std::vector<glm::vec3>& c : samples_.light.sh) {
             each_brick(set, [&](const Brick& brick, Volume& volume) {
-                volume.sh[k] = of_brick(brick, light.sh[k]);
+                volume.sh.push_back(of_brick(brick, c));
             });
-            light.sh[k] = {}; // so that it is there once
+            c = {}; // so that it is there once
         }
         return set;
     }
 
 private:
-    std::vector<Brick> bricks() const {
-        std::vector<Brick> bricks;
-        for (const auto& each : bricks_)
-            bricks.push_back(each.first);
-        return bricks;
+    Noise noise_of(const Brick& brick) const {
+        Noise noise;
+        for (const Key key : keys_of(brick)) {
+            if (!is_twin(key))
+                continue;
+            const uint32_t sample = samples_.find(key);
+            if (const auto found = samples_.twins.find(sample); found != samples_.twins.end()) {
+                const double light = volume::mean_irradiance(samples_.light, sample);
+                noise.add({found->second, light * light, 1});
+            }
+        }
+        return noise;
+    }
+
+    /// Of the irradiance of its valid samples.
+    double mean_square(const Brick& brick) const {
+        double light = 0, valid = 0;
+        for (const Key key : keys_of(brick))
+            if (const uint32_t sample = samples_.find(key); samples_.is_valid(sample)) {
+                const double one = volume::mean_irradiance(samples_.light, sample);
+                light += one * one;
+                ++valid;
+            }
+        return valid > 0 ? light / valid : 0;
+    }
+
+    Volume unlit(const Brick& brick) const {
+        Volume volume;
+        volume.grid = levels_.grid_of(brick);
+        volume.sh_order = samples_.light.sh_order;
+        volume.validity = of_brick(brick, samples_.light.validity);
+        return volume;
     }
 
     /// With those around that it asks for.
@@ -418,9 +439,9 @@ private:
     }
 
     /// Refuses what does not fit before it is there.
-    void check_memory(std::size_t samples) const {
+    void check_memory(std::size_t samples, std::size_t left) const {
         const uint64_t bytes = plan_.bricks->other_bytes
-                               + brick_bytes(plan_.settings.solver.order()) * bricks_.size()
+                               + brick_bytes(plan_.settings.solver.order()) * left
                                + sample_bytes(plan_.settings.solver.order()) * samples;
         if (const uint64_t memory = machine_memory(); bytes > memory)
             throw Error(ErrorKind::memory,
@@ -433,7 +454,7 @@ private:
 
     /// Adds samples, and looks where they are.
     void look(std::vector<Key> keys) {
-        check_memory(samples_.size() + keys.size());
+        check_memory(samples_.size() + keys.size(), 0);
         samples_.add(std::move(keys));
         samples_.look(inputs_);
     }
@@ -570,36 +591,48 @@ private:
     std::map<Brick, char, CoarseFirst> bricks_, untested_;
 };
 
-/// As visibility::find_walls, in cells of each brick's level.
-void find_walls(const visibility::Visibility& visibility, const scene::Frame& frame,
-                volume::VolumeSet& set) {
-    tbb::parallel_for(std::size_t(0), set.levels.size(), [&](std::size_t i) {
-        Volume& volume = set.levels[i];
-        const auto cell = float(1 << set.bricks->bricks()[i].level);
-        volume.walls.assign(std::size_t(most_walls),
-                            std::vector<glm::vec3>(brick_samples, glm::vec3(0)));
-        std::array<glm::vec3, std::size_t(most_walls)> own;
-        for (std::size_t sample = 0; sample < brick_samples; ++sample) {
-            if (!volume.is_valid(sample))
-                continue;
-            const glm::vec3 place(
-                frame.from_world(volume.grid.center(volume.grid.cell_at(sample))));
-            const std::size_t found = visibility::walls_around(
-                visibility, visibility.capture_at(place).point, walls_reach * cell, own);
-            for (std::size_t k = 0; k < found; ++k)
-                volume.walls[k][sample] = own[k] / cell;
-        }
-    });
+/// As visibility::find_walls, in cells of a brick's level.
+void find_walls(const visibility::Visibility& visibility, const scene::Frame& frame, int level,
+                Volume& volume) {
+    const auto cell = float(1 << level);
+    volume.walls.assign(std::size_t(most_walls),
+                        std::vector<glm::vec3>(brick_samples, glm::vec3(0)));
+    std::array<glm::vec3, std::size_t(most_walls)> own;
+    for (std::size_t sample = 0; sample < brick_samples; ++sample) {
+        if (!volume.is_valid(sample))
+            continue;
+        const glm::vec3 place(frame.from_world(volume.grid.center(volume.grid.cell_at(sample))));
+        const std::size_t found = visibility::walls_around(
+            visibility, visibility.capture_at(place).point, walls_reach * cell, own);
+        for (std::size_t k = 0; k < found; ++k)
+            volume.walls[k][sample] = own[k] / cell;
+    }
 }
 
-/// Leaves the bricks that are told.
-void keep(std::vector<Brick> bricks, volume::VolumeSet& set) {
-    volume::BrickTree tree(set.bricks->levels(), std::move(bricks));
-    std::vector<Volume> left;
-    for (const Brick& brick : tree.bricks())
-        left.push_back(std::move(set.levels[*set.bricks->find(brick)]));
-    set.levels = std::move(left);
-    set.bricks = std::move(tree);
+/// Solves the samples of all bricks that may be needed, and makes those that are.
+volume::VolumeSet refine_and_trim(const BakePlan& plan, const surface::LitSurfaces& surfaces,
+                                  solver::Solver& solver, const solver::Inputs& inputs,
+                                  solver::Stages& stages, BakedBricks& baked) {
+    Refining refining(plan, surfaces, solver, inputs, stages);
+    refining.run();
+    baked.samples = refining.samples();
+    stages.begin("trim");
+    const volume::BrickTree tree = refining.tree();
+    const std::vector<uint8_t> kept = refining.kept(tree);
+    volume::Trimmed trimmed = volume::trim(
+        tree,
+        [&](std::size_t i) {
+            Volume brick = refining.brick(tree.bricks()[i]);
+            find_walls(inputs.visibility, plan.frame, tree.bricks()[i].level, brick);
+            return brick;
+        },
+        {plan.settings.adaptive->error, std::size_t(plan.bricks->most), kept},
+        refining.noise(tree));
+    baked.error = trimmed.error;
+    stages.end(format("%zu of %s left, %s %% of irradiance lost by it", trimmed.bricks.size(),
+                      counted(tree.bricks().size(), "brick").c_str(),
+                      two_digits(100 * trimmed.error).c_str()));
+    return std::move(refining).take(std::move(trimmed.bricks));
 }
 
 } // namespace
@@ -617,36 +650,19 @@ BakedBricks bake_bricks(const Scene& scene, const BakePlan& plan, const gpu::Dev
                                 visibility, &surfaces, plan.maps, plan.settings.adjust};
     warn_of_empty(plan.settings.adjust, {&plan.grid, 1}, stages);
     volume::VolumeSet& set = baked.set;
-    std::vector<double> noise;
-    std::vector<uint8_t> kept;
-    {
-        Refining refining(plan, surfaces, *solver, inputs, stages);
-        refining.run();
-        baked.samples = refining.samples();
-        noise = refining.noise();
-        kept = refining.kept();
-        set = refining.take();
-    }
+    set = refine_and_trim(plan, surfaces, *solver, inputs, stages, baked);
     stages.begin("walls");
-    find_walls(visibility, plan.frame, set);
-    stages.end("of " + counted(set.levels.size(), "brick"));
-    stages.begin("trim");
-    const std::size_t before = set.levels.size();
-    const volume::Trimmed trimmed =
-        volume::trim(*set.bricks, set.levels,
-                     {plan.settings.adaptive->error, std::size_t(plan.bricks->most), kept}, noise);
-    baked.error = trimmed.error;
-    keep(trimmed.bricks, set);
-    for (Volume& brick : set.levels)
-        volume::adjust_intensity(plan.settings.adjust, brick);
+    tbb::parallel_for(std::size_t(0), set.levels.size(), [&](std::size_t i) {
+        find_walls(visibility, plan.frame, set.bricks->bricks()[i].level, set.levels[i]);
+        volume::adjust_intensity(plan.settings.adjust, set.levels[i]);
+    });
     volume::stitch(*set.bricks, set.levels);
-    stages.end(format("%zu of %s left, %s %% of irradiance lost by it", set.levels.size(),
-                      counted(before, "brick").c_str(), two_digits(100 * trimmed.error).c_str()));
-    if (const double wanted = plan.settings.adaptive->error; wanted > 0 && trimmed.error > wanted)
+    stages.end("of " + counted(set.levels.size(), "brick"));
+    if (const double wanted = plan.settings.adaptive->error; wanted > 0 && baked.error > wanted)
         stages.warn(
             format("bricks of `max_size` lose %s %% of irradiance, more than the `error` of "
                    "%.3g %%",
-                   two_digits(100 * trimmed.error).c_str(), 100 * wanted));
+                   two_digits(100 * baked.error).c_str(), 100 * wanted));
     describe_light(scene, plan, device, visibility, set.levels.front());
     if (!plan.settings.adjust.empty())
         set.levels.front().metadata["adjust"] = volume::text_of(plan.settings.adjust);

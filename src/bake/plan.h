@@ -21,7 +21,7 @@ struct BrickPlan {
     uint64_t other_bytes = 0; ///< of memory, beside bricks and samples
 };
 
-/// Memory that a brick, and a sample beside those, takes while it is baked.
+/// Memory that a brick that is left takes, and a sample of any.
 uint64_t brick_bytes(int order);
 uint64_t sample_bytes(int order);
 /// Numbers that a brick has in a file.

@@ -283,12 +283,17 @@ double loss_at(const Volume& fine, std::size_t sample, const Volume& coarse, dou
     return mean_square_irradiance(std::span(off).first(fine.sh.size())) - chance;
 }
 
-/// Of the samples of the eighths that no finer brick has.
-Loss own_loss(const BrickTree& tree, std::span<const Volume> bricks, std::span<const double> noise,
-              std::size_t brick) {
-    const Brick& own = tree.bricks()[brick];
-    const Volume& volume = bricks[brick];
-    const auto noise_of = [&](std::size_t i) { return noise.empty() ? 0 : noise[i]; };
+/// A brick, and the noise of its samples.
+struct Made {
+    const Brick* brick;
+    const Volume* volume;
+    double noise;
+};
+
+/// Of the samples of the eighths of the last brick that no finer one has, by the bricks above it.
+Loss own_loss(const BrickTree& tree, std::span<const Made> way) {
+    const Brick& own = *way.back().brick;
+    const Volume& volume = *way.back().volume;
     Loss loss;
     for (int eighth = 0; eighth < 8; ++eighth) {
         const glm::ivec3 part(eighth & 1, eighth >> 1 & 1, eighth >> 2);
@@ -303,9 +308,9 @@ Loss own_loss(const BrickTree& tree, std::span<const Volume> bricks, std::span<c
                         continue;
                     ++loss.samples;
                     loss.sum += mean_irradiance(volume, sample);
-                    for (auto up = tree.parent(brick); up; up = tree.parent(*up))
-                        loss.squares[std::size_t(tree.bricks()[*up].level)] +=
-                            loss_at(volume, sample, bricks[*up], noise_of(brick), noise_of(*up));
+                    for (const Made& up : way.first(way.size() - 1))
+                        loss.squares[std::size_t(up.brick->level)] +=
+                            loss_at(volume, sample, *up.volume, way.back().noise, up.noise);
                 }
     }
     return loss;
@@ -314,22 +319,23 @@ Loss own_loss(const BrickTree& tree, std::span<const Volume> bricks, std::span<c
 /// Takes bricks away one by one.
 class Trimming {
 public:
-    Trimming(const BrickTree& tree, std::span<const Volume> bricks, const TrimGoal& goal,
+    Trimming(const BrickTree& tree, const MakeBrick& make, const TrimGoal& goal,
              std::span<const double> noise)
         : tree_(tree),
           goal_(goal),
-          noisy_(!noise.empty()),
-          losses_(bricks.size()),
-          there_(bricks.size(), 1),
-          left_(bricks.size()) {
-        tbb::parallel_for(std::size_t(0), bricks.size(),
-                          [&](std::size_t i) { losses_[i] = own_loss(tree, bricks, noise, i); });
-        for (std::size_t i = 0; i < bricks.size(); ++i) // fine ones first
-            if (const auto parent = tree.parent(i))
-                losses_[*parent].add(losses_[i]);
-            else
-                whole_.add(losses_[i]);
-        for (std::size_t i = 0; i < bricks.size(); ++i)
+          noise_(noise),
+          losses_(tree.bricks().size()),
+          there_(losses_.size(), 1),
+          left_(losses_.size()) {
+        std::vector<std::size_t> roots;
+        for (std::size_t i = 0; i < losses_.size(); ++i)
+            if (!tree.parent(i))
+                roots.push_back(i);
+        tbb::parallel_for(std::size_t(0), roots.size(),
+                          [&](std::size_t i) { measure(make, roots[i], {}); });
+        for (const std::size_t root : roots)
+            whole_.add(losses_[root]);
+        for (std::size_t i = 0; i < losses_.size(); ++i)
             offer(i);
     }
 
@@ -358,6 +364,25 @@ public:
     }
 
 private:
+    /// What a brick and all in it lose, which the bricks of `way` are above of.
+    void measure(const MakeBrick& make, std::size_t brick, std::vector<Made> way) {
+        const Volume own = make(brick);
+        const Brick& at = tree_.bricks()[brick];
+        way.push_back({&at, &own, noise_.empty() ? 0.0 : noise_[brick]});
+        losses_[brick] = own_loss(tree_, way);
+        std::array<std::optional<std::size_t>, 8> parts;
+        for (int i = 0; i < 8 && at.level > 0; ++i)
+            parts[std::size_t(i)] =
+                tree_.find({at.level - 1, 2 * at.at + glm::ivec3(i & 1, i >> 1 & 1, i >> 2)});
+        tbb::parallel_for(std::size_t(0), parts.size(), [&](std::size_t i) {
+            if (parts[i])
+                measure(make, *parts[i], way);
+        });
+        for (const std::optional<std::size_t>& part : parts)
+            if (part)
+                losses_[brick].add(losses_[*part]);
+    }
+
     /// Whether no finer brick is in it or beside it, so that it may go.
     bool is_free(std::size_t brick) const {
         const Brick& own = tree_.bricks()[brick];
@@ -382,7 +407,7 @@ private:
             return;
         const double cost = losses_[brick].squares[level + 1] - losses_[brick].squares[level];
         // Noise is known on average: what seems to be gained does not pay for what is lost.
-        offers_.push({noisy_ ? std::max(0.0, cost) : cost, brick});
+        offers_.push({noise_.empty() ? cost : std::max(0.0, cost), brick});
     }
 
     /// What a brick that is gone kept from going.
@@ -402,7 +427,7 @@ private:
 
     const BrickTree& tree_;
     const TrimGoal& goal_;
-    bool noisy_;
+    std::span<const double> noise_;
     std::vector<Loss> losses_; ///< of a brick with all in it
     Loss whole_;
     std::vector<uint8_t> there_;
@@ -414,9 +439,9 @@ private:
 
 } // namespace
 
-Trimmed trim(const BrickTree& tree, std::span<const Volume> bricks, const TrimGoal& goal,
+Trimmed trim(const BrickTree& tree, const MakeBrick& make, const TrimGoal& goal,
              std::span<const double> noise) {
-    return Trimming(tree, bricks, goal, noise).run();
+    return Trimming(tree, make, goal, noise).run();
 }
 
 // ---------------------------------------------------------------- one volume of all

@@ -9,6 +9,7 @@
 #include "lpvbake/volume.h"
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <span>
 #include <vector>
@@ -76,6 +77,9 @@ private:
 /// for each brick of the tree. Such a sample is valid if all that it is made of is.
 void stitch(const BrickTree& tree, std::span<Volume> bricks);
 
+/// Makes a brick of a tree.
+using MakeBrick = std::function<Volume(std::size_t brick)>;
+
 /// What bricks may lose by trim().
 struct TrimGoal {
     double error = 0;                   ///< as Trimmed::error
@@ -93,11 +97,12 @@ struct Trimmed {
 
 /// Takes bricks away, those first that cost the least error, from all levels but the coarsest: as
 /// many as the error allows, and more where there are more than `most`. Bricks are read as
-/// flatten() does, and have not been stitched. The same for any number of threads.
+/// flatten() does, and have not been stitched; each is made once, on any thread, and is there only
+/// while those in it are looked at. The same for any number of threads.
 /// `noise` is the mean square error by chance of the samples of each brick, as
 /// mean_square_irradiance() has it (empty: none). It is not lost: what a sample differs by from
 /// what others make of its place holds the noise of both, which smaller cells do not take away.
-Trimmed trim(const BrickTree& tree, std::span<const Volume> bricks, const TrimGoal& goal,
+Trimmed trim(const BrickTree& tree, const MakeBrick& make, const TrimGoal& goal,
              std::span<const double> noise = {});
 
 /// How bricks stand in one volume.

@@ -506,9 +506,10 @@ TEST_F(Gather, BlocksShareWhatTheySeeAsAGridsCellsDo) {
             row.grid.dims = {int(cells.size()), 1, 1};
             row.validity.assign(cells.size(), 1.0f);
             Progress silent;
-            const solver::gather::GatherReport report =
-                solver::gather::GatherProgram(device(), everywhere(2))
-                    .gather_blocks(blocks, lit, setting.scene.sky, setting.visibility, row, silent);
+            const solver::gather::GatherProgram program(device(), everywhere(2));
+            const solver::gather::GatherReport report = program.gather_blocks(
+                blocks, lit, program.senders(lit, setting.scene.sky, setting.visibility),
+                setting.visibility, row, silent);
             double wrong = 0, sum = 0;
             for (size_t i = 0; i < cells.size(); ++i) {
                 wrong += double(std::abs(row.sh[0][i].g - grid.sh[0][cells[i]].g));

@@ -251,15 +251,20 @@ TEST(Bricks, WhatSeesNoClearSampleIsReadFromTheNextCoarserBrick) {
     EXPECT_EQ(readers::irradiance(facing, set, p, up), known);
 }
 
+volume::Trimmed trimmed_of(const VolumeSet& set, const volume::TrimGoal& goal,
+                           std::span<const double> noise = {}) {
+    return volume::trim(
+        *set.bricks, [&](std::size_t brick) { return set.levels[brick]; }, goal, noise);
+}
+
 TEST(Bricks, TrimmingKeepsErrorAndSize) {
     const VolumeSet flat = bricks_of(affine), rough = bricks_of(wavy);
     // What an affine field loses is nothing.
-    EXPECT_EQ(volume::trim(*flat.bricks, flat.levels, {.error = 1e-5}).bricks.size(), 2u);
-    EXPECT_EQ(volume::trim(*rough.bricks, rough.levels, {.error = 0}).bricks.size(),
-              rough.levels.size());
+    EXPECT_EQ(trimmed_of(flat, {.error = 1e-5}).bricks.size(), 2u);
+    EXPECT_EQ(trimmed_of(rough, {.error = 0}).bricks.size(), rough.levels.size());
     double last = 1e9;
     for (std::size_t most = 2; most <= rough.levels.size(); most += 3) {
-        const auto trimmed = volume::trim(*rough.bricks, rough.levels, {0, most});
+        const auto trimmed = trimmed_of(rough, {0, most});
         EXPECT_LE(trimmed.bricks.size(), most);
         EXPECT_LT(trimmed.error, last) << most;
         EXPECT_NO_THROW(BrickTree(three(), trimmed.bricks));
@@ -291,7 +296,7 @@ TEST(Bricks, TrimmingKeepsErrorAndSize) {
         mean /= double(count);
         EXPECT_NEAR(trimmed.error, std::sqrt(sum / double(count)) / mean, 1e-6) << most;
     }
-    const auto both = volume::trim(*rough.bricks, rough.levels, {1e-9, 5});
+    const auto both = trimmed_of(rough, {1e-9, 5});
     EXPECT_LE(both.bricks.size(), 5u) << "the size counts first";
 }
 
@@ -316,16 +321,15 @@ TEST(Bricks, NoiseIsNotLost) {
     }
     const std::vector<double> noise(set.levels.size(), square);
     const volume::TrimGoal goal{.error = 0.02};
-    EXPECT_GT(volume::trim(*set.bricks, set.levels, goal).bricks.size(), set.levels.size() - 3)
+    EXPECT_GT(trimmed_of(set, goal).bricks.size(), set.levels.size() - 3)
         << "noise of 6 % counts as light";
-    const auto trimmed = volume::trim(*set.bricks, set.levels, goal, noise);
+    const auto trimmed = trimmed_of(set, goal, noise);
     EXPECT_EQ(trimmed.bricks.size(), 2u);
     EXPECT_LT(trimmed.error, 0.01);
     // What light does lose is told as before.
     const VolumeSet rough = bricks_of(wavy);
     const std::vector<double> little(rough.levels.size(), 1e-6);
-    EXPECT_NEAR(volume::trim(*rough.bricks, rough.levels, {0, 4}, little).error,
-                volume::trim(*rough.bricks, rough.levels, {0, 4}).error, 1e-3);
+    EXPECT_NEAR(trimmed_of(rough, {0, 4}, little).error, trimmed_of(rough, {0, 4}).error, 1e-3);
 }
 
 TEST(Bricks, WhatIsKeptDoesNotGo) {
@@ -334,8 +338,7 @@ TEST(Bricks, WhatIsKeptDoesNotGo) {
     const std::size_t fine = *flat.bricks->find({0, {2, 1, 1}});
     kept[fine] = 1;
     for (const std::size_t most : {SIZE_MAX, std::size_t(1)}) {
-        const BrickTree left(three(),
-                             volume::trim(*flat.bricks, flat.levels, {1, most, kept}).bricks);
+        const BrickTree left(three(), trimmed_of(flat, {1, most, kept}).bricks);
         EXPECT_TRUE(left.find({0, {2, 1, 1}}));
         EXPECT_FALSE(left.find({0, {1, 1, 0}}));
     }
@@ -353,7 +356,7 @@ TEST(Bricks, IrradianceIsThatOfAllNormals) {
 TEST(Bricks, TrimmedBricksStayBesideTheNextLevel) {
     const VolumeSet set = bricks_of(wavy);
     for (std::size_t most = 2; most < set.levels.size(); ++most) {
-        const BrickTree tree(three(), volume::trim(*set.bricks, set.levels, {0, most}).bricks);
+        const BrickTree tree(three(), trimmed_of(set, {0, most}).bricks);
         for (const Brick& brick : tree.bricks()) {
             if (brick.level == 2)
                 continue;

@@ -193,37 +193,44 @@ GatherProgram::GatherProgram(const gpu::Device& device, const GatherSettings& se
       local_size_(device.is_cpu() ? lanes : 64),
       surfaces_(compile(device, local_size_, settings.order, part_surfaces)) {}
 
-/// Sizes the volume and calls `run` with what sends light, unless nothing does.
+Senders GatherProgram::senders(const surface::LitSurfaces& surfaces, const Sky& sky,
+                               const visibility::Visibility& visibility, float above,
+                               std::span<const scene::LightLayer> layers) const {
+    Laps laps;
+    Senders senders{make_clusters(surfaces, visibility, above),
+                    make_sky_bins(sky, sky_groups(settings_), settings_.order, layers)};
+    laps.add_to(senders.seconds);
+    return senders;
+}
+
+/// Sizes the volumes and calls `run` with what sends light, unless nothing does.
 template <class Run>
-GatherReport GatherProgram::with_sources(const surface::LitSurfaces& surfaces, const Sky& sky,
-                                         const visibility::Visibility& visibility, float above,
-                                         Volume& volume, const Layers& layers,
-                                         const Run& run) const {
+GatherReport GatherProgram::with_senders(const Senders& senders,
+                                         const visibility::Visibility& visibility, Volume& volume,
+                                         std::span<Volume> layers, const Run& run) const {
     GatherReport report;
+    report.clusters_seconds = senders.seconds;
     const auto size = [&](Volume& of) {
         of.sh_order = settings_.order;
         of.sh.assign(terms(settings_.order),
                      std::vector<glm::vec3>(volume.grid.size(), glm::vec3(0.0f)));
     };
     size(volume);
-    std::ranges::for_each(layers.volumes, size);
-    Laps laps;
-    const Clusters clusters = make_clusters(surfaces, visibility, above);
-    const std::vector<SkyBin> bins =
-        make_sky_bins(sky, sky_groups(settings_), settings_.order, layers.light);
-    if (clusters.nodes.empty() && bins.empty())
+    std::ranges::for_each(layers, size);
+    if (senders.empty())
         return report;
-    laps.add_to(report.clusters_seconds);
-    run(Surroundings{visibility, clusters, bins, settings_.vpls, settings_.kappa}, report, laps);
+    Laps laps;
+    run(Surroundings{visibility, senders.clusters, senders.bins, settings_.vpls, settings_.kappa},
+        report, laps);
     return report;
 }
 
 /// The same with what solves eight places at a time.
 template <class Run>
-GatherReport GatherProgram::with_packets(const surface::LitSurfaces& surfaces, const Sky& sky,
+GatherReport GatherProgram::with_packets(const Senders& senders,
                                          const visibility::Visibility& visibility, Volume& volume,
                                          const Run& run) const {
-    return with_sources(surfaces, sky, visibility, 0.0f, volume, {},
+    return with_senders(senders, visibility, volume, {},
                         [&](const Surroundings& world, GatherReport& report, Laps& laps) {
                             PacketSolver solver(device_, settings_.order, surfaces_, local_size_,
                                                 list_bytes_, world, volume, {}, report, laps);
@@ -236,7 +243,8 @@ GatherReport GatherProgram::gather(const surface::LitSurfaces& surfaces, const S
                                    Progress& progress, float above, const Layers& layers) const {
     const Occupied occupied(surfaces.patches, volume.grid);
     const Cells cells{volume.grid, occupied, volume.validity};
-    return with_sources(surfaces, sky, visibility, above, volume, layers,
+    return with_senders(senders(surfaces, sky, visibility, above, layers.light), visibility, volume,
+                        layers.volumes,
                         [&](const Surroundings& world, GatherReport& report, Laps& laps) {
                             Gathering(device_, settings_, surfaces_, local_size_, list_bytes_,
                                       world, cells, volume, layers.volumes, progress, report, laps)
@@ -249,18 +257,19 @@ GatherReport GatherProgram::gather_at(std::span<const glm::vec3> places,
                                       const visibility::Visibility& visibility, Volume& volume,
                                       Progress& progress) const {
     return with_packets(
-        surfaces, sky, visibility, volume,
+        senders(surfaces, sky, visibility), visibility, volume,
         [&](const Surroundings& world, PacketSolver& solver, GatherReport& report, Laps& laps) {
             solve_places(places, world, solver, volume, progress, report, laps);
         });
 }
 
 GatherReport GatherProgram::gather_blocks(std::span<const Block> blocks,
-                                          const surface::LitSurfaces& surfaces, const Sky& sky,
+                                          const surface::LitSurfaces& surfaces,
+                                          const Senders& senders,
                                           const visibility::Visibility& visibility, Volume& volume,
                                           Progress& progress) const {
     return with_packets(
-        surfaces, sky, visibility, volume,
+        senders, visibility, volume,
         [&](const Surroundings& world, PacketSolver& solver, GatherReport& report, Laps& laps) {
             solve_blocks(blocks, surfaces.patches, world, solver, progress, report, laps);
         });

@@ -4,6 +4,8 @@
 
 #include "gpu/gpu.h"
 #include "lpvbake/progress.h"
+#include "solver/gather/clusters.h"
+#include "solver/gather/sky_bins.h"
 #include "solver/solver.h"
 #include "surface/lit_surfaces.h"
 #include "volume/volume.h"
@@ -58,6 +60,15 @@ struct Layers {
     std::span<Volume> volumes = {};
 };
 
+/// What sends light, as cells and places gather it; no grid has a say in it.
+struct Senders {
+    Clusters clusters;
+    std::vector<SkyBin> bins;
+    double seconds = 0; ///< that they took
+
+    bool empty() const { return clusters.nodes.empty() && bins.empty(); }
+};
+
 /// The gather, compiled for a device and an order.
 class GatherProgram {
 public:
@@ -85,20 +96,23 @@ public:
                            Progress& progress) const;
 
     /// The same of the cells of blocks, which share what they see as a grid's do; the volume has a
-    /// cell for each that is solved, in a row.
+    /// cell for each that is solved, in a row. The senders are of the surfaces.
     GatherReport gather_blocks(std::span<const Block> blocks, const surface::LitSurfaces& surfaces,
-                               const Sky& sky, const visibility::Visibility& visibility,
+                               const Senders& senders, const visibility::Visibility& visibility,
                                Volume& volume, Progress& progress) const;
+
+    /// Of the surfaces' light, no more than what luminance_above() leaves, and of the sky's.
+    Senders senders(const surface::LitSurfaces& surfaces, const Sky& sky,
+                    const visibility::Visibility& visibility, float above = 0.0f,
+                    std::span<const scene::LightLayer> layers = {}) const;
 
 private:
     template <class Run>
-    GatherReport with_sources(const surface::LitSurfaces& surfaces, const Sky& sky,
-                              const visibility::Visibility& visibility, float above, Volume& volume,
-                              const Layers& layers, const Run& run) const;
+    GatherReport with_senders(const Senders& senders, const visibility::Visibility& visibility,
+                              Volume& volume, std::span<Volume> layers, const Run& run) const;
     template <class Run>
-    GatherReport with_packets(const surface::LitSurfaces& surfaces, const Sky& sky,
-                              const visibility::Visibility& visibility, Volume& volume,
-                              const Run& run) const;
+    GatherReport with_packets(const Senders& senders, const visibility::Visibility& visibility,
+                              Volume& volume, const Run& run) const;
 
     const gpu::Device& device_;
     GatherSettings settings_;

@@ -152,8 +152,13 @@ public:
     void solve_blocks(std::span<const Block> blocks, const Inputs& inputs, Stages& stages,
                       Volume& volume) override {
         stages.begin("gather");
-        end(program_.get().gather_blocks(blocks, *inputs.lit, inputs.scene.sky, inputs.visibility,
-                                         volume, stages.progress()),
+        const GatherProgram& program = program_.get();
+        if (senders_of_ != inputs.lit) {
+            senders_ = program.senders(*inputs.lit, inputs.scene.sky, inputs.visibility);
+            senders_of_ = inputs.lit;
+        }
+        end(program.gather_blocks(blocks, *inputs.lit, senders_, inputs.visibility, volume,
+                                  stages.progress()),
             "sample", stages);
     }
 
@@ -167,6 +172,8 @@ private:
 
     int rsm_samples_;
     std::shared_future<GatherProgram> program_; ///< asked for again by bricks
+    Senders senders_;                           ///< of bricks, whatever their level
+    const surface::LitSurfaces* senders_of_ = nullptr;
 };
 
 } // namespace
