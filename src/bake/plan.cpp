@@ -351,10 +351,12 @@ void check_host_memory(const BakePlan& plan) {
                         + format(" need about %.1f GiB of this machine's %.1f GiB of memory; bake "
                                  "them in parts",
                                  double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30));
-    if (!plan.coarser.empty())
+    if (const auto& volumes = plan.settings.volumes; !plan.coarser.empty() || !volumes.empty())
         throw Error(ErrorKind::memory,
-                    format("these %s need about %.1f GiB of this machine's %.1f GiB of memory; %s",
-                           plan.settings.volumes.empty() ? "levels" : "volumes",
+                    format("%s about %.1f GiB of this machine's %.1f GiB of memory; %s",
+                           volumes.empty()       ? "these levels need"
+                           : volumes.size() == 1 ? "this volume needs"
+                                                 : "these volumes need",
                            double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30,
                            less_of_levels(plan.settings)));
     const glm::ivec3 dims = plan.grid.dims;

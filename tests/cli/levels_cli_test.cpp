@@ -37,6 +37,8 @@ TEST_F(LevelsCli, MemoryThatIsNotThereIsToldInTheWordsThatWereGiven) {
             "use a larger --cell-size, a smaller --focus or more --levels");
     refused("--level -1,0,-1,1,2,1:0.0018 --level -2,0,-2,2,2,2:0.0036",
             "give a --level larger cells or a smaller box");
+    refused("--volume one=-1,0,-1,1,2,1:0.0018",
+            "give that --volume larger cells or a smaller box");
 }
 
 TEST_F(LevelsCli, BoxesAreThoseOfNodesToo) {
