@@ -244,8 +244,7 @@ options::Action declare(options::Options& options) {
 void run_bake(BakeOptions o, const options::Options& options) {
     Origin origin{options.recorded(), output_settings(options), ""};
     check_options(o);
-    if (const std::string& volumes = o.volumes; volumes.starts_with("nodes:"))
-        o.load.boxes = volumes.substr(volumes.find(':') + 1);
+    o.load.boxes = volume_nodes(o);
     const readers::Reader reader = reader_of(*o.outputs.target, o.fit);
     tell("settings: " + origin.settings);
     bake::BakeSettings base = to_settings(o, reader);

@@ -14,6 +14,7 @@
 #include <cctype>
 #include <cmath>
 #include <iterator>
+#include <string_view>
 
 namespace lpvbake::cmd {
 namespace {
@@ -59,7 +60,7 @@ GivenVolume parse_volume(const std::string& text) {
     return given;
 }
 
-constexpr const char* nodes_prefix = "nodes:";
+constexpr std::string_view nodes_prefix = "nodes:";
 constexpr const char* auto_volumes = "auto";
 
 // ---------------------------------------------------------------- options of solvers
@@ -422,6 +423,10 @@ void add_bake_options(options::Options& options, BakeOptions& o) {
 
 bool has_volume_file(const BakeOptions& o) {
     return !o.volumes.empty() && !o.volumes.starts_with(nodes_prefix) && o.volumes != auto_volumes;
+}
+
+std::string volume_nodes(const BakeOptions& o) {
+    return o.volumes.starts_with(nodes_prefix) ? o.volumes.substr(nodes_prefix.size()) : "";
 }
 
 void check_options(const BakeOptions& o) {

@@ -70,6 +70,8 @@ void add_bake_options(options::Options& options, BakeOptions& o);
 
 /// Whether --volumes names a file.
 bool has_volume_file(const BakeOptions& o);
+/// The pattern of its nodes; else empty.
+std::string volume_nodes(const BakeOptions& o);
 
 /// All that can be known to be wrong before any work is done. Throws Error (argument).
 void check_options(const BakeOptions& o);

@@ -185,11 +185,11 @@ private:
         const std::size_t before = solved();
         std::size_t second = places_.size();
         for (const solver::Block& block : blocks) {
-            std::map<uint16_t, uint32_t> cells;
-            for (const solver::Block::Place& place : block.places)
-                cells[place.at] = place.cell;
-            for (const solver::Block::Place& place : block.again) {
-                const uint32_t first = cells.at(place.at);
+            auto place = block.places.begin(); // those of `again` are some of them, in their order
+            for (const solver::Block::Place& twin : block.again) {
+                while (place->at != twin.at)
+                    ++place;
+                const uint32_t first = place->cell;
                 std::array<glm::dvec3, volume::sh_count(volume::sh_max_order)> off{};
                 for (std::size_t k = 0; k < light.sh.size(); ++k)
                     off[k] =
@@ -321,9 +321,10 @@ public:
 
     /// One of its bricks, without walls.
     Volume brick(const Brick& brick) const {
-        Volume volume = unlit(brick);
+        const Row samples = samples_of(brick);
+        Volume volume = unlit(brick, samples);
         for (const std::vector<glm::vec3>& c : samples_.light.sh)
-            volume.sh.push_back(of_brick(brick, c));
+            volume.sh.push_back(picked(c, samples));
         return volume;
     }
 
@@ -333,17 +334,26 @@ public:
         volume::VolumeSet set;
         set.bricks.emplace(levels_, std::move(bricks));
         set.levels.resize(set.bricks->bricks().size());
-        each_brick(set, [&](const Brick& brick, Volume& volume) { volume = unlit(brick); });
+        std::vector<Row> samples(set.levels.size());
+        const auto each_brick = [&](const auto& each) {
+            tbb::parallel_for(std::size_t(0), set.levels.size(), each);
+        };
+        each_brick([&](std::size_t i) {
+            const Brick& brick = set.bricks->bricks()[i];
+            samples[i] = samples_of(brick);
+            set.levels[i] = unlit(brick, samples[i]);
+        });
         for (std::vector<glm::vec3>& c : samples_.light.sh) {
-            each_brick(set, [&](const Brick& brick, Volume& volume) {
-                volume.sh.push_back(of_brick(brick, c));
-            });
+            each_brick([&](std::size_t i) { set.levels[i].sh.push_back(picked(c, samples[i])); });
             c = {}; // so that it is there once
         }
         return set;
     }
 
 private:
+    /// The samples of a brick, in its volume's order.
+    using Row = std::array<uint32_t, brick_samples>;
+
     Noise noise_of(const Brick& brick) const {
         Noise noise;
         for (const Key key : keys_of(brick)) {
@@ -361,8 +371,8 @@ private:
     /// Of the irradiance of its valid samples.
     double mean_square(const Brick& brick) const {
         double light = 0, valid = 0;
-        for (const Key key : keys_of(brick))
-            if (const uint32_t sample = samples_.find(key); samples_.is_valid(sample)) {
+        for (const uint32_t sample : samples_of(brick))
+            if (samples_.is_valid(sample)) {
                 const double one = volume::mean_irradiance(samples_.light, sample);
                 light += one * one;
                 ++valid;
@@ -370,11 +380,11 @@ private:
         return valid > 0 ? light / valid : 0;
     }
 
-    Volume unlit(const Brick& brick) const {
+    Volume unlit(const Brick& brick, const Row& samples) const {
         Volume volume;
         volume.grid = levels_.grid_of(brick);
         volume.sh_order = samples_.light.sh_order;
-        volume.validity = of_brick(brick, samples_.light.validity);
+        volume.validity = picked(samples_.light.validity, samples);
         return volume;
     }
 
@@ -391,7 +401,7 @@ private:
         });
     }
 
-    /// The samples of a brick, in its volume's order.
+    /// The same by their places.
     std::array<Key, brick_samples> keys_of(const Brick& brick) const {
         std::array<Key, brick_samples> keys;
         std::size_t i = 0;
@@ -401,18 +411,19 @@ private:
         return keys;
     }
 
-    template <class T>
-    std::vector<T> of_brick(const Brick& brick, const std::vector<T>& values) const {
-        std::vector<T> own;
-        own.reserve(brick_samples);
-        for (const Key key : keys_of(brick))
-            own.push_back(values[samples_.find(key)]);
-        return own;
+    Row samples_of(const Brick& brick) const {
+        const std::array<Key, brick_samples> keys = keys_of(brick);
+        Row samples;
+        std::ranges::transform(keys, samples.begin(), [&](Key key) { return samples_.find(key); });
+        return samples;
     }
 
-    void each_brick(volume::VolumeSet& set, const auto& each) const {
-        tbb::parallel_for(std::size_t(0), set.levels.size(),
-                          [&](std::size_t i) { each(set.bricks->bricks()[i], set.levels[i]); });
+    template <class T>
+    static std::vector<T> picked(const std::vector<T>& values, const Row& samples) {
+        std::vector<T> own(samples.size());
+        std::ranges::transform(samples, own.begin(),
+                               [&](uint32_t sample) { return values[sample]; });
+        return own;
     }
 
     /// Whether the place of a brick meets the box that is asked for.

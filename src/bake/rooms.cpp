@@ -267,6 +267,7 @@ public:
                  const visibility::Visibility& visibility)
         : scene_(scene),
           visibility_(visibility),
+          emissive_(scene::emissive_materials(scene)),
           sky_(scene::has_sky(scene)) {
         for (const Light& light : scene.lights)
             if (light.type == LightType::directional)
@@ -282,7 +283,7 @@ public:
     }
 
     bool any() const {
-        return sky_ || !suns_.empty() || !lamps_.empty() || scene::has_emitters(scene_);
+        return sky_ || !suns_.empty() || !lamps_.empty() || std::ranges::count(emissive_, true) > 0;
     }
 
     /// Whether light gets to some of the cells, by whatever reflections: followed backwards.
@@ -305,8 +306,7 @@ private:
     static constexpr float back = 1e-2f; ///< cells: off an edge that is hit, on its own side
 
     bool shines(const Instance& instance) const {
-        const Mesh& mesh = scene_.meshes[std::size_t(instance.mesh)];
-        return scene_.materials[std::size_t(mesh.material)].emission != glm::vec3(0.0f);
+        return emissive_[std::size_t(scene_.meshes[std::size_t(instance.mesh)].material)];
     }
 
     bool is_seen(std::size_t light, glm::vec3 from) const {
@@ -339,6 +339,7 @@ private:
 
     const Scene& scene_;
     const visibility::Visibility& visibility_;
+    std::vector<bool> emissive_; ///< materials
     bool sky_;
     std::vector<glm::vec3> suns_, lamps_; ///< how they travel; where they are
 };
