@@ -68,7 +68,7 @@ struct Attempt {
     bake::Choice choice;
     volume::VolumeSet set; ///< mostly of one level
     std::optional<report::Verified> verified;
-    std::vector<Volume> layers; ///< of one level
+    std::vector<volume::VolumeSet> layers;
 };
 
 /// Fills cells inside geometry; of layers by the walls of all light. Returns how many.
@@ -79,12 +79,14 @@ std::size_t dilate(int rings, Attempt& made) {
         volume.metadata["dilate"] = std::to_string(rings);
         return cells;
     };
-    for (Volume& level : made.set.levels)
+    for (std::size_t i = 0; i < made.set.levels.size(); ++i) {
+        Volume& level = made.set.levels[i];
         filled += fill(level);
-    for (Volume& layer : made.layers) {
-        layer.walls.swap(made.set.levels.front().walls);
-        fill(layer);
-        layer.walls.swap(made.set.levels.front().walls);
+        for (volume::VolumeSet& layer : made.layers) {
+            layer.levels[i].walls.swap(level.walls);
+            fill(layer.levels[i]);
+            layer.levels[i].walls.swap(level.walls);
+        }
     }
     return filled;
 }
@@ -98,9 +100,11 @@ Attempt attempt(const BakeOptions& o, const Scene& scene, bake::Choice choice,
     run.warn(baked.warnings);
     made.set.levels = std::move(baked.levels);
     made.set.places = places_of(made.choice.plan.settings.volumes);
-    if (!made.set.places.empty())
+    made.layers = sets_of(made.set, std::move(baked.layers));
+    if (!made.set.places.empty()) {
         volume::order_by_priority(made.set);
-    made.layers = std::move(baked.layers);
+        std::ranges::for_each(made.layers, volume::order_by_priority);
+    }
     if (o.fit.dilate > 0) {
         run.begin_stage();
         const std::size_t filled = dilate(o.fit.dilate, made);
@@ -279,7 +283,7 @@ void run_bake(BakeOptions o, const options::Options& options) {
         run.warn(warnings);
         run.end_stage("volumes", detail.empty() ? counted(base.volumes.size(), "volume") : detail);
     }
-    base.layers = layers_of(o, scene);
+    base.layers = layers_of(o, scene, base);
     std::optional<bake::Storage> storage;
     if (o.bytes) {
         storage = choose_storage(scene, base, wish, o);
@@ -319,18 +323,18 @@ void run_bake(BakeOptions o, const options::Options& options) {
     for (Volume& level : made.set.levels) {
         level.metadata.insert(all.metadata.begin(), all.metadata.end());
         add_light(scene, level);
+        if (!base.layers.empty())
+            level.metadata["layers"] = io::text_of(entries_of(base.layers, ""));
     }
-    for (Volume& layer : made.layers)
-        layer.metadata.insert(all.metadata.begin(), all.metadata.end());
-    Volume& first = made.set.levels.front();
-    if (!base.layers.empty())
-        first.metadata["layers"] = io::text_of(entries_of(base.layers, ""));
+    for (volume::VolumeSet& layer : made.layers)
+        for (Volume& level : layer.levels)
+            level.metadata.insert(all.metadata.begin(), all.metadata.end());
 
     run.begin_stage();
     std::vector<Written> written =
         base.layers.empty()
             ? write_levels(o.outputs, o.outputs.paths, made.set, run.progress, packed)
-            : write_layers(o.outputs, o.outputs.paths, first, base.layers, made.layers,
+            : write_layers(o.outputs, o.outputs.paths, made.set, base.layers, made.layers,
                            run.progress);
     run.end_stage("write", counted(written.size(), "output"));
     device->check_validation();

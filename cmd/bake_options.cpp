@@ -341,8 +341,7 @@ void add_layers_option(options::Options& options, BakeOptions& o) {
             "lpvbake mix: lights (each), emitters (each material), sky, sky:2 (and its modes up "
             "to that band), NAME=GLOB (lights and emissive materials of such names, together); "
             "several with commas, or repeated; see below")
-        .exclude({"at", "level", "levels", "adaptive", "bytes", "rsm-samples", "direct", "volume",
-                  "volumes"})
+        .exclude({"at", "adaptive", "bytes", "rsm-samples", "direct"})
         .record(options::Recorded::if_changed);
 }
 
@@ -566,13 +565,16 @@ std::vector<volume::VolumeBox> volumes_of(const BakeOptions& o, const Scene& sce
     return boxes;
 }
 
-std::vector<bake::Layer> layers_of(const BakeOptions& o, const Scene& scene) {
+std::vector<bake::Layer> layers_of(const BakeOptions& o, const Scene& scene,
+                                   const bake::BakeSettings& settings) {
     std::vector<bake::LayerWish> wishes;
     for (const std::vector<bake::LayerWish>& given : o.layers)
         wishes.insert(wishes.end(), given.begin(), given.end());
     std::vector<bake::Layer> layers = bake::make_layers(scene, wishes, !o.no_emitters);
     if (!layers.empty())
-        check_layer_outputs(o.outputs.paths, layers, inputs_of(o, o));
+        check_layer_outputs(o.outputs.paths, layers,
+                            std::max<std::size_t>(settings.levels.size(), 1),
+                            places_of(settings.volumes), inputs_of(o, o));
     const Precision precision = o.outputs.storage().precision;
     if (std::ranges::count(layers, "mode", &bake::Layer::kind) > 0 && precision != Precision::full
         && precision != Precision::half)

@@ -88,7 +88,8 @@ std::vector<volume::VolumeBox> volumes_of(const BakeOptions& o, const Scene& sce
 std::vector<volume::Place> places_of(const std::vector<volume::VolumeBox>& boxes);
 
 /// The layers that are asked for. Throws Error (argument).
-std::vector<bake::Layer> layers_of(const BakeOptions& o, const Scene& scene);
+std::vector<bake::Layer> layers_of(const BakeOptions& o, const Scene& scene,
+                                   const bake::BakeSettings& settings);
 
 /// All but what choose_settings chooses; refers to the reader.
 bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& reader);

@@ -180,18 +180,19 @@ std::vector<Written> planned_outputs(const BakeOptions& o, const bake::BakePlan&
         }
         const std::size_t levels = 1 + plan.coarser.size();
         const std::vector<volume::Place> places = places_of(plan.settings.volumes);
-        for (std::size_t level = 0; level < levels; ++level)
-            for (const std::string& file :
-                 io::files_for(o.outputs.storage(), io::member_path(path, places, level),
-                               bake::grids_of(plan)))
-                output.files.push_back({file, 0});
-        if (levels > 1 || !places.empty())
-            output.files.push_back({io::manifest_path(path, !places.empty()), 0});
+        const auto add_set = [&](const std::string& set) {
+            for (std::size_t level = 0; level < levels; ++level)
+                for (const std::string& file :
+                     io::files_for(o.outputs.storage(), io::member_path(set, places, level),
+                                   bake::grids_of(plan)))
+                    output.files.push_back({file, 0});
+            if (levels > 1 || !places.empty())
+                output.files.push_back({io::manifest_path(set, !places.empty()), 0});
+        };
+        add_set(path);
         const std::vector<bake::Layer>& layers = plan.settings.layers;
-        for (const io::LayerEntry& layer : entries_of(layers, path))
-            for (const std::string& file :
-                 io::files_for(o.outputs.storage(), layer.file, bake::grids_of(plan)))
-                output.files.push_back({file, 0});
+        for (const bake::Layer& layer : layers)
+            add_set(io::layer_path(path, layer.name));
         if (!layers.empty())
             output.files.push_back({io::layer_manifest_path(path), 0});
     }

@@ -2,6 +2,7 @@
 
 #include "io/atomic_file.h"
 #include "io/glb.h"
+#include "io/levels.h"
 #include "lpvbake/error.h"
 #include "options/values.h"
 
@@ -48,15 +49,15 @@ std::vector<bake::LayerWish> parse_layers(const std::string& text) {
     return wishes;
 }
 
-std::vector<io::LayerEntry> entries_of(std::span<const bake::Layer> layers,
-                                       const std::string& path) {
+std::vector<io::LayerEntry> entries_of(std::span<const bake::Layer> layers, const std::string& path,
+                                       std::size_t levels, bool placed) {
     std::vector<io::LayerEntry> entries;
     for (const bake::Layer& layer : layers) {
         entries.push_back({layer.name,
                            layer.kind,
                            layer.unit,
                            layer.weight,
-                           io::layer_path(path, layer.name),
+                           io::set_path(io::layer_path(path, layer.name), levels, placed),
                            {},
                            layer.emitters,
                            layer.light.sky != glm::vec3(0.0f)});
@@ -67,16 +68,30 @@ std::vector<io::LayerEntry> entries_of(std::span<const bake::Layer> layers,
     return entries;
 }
 
+std::vector<volume::VolumeSet> sets_of(const volume::VolumeSet& set,
+                                       std::vector<std::vector<Volume>> layers) {
+    std::vector<volume::VolumeSet> sets(layers.front().size(), {{}, set.blend, set.places});
+    for (std::vector<Volume>& of_level : layers)
+        for (std::size_t layer = 0; layer < sets.size(); ++layer)
+            sets[layer].levels.push_back(std::move(of_level[layer]));
+    return sets;
+}
+
 void check_layer_outputs(const std::vector<std::string>& paths, std::span<const bake::Layer> layers,
+                         std::size_t levels, const std::vector<volume::Place>& places,
                          const std::vector<std::string>& inputs) {
-    std::vector<std::string> all = paths, manifests;
+    std::vector<std::string> all, manifests;
     for (const std::string& path : paths) {
         if (io::volume_format(path) == &io::glb_format)
             throw Error(ErrorKind::argument, path
                                                  + ": a .glb has room for one light volume, not "
                                                    "for layers; write another kind of file");
-        for (const io::LayerEntry& layer : entries_of(layers, path))
-            all.push_back(layer.file);
+        std::vector<std::string> sets{path};
+        for (const bake::Layer& layer : layers)
+            sets.push_back(io::layer_path(path, layer.name));
+        for (const std::string& set : sets)
+            for (std::size_t i = 0; i < std::max(levels, places.size()); ++i)
+                all.push_back(io::member_path(set, places, i));
         const std::string manifest = io::layer_manifest_path(path);
         if (std::ranges::count(manifests, manifest) > 0)
             throw Error(ErrorKind::argument, path + ": another output has the manifest " + manifest
@@ -87,31 +102,37 @@ void check_layer_outputs(const std::vector<std::string>& paths, std::span<const 
 }
 
 std::vector<Written> write_layers(const OutputOptions& o, const std::vector<std::string>& paths,
-                                  Volume& volume, std::span<const bake::Layer> layers,
-                                  std::vector<Volume>& volumes, TerminalProgress& progress) {
+                                  volume::VolumeSet& set, std::span<const bake::Layer> layers,
+                                  std::vector<volume::VolumeSet>& sets,
+                                  TerminalProgress& progress) {
+    const std::size_t levels = set.levels.size();
+    const bool placed = !set.places.empty();
     std::vector<Written> written;
     for (const std::string& path : paths) {
         Written& own = written.emplace_back(Written{path, {}});
         const bool last = &path == &paths.back();
-        const std::vector<io::LayerEntry> entries = entries_of(layers, path);
-        const auto write = [&](const std::string& to, Volume& from) {
-            std::vector<Written> one = write_outputs(o, {to}, from, progress);
+        const auto write = [&](const std::string& to, volume::VolumeSet& from) {
+            std::vector<Written> one = write_levels(o, {to}, from, progress);
             std::ranges::move(one.front().files, std::back_inserter(own.files));
             return one.front().packing;
         };
         io::PublishTogether together; // the old layers or the new ones, the manifest last
-        Volume whole = volume;
+        volume::VolumeSet whole = set;
         own.packing = write(path, whole);
-        for (std::size_t i = 0; i < entries.size(); ++i) {
-            Volume layer = last ? std::move(volumes[i]) : volumes[i];
-            layer.walls = volume.walls;
-            write(entries[i].file, layer);
+        for (std::size_t i = 0; i < sets.size(); ++i) {
+            volume::VolumeSet layer = last ? std::move(sets[i]) : sets[i];
+            for (std::size_t level = 0; level < levels; ++level)
+                layer.levels[level].walls = set.levels[level].walls;
+            write(io::layer_path(path, layers[i].name), layer);
         }
-        own.files.push_back(io::write_layer_manifest(path, entries));
+        own.files.push_back(io::write_layer_manifest(path, io::set_path(path, levels, placed),
+                                                     entries_of(layers, path, levels, placed),
+                                                     own.files));
         together.publish();
         tell("wrote " + own.files.back().path);
     }
-    volume.sh.clear();
+    for (Volume& level : set.levels)
+        level.sh.clear();
     return written;
 }
 

@@ -15,19 +15,24 @@ namespace lpvbake::cmd {
 /// Error (argument).
 std::vector<bake::LayerWish> parse_layers(const std::string& text);
 
-/// The layers, in files beside `path`.
-std::vector<io::LayerEntry> entries_of(std::span<const bake::Layer> layers,
-                                       const std::string& path);
+/// The layers, in files beside `path`, of so many levels, or places.
+std::vector<io::LayerEntry> entries_of(std::span<const bake::Layer> layers, const std::string& path,
+                                       std::size_t levels = 1, bool placed = false);
 
-/// Throws Error (argument) for outputs that have no form for layers, or whose files would be each
-/// other's or an input.
+/// The sets of levels that layers of levels are: `layers` has all of a level, and the set its form.
+std::vector<volume::VolumeSet> sets_of(const volume::VolumeSet& set,
+                                       std::vector<std::vector<Volume>> layers);
+
+/// Throws Error (argument) for outputs that have no form for layers, or whose files, of so many
+/// levels or of these places, would be each other's or an input.
 void check_layer_outputs(const std::vector<std::string>& paths, std::span<const bake::Layer> layers,
+                         std::size_t levels, const std::vector<volume::Place>& places,
                          const std::vector<std::string>& inputs);
 
-/// Writes the volume, its layers and a manifest to all paths, together, as write_outputs; layers
-/// get the volume's walls. All grids are gone then.
+/// Writes the set, its layers and a manifest to all paths, together, as write_levels; layers get
+/// the walls of all light. All grids are gone then.
 std::vector<Written> write_layers(const OutputOptions& o, const std::vector<std::string>& paths,
-                                  Volume& volume, std::span<const bake::Layer> layers,
-                                  std::vector<Volume>& volumes, TerminalProgress& progress);
+                                  volume::VolumeSet& set, std::span<const bake::Layer> layers,
+                                  std::vector<volume::VolumeSet>& sets, TerminalProgress& progress);
 
 } // namespace lpvbake::cmd

@@ -3,10 +3,12 @@
 #include "bake/layers.h"
 #include "commands.h"
 #include "io/layers.h"
+#include "io/levels.h"
 #include "layer_files.h"
 #include "lpvbake/error.h"
 #include "lpvbake/scene.h"
 #include "options/lights.h"
+#include "read_light.h"
 #include "render/display.h"
 #include "report/describe.h"
 #include "scene/sky.h"
@@ -16,6 +18,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <iterator>
 #include <memory>
 
 namespace lpvbake::cmd {
@@ -132,20 +135,48 @@ void check_alike(const std::string& manifest, const std::string& file, const Vol
                         + " is of another bake than the volume; bake all layers together");
 }
 
-Volume mix(const std::string& manifest, const io::LayerSet& set) {
-    Volume sum = read_volume(set.file);
-    for (std::vector<glm::vec3>& values : sum.sh)
-        std::ranges::fill(values, glm::vec3(0.0f));
+volume::VolumeSet mix(const std::string& manifest, const io::LayerSet& set) {
+    volume::VolumeSet sum = read_levels(set.file);
+    for (Volume& level : sum.levels)
+        for (std::vector<glm::vec3>& values : level.sh)
+            std::ranges::fill(values, glm::vec3(0.0f));
     for (const io::LayerEntry& layer : set.layers) {
         if (layer.weight == glm::vec3(0.0f))
             continue;
-        const Volume part = read_volume(layer.file);
-        check_alike(manifest, layer.file, sum, part);
-        for (std::size_t k = 0; k < sum.sh.size(); ++k)
-            for (std::size_t cell = 0; cell < sum.sh[k].size(); ++cell)
-                sum.sh[k][cell] += layer.weight * part.sh[k][cell];
+        const volume::VolumeSet part = read_levels(layer.file);
+        if (part.levels.size() != sum.levels.size())
+            throw Error(ErrorKind::invalid, manifest + ": " + layer.file
+                                                + " has other volumes than " + set.file
+                                                + "; bake all layers together");
+        for (std::size_t i = 0; i < sum.levels.size(); ++i) {
+            Volume& level = sum.levels[i];
+            check_alike(manifest, layer.file, level, part.levels[i]);
+            for (std::size_t k = 0; k < level.sh.size(); ++k)
+                for (std::size_t cell = 0; cell < level.sh[k].size(); ++cell)
+                    level.sh[k][cell] += layer.weight * part.levels[i].sh[k][cell];
+        }
     }
     return sum;
+}
+
+/// Whatever a program may be given: the manifest of layers, of a set, or a volume.
+std::string manifest_of(const std::string& file) {
+    return io::is_layer_manifest(file) ? file : io::layer_manifest_path(file);
+}
+
+/// Throws Error (argument) where an output would replace an input.
+void check_outputs(const MixOptions& o, const std::string& manifest, const io::LayerSet& set) {
+    std::vector<std::string> inputs{manifest}, files{set.file};
+    for (const io::LayerEntry& layer : set.layers)
+        files.push_back(layer.file);
+    for (const std::string& file : files) {
+        inputs.push_back(file);
+        if (io::is_manifest(file))
+            std::ranges::move(io::level_files(file), std::back_inserter(inputs));
+    }
+    check_files({}, inputs, o.outputs.paths);
+    if (io::is_manifest(set.file))
+        check_level_outputs(o.outputs.paths, inputs);
 }
 
 void run(const MixOptions& o) {
@@ -155,8 +186,7 @@ void run(const MixOptions& o) {
         if (!io::volume_format(path))
             throw Error(ErrorKind::argument,
                         path + ": unknown kind of volume file; use " + io::format_list());
-    const std::string manifest =
-        io::is_layer_manifest(o.file) ? o.file : io::layer_manifest_path(o.file);
+    const std::string manifest = manifest_of(o.file);
     io::LayerSet set;
     try {
         set = io::read_layer_manifest(manifest);
@@ -166,29 +196,26 @@ void run(const MixOptions& o) {
                                              + "); bake it with --layers");
         throw;
     }
-    std::vector<std::string> inputs{set.file, manifest};
-    for (const io::LayerEntry& layer : set.layers)
-        inputs.push_back(layer.file);
-    check_files({}, inputs, o.outputs.paths);
+    check_outputs(o, manifest, set);
     TerminalProgress progress(ProgressStyle::none);
     set_weights(o, progress, set);
-    Volume volume = mix(manifest, set);
-    describe(o, volume);
-    const Grid grid = volume.grid;
-    const int order = volume.sh_order;
-    const std::vector<Written> written =
-        write_outputs(o.outputs, o.outputs.paths, volume, progress);
+    volume::VolumeSet mixed = mix(manifest, set);
+    for (Volume& level : mixed.levels)
+        describe(o, level);
+    const std::vector<Grid> grids = mixed.grids();
+    const int order = mixed.levels.front().sh_order;
+    const std::vector<Written> written = write_levels(o.outputs, o.outputs.paths, mixed, progress);
     if (o.format == Format::json) {
         print_json({{"command", "mix"},
                     {"file", o.file},
                     {"layers", report::Json::parse(io::text_of(set.layers))},
-                    {"grid", report::grid_json(grid)},
+                    {"grid", report::grid_json(grids.front())},
                     {"sh_order", order},
                     {"outputs", outputs_json(written)},
                     {"warnings", progress.warnings()}});
         return;
     }
-    print_grid(grid);
+    std::ranges::for_each(grids, print_grid);
     for (const io::LayerEntry& layer : set.layers)
         std::printf("layer         %-20s %.4g, %.4g, %.4g\n", layer.name.c_str(),
                     double(layer.weight.x), double(layer.weight.y), double(layer.weight.z));
@@ -200,7 +227,8 @@ options::Action declare(options::Options& options) {
     MixOptions& o = *fields;
     options
         .text("file", o.file, "IN",
-              "Volume of bake --layers with its layers beside it, or its .layers.json")
+              "Volume, or set of volumes, of bake --layers with its layers beside it, or the "
+              ".layers.json")
         .require();
     options.values(
         "weights", o.weights, "NAME=VALUE", parse_weight,

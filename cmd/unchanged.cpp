@@ -35,23 +35,29 @@ void check_volume(const BakeOptions& o, const std::string& path, const Volume& v
             throw Error(ErrorKind::file, file + ": is not there");
 }
 
+/// Of the set that is written by the name `path`, and read by `file`.
+void check_set(const BakeOptions& o, const std::string& path, const std::string& file,
+               const std::string& hash) {
+    const volume::VolumeSet set = read_levels(file);
+    if (set.bricks)
+        check_hash(file, set.levels.front(), hash); // metadata are of all bricks
+    else
+        for (std::size_t i = 0; i < set.levels.size(); ++i)
+            check_volume(o, io::member_path(path, set.places, i), set.levels[i], hash);
+}
+
 void check_output(const BakeOptions& o, const std::string& path, const std::string& hash,
                   bool levels) {
-    if (!o.adaptive && !levels && !o.places())
-        check_volume(o, path, read_light(path), hash);
-    else {
-        const std::string manifest = io::manifest_path(path, o.places());
-        const volume::VolumeSet set = read_levels(manifest);
-        if (o.adaptive)
-            check_hash(manifest, set.levels.front(), hash); // metadata are of all bricks
-        else
-            for (std::size_t i = 0; i < set.levels.size(); ++i)
-                check_volume(o, io::member_path(path, set.places, i), set.levels[i], hash);
-    }
+    const auto file_of = [&](const std::string& set) {
+        return io::set_path(set, o.adaptive || levels ? 2 : 1, o.places());
+    };
+    check_set(o, path, file_of(path), hash);
     if (!o.layers.empty())
         for (const io::LayerEntry& layer :
-             io::read_layer_manifest(io::layer_manifest_path(path)).layers)
-            check_volume(o, layer.file, read_light(layer.file), hash);
+             io::read_layer_manifest(io::layer_manifest_path(path)).layers) {
+            const std::string set = io::layer_path(path, layer.name);
+            check_set(o, set, file_of(set), hash);
+        }
 }
 
 /// Empty where all outputs are as the bake would write them.

@@ -31,6 +31,7 @@ struct Axes {
     const Scene& scene;
     const visibility::Visibility& visibility;
     std::vector<volume::Adjustment> adjust;
+    std::vector<scene::LightLayer> layers;
 };
 
 /// A grid, and the scene in units of its cells, in its axes.
@@ -152,7 +153,10 @@ void finish_level(const Scene& scene, const BakePlan& plan, const gpu::Device& d
 
 /// What of a layer is told.
 void finish_layer(const BakePlan& plan, const Layer& layer, const Volume& whole, Volume& volume) {
+    volume.grid = whole.grid;
     volume.validity = whole.validity;
+    if (volume.grid.is_turned())
+        volume::turn_directions(glm::mat3_cast(volume.grid.turn), volume);
     volume::adjust_intensity(plan.settings.adjust, volume);
     volume.metadata = whole.metadata;
     const auto any = [](const std::vector<glm::vec3>& weights) {
@@ -164,6 +168,17 @@ void finish_layer(const BakePlan& plan, const Layer& layer, const Volume& whole,
     volume.metadata["layer"] = layer.name;
 }
 
+/// The layers as they are in axes that world axes are turned into.
+std::vector<scene::LightLayer> turned(std::vector<scene::LightLayer> layers,
+                                      const glm::mat3& rotation) {
+    for (scene::LightLayer& layer : layers)
+        if (layer.beyond)
+            layer.beyond = [of = layer.beyond, back = glm::transpose(rotation)](glm::vec3 towards) {
+                return of(back * towards);
+            };
+    return layers;
+}
+
 /// The scene in the axes of boxes of one turn.
 struct TurnedScene {
     glm::dquat turn;
@@ -171,11 +186,11 @@ struct TurnedScene {
     visibility::Visibility visibility;
     Axes axes;
 
-    TurnedScene(const Scene& of, const BakePlan& plan, glm::dquat box_turn)
+    TurnedScene(const Axes& world, const BakePlan& plan, glm::dquat box_turn)
         : turn(box_turn),
-          scene(scene::turned(of, back(), plan.frame.origin)),
+          scene(scene::turned(world.scene, back(), plan.frame.origin)),
           visibility(scene, plan.frame, plan.settings.isa),
-          axes{scene, visibility, plan.settings.adjust} {
+          axes{scene, visibility, world.adjust, turned(world.layers, glm::mat3(back()))} {
         for (volume::Adjustment& box : axes.adjust) {
             box.turn = turn;
             box.about = plan.frame.origin;
@@ -222,8 +237,8 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
             make(l);
 
     const visibility::Visibility visibility = open_scene(scene, plan, stages);
-    const std::vector<scene::LightLayer> layers = layers_in(plan);
-    Surfaces surfaces{light_scene(scene, plan, visibility, stages, layers), plan.frame};
+    const Axes world{scene, visibility, plan.settings.adjust, layers_in(plan)};
+    Surfaces surfaces{light_scene(scene, plan, visibility, stages, world.layers), plan.frame};
     const surface::LitSurfaces* lit = plan.lit ? &surfaces.lit : nullptr;
     // What moves from one volume to the next would carry the rounding of all before.
     std::optional<Surfaces> unmoved;
@@ -231,10 +246,10 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
         unmoved = surfaces;
     const solver::Inputs whole{scene,      device, grids.front(), plan.frame,
                                visibility, lit,    plan.maps,     plan.settings.adjust};
-    const Axes world{scene, visibility, plan.settings.adjust};
     std::unique_ptr<TurnedScene> turned; // that of the box before
 
     baked.levels.resize(grids.size());
+    baked.layers.resize(grids.size());
     for (const std::size_t l : order) {
         if (!solvers[l])
             make(l);
@@ -242,7 +257,7 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
             stages.set_of("");
             stages.begin("turn");
             turned.reset();
-            turned = std::make_unique<TurnedScene>(scene, plan, grids[l].turn);
+            turned = std::make_unique<TurnedScene>(world, plan, grids[l].turn);
             stages.end("the scene into a box's axes");
         }
         if (const std::string of = of_level(l, plan); !of.empty())
@@ -264,20 +279,20 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
             inputs.finest = &whole;
             inputs.around = std::span(solvers).subspan(l + 1);
         }
-        if (layers.empty()) {
+        std::vector<Volume>& layers = baked.layers[l];
+        layers.resize(level.axes.layers.size());
+        for (Volume& layer : layers)
+            layer.grid = level.upright;
+        inputs.layers = level.axes.layers;
+        if (layers.empty())
             solvers[l]->solve(inputs, stages, volume);
-        } else {
-            inputs.layers = layers;
-            baked.layers.resize(layers.size());
-            for (Volume& layer : baked.layers)
-                layer.grid = level.grid;
-            solvers[l]->solve_layers(inputs, stages, volume, baked.layers);
-        }
+        else
+            solvers[l]->solve_layers(inputs, stages, volume, layers);
         if (!coupled)
             solvers[l].reset();
         finish_level(scene, plan, device, level, surfaces, stages, volume);
-        for (std::size_t layer = 0; layer < baked.layers.size(); ++layer)
-            finish_layer(plan, plan.settings.layers[layer], volume, baked.layers[layer]);
+        for (std::size_t layer = 0; layer < layers.size(); ++layer)
+            finish_layer(plan, plan.settings.layers[layer], volume, layers[layer]);
     }
     warn_of_dark(scene, baked.levels, stages);
     baked.stages = stages.reports();

@@ -17,8 +17,8 @@ namespace lpvbake::bake {
 
 struct BakedLevels {
     std::vector<Volume> levels; ///< as grids_in has them
-    /// Of the first, BakeSettings::layers; walls are those of the level.
-    std::vector<Volume> layers;
+    /// Of each level BakeSettings::layers; walls are those of the level.
+    std::vector<std::vector<Volume>> layers;
     std::vector<StageReport> stages;
     std::vector<std::string> warnings; ///< a line each
 };

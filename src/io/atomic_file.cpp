@@ -168,14 +168,18 @@ void AtomicFile::publish() {
 }
 
 PublishTogether::PublishTogether() {
-    together = this;
+    if (!together)
+        together = this;
 }
 
 PublishTogether::~PublishTogether() {
-    together = nullptr;
+    if (together == this)
+        together = nullptr;
 }
 
 void PublishTogether::publish() {
+    if (together != this)
+        return;
     together = nullptr;
     for (AtomicFile& file : files_)
         file.publish();

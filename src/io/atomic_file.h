@@ -50,7 +50,7 @@ private:
 
 /// While it lives, what is published keeps its temporary name, and what remove_files() is given
 /// stays, until publish(), which renames all, one right after the other in their order, and then
-/// removes. What is not published is gone on destruction. There is one at a time.
+/// removes. What is not published is gone on destruction. One within another leaves all to that.
 class PublishTogether {
 public:
     PublishTogether();

@@ -3,12 +3,14 @@
 #include "io/atomic_file.h"
 #include "io/described.h"
 #include "io/io.h"
+#include "io/levels.h"
 #include "lpvbake/error.h"
 #include "quoted.h"
 
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <iterator>
 
 namespace lpvbake::io {
 namespace {
@@ -20,6 +22,11 @@ constexpr const char* format_name = "lpvbake layers";
 constexpr int version = 1;
 constexpr uint64_t most_bytes = 1 << 20;
 constexpr std::size_t most_entries = 1024;
+
+/// Of a layer the stem of files.
+std::string named(const std::string& stem, const std::string& layer) {
+    return stem + "_layer_" + layer;
+}
 
 Json json_of(const LayerEntry& layer) {
     return {{"name", layer.name},
@@ -36,27 +43,40 @@ std::string string_in(const std::string& path, const Json& json, const char* nam
     return *found;
 }
 
-/// The path of a volume that lies beside the manifest.
+/// The path of a volume, or of the manifest of a set, that lies beside the manifest.
 std::string file_in(const std::string& path, const Json& json) {
     const std::string name = string_in(path, json, "file");
-    if (name.find('/') != std::string::npos || !readable_format(name))
+    if (name.find('/') != std::string::npos || !(readable_format(name) || is_manifest(name)))
         reject(path, "lists " + printable(name) + ", which is no volume file beside it");
     return (fs::path(path).parent_path() / name).string();
 }
 
-/// Files that the manifest of a former bake lists, if there is one, beyond those of `kept`.
-std::vector<std::string> left_over(const std::string& manifest,
-                                   const std::vector<std::string>& kept) {
-    std::vector<std::string> over;
-    LayerSet former;
-    try {
-        former = read_layer_manifest(manifest);
-    } catch (const Error&) { // it is replaced whatever it holds
+/// Files of a layer: of a set all that its manifest lists, and that.
+std::vector<std::string> files_of(const std::string& file) {
+    std::vector<std::string> files, volumes{file};
+    if (is_manifest(file)) {
+        volumes = level_files(file);
+        files.push_back(file);
     }
-    for (const LayerEntry& layer : former.layers) {
-        const bool ours = layer.file == layer_path(former.file, layer.name);
-        if (ours && std::ranges::count(kept, layer.file) == 0)
-            add_with_textures(layer.file, over);
+    for (const std::string& volume : volumes)
+        add_with_textures(volume, files);
+    return files;
+}
+
+/// Files of layers that the manifest of a former bake lists, if there is one, and that are not
+/// written anew.
+std::vector<std::string> left_over(const std::string& manifest,
+                                   const std::vector<WriteReport::File>& written) {
+    std::vector<std::string> over;
+    try {
+        const LayerSet former = read_layer_manifest(manifest);
+        for (const LayerEntry& layer : former.layers)
+            if (set_stem(layer.file) == named(set_stem(former.file), layer.name)) // is ours
+                std::ranges::copy_if(
+                    files_of(layer.file), std::back_inserter(over), [&](const std::string& file) {
+                        return std::ranges::count(written, file, &WriteReport::File::path) == 0;
+                    });
+    } catch (const Error&) { // it is replaced whatever it holds
     }
     return over;
 }
@@ -64,11 +84,12 @@ std::vector<std::string> left_over(const std::string& manifest,
 } // namespace
 
 std::string layer_path(const std::string& path, const std::string& name) {
-    return with_suffix(path, "_layer_" + name);
+    const std::string stem = set_stem(path);
+    return named(stem, name) + path.substr(stem.size());
 }
 
 std::string layer_manifest_path(const std::string& path) {
-    return fs::path(path).replace_extension().string() + end_of_name;
+    return set_stem(path) + end_of_name;
 }
 
 bool is_layer_manifest(const std::string& path) {
@@ -82,27 +103,26 @@ std::string text_of(const std::vector<LayerEntry>& layers) {
     return list.dump();
 }
 
-WriteReport::File write_layer_manifest(const std::string& path,
-                                       const std::vector<LayerEntry>& layers) {
+WriteReport::File write_layer_manifest(const std::string& path, const std::string& file,
+                                       const std::vector<LayerEntry>& layers,
+                                       const std::vector<WriteReport::File>& written) {
+    const auto name_of = [](const std::string& of) { return fs::path(of).filename().string(); };
     Json list = Json::array();
-    std::vector<std::string> kept;
     for (const LayerEntry& layer : layers) {
         list.push_back(json_of(layer));
-        list.back().update(
-            Json{{"lights", layer.lights}, {"emitters", layer.emitters}, {"sky", layer.sky}});
-        kept.push_back(layer_path(path, layer.name));
-        list.back()["file"] = fs::path(kept.back()).filename().string();
+        list.back().update(Json{{"lights", layer.lights},
+                                {"emitters", layer.emitters},
+                                {"sky", layer.sky},
+                                {"file", name_of(layer.file)}});
     }
-    const Json manifest{{"format", format_name},
-                        {"version", version},
-                        {"file", fs::path(path).filename().string()},
-                        {"layers", list}};
+    const Json manifest{
+        {"format", format_name}, {"version", version}, {"file", name_of(file)}, {"layers", list}};
     const std::string name = layer_manifest_path(path);
-    const std::vector<std::string> over = left_over(name, kept);
-    AtomicFile file(name);
-    file.write(text_of(manifest));
-    const uint64_t bytes = file.seal();
-    file.publish();
+    const std::vector<std::string> over = left_over(name, written);
+    AtomicFile to(name);
+    to.write(text_of(manifest));
+    const uint64_t bytes = to.seal();
+    to.publish();
     remove_files(over);
     return {name, bytes};
 }

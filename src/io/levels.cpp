@@ -63,13 +63,6 @@ Json parse(const std::string& path) {
     return json;
 }
 
-/// What the names of the files of a set begin with.
-std::string stem_of(const std::string& manifest) {
-    std::string stem = fs::path(manifest).filename().string();
-    stem.resize(stem.size() - std::string(words_of(manifest).end_of_name).size());
-    return stem;
-}
-
 std::string file_in(const std::string& path, const Json& level) {
     const Json file = level.is_object() ? level.value("file", Json()) : Json();
     if (!file.is_string() || file.get<std::string>().empty()
@@ -95,7 +88,8 @@ std::vector<std::string> further_files(const std::string& manifest, std::size_t 
     for (std::size_t i = places.empty() ? std::max<std::size_t>(levels, 1) : 0; i < files.size();
          ++i) {
         const std::string stem = fs::path(files[i]).stem().string();
-        const auto begin = stem_of(manifest) + "_"; // others are not of our naming
+        const auto begin =
+            fs::path(set_stem(manifest)).filename().string() + "_"; // others are not of our naming
         const bool is_of_former =
             places.empty() ? stem.ends_with("_level" + std::to_string(i))
                            : stem.starts_with(begin)
@@ -177,6 +171,17 @@ std::string manifest_path(const std::string& path, bool placed) {
 
 bool is_manifest(const std::string& path) {
     return path.ends_with(of_levels.end_of_name) || path.ends_with(of_places.end_of_name);
+}
+
+std::string set_path(const std::string& path, std::size_t levels, bool placed) {
+    return levels > 1 || placed ? manifest_path(path, placed) : path;
+}
+
+std::string set_stem(const std::string& set_path) {
+    const std::size_t end = is_manifest(set_path)
+                                ? std::string(words_of(set_path).end_of_name).size()
+                                : fs::path(set_path).extension().string().size();
+    return set_path.substr(0, set_path.size() - end);
 }
 
 void check_alike(const std::string& path, const std::string& file, const Volume& first,

@@ -39,6 +39,10 @@ std::string member_path(const std::string& path, const std::vector<volume::Place
 std::string manifest_path(const std::string& path, bool placed = false);
 /// By the end of its name.
 bool is_manifest(const std::string& path);
+/// What a set, of levels or of places, is read by: its manifest, or the one volume.
+std::string set_path(const std::string& path, std::size_t levels, bool placed);
+/// The name that a set was written by, but for its extension.
+std::string set_stem(const std::string& set_path);
 
 /// The files that a manifest lists, beside it. Throws as read_levels, but for the levels.
 std::vector<std::string> level_files(const std::string& manifest);

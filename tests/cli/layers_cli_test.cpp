@@ -150,6 +150,91 @@ TEST_F(LayersCli, GroupsTakeWhatTheirPatternFits) {
     EXPECT_TRUE(exists("a_layer_bulb.vdb"));
 }
 
+TEST_F(LayersCli, OfLevelsAreLevels) {
+    const std::string set = "--level -0.5,0,-0.5,0.5,1,0.5:0.125 --level -1,0,-1,1,2,1:0.25 ";
+    const std::string to = "bake \"$ROOM\" --quality fast --solver gather -q " + set;
+    ASSERT_EQ(run(to + "-o plain.vdb").status, 0);
+    const CliResult baked = run(to + "-o a.vdb --layers lights,emitters");
+    ASSERT_EQ(baked.status, 0) << baked.err;
+    const json manifest = json::parse(slurp(folder_ / "a.layers.json"));
+    EXPECT_EQ(manifest["file"], "a.levels.json");
+    EXPECT_EQ(manifest["layers"][0]["file"], "a_layer_bulb.levels.json");
+    EXPECT_EQ(read_volume(folder_ / "a_level1.vdb").sh,
+              read_volume(folder_ / "plain_level1.vdb").sh);
+    EXPECT_EQ(
+        json::parse(run("info a.levels.json --format json").out)["levels"][1]["layers"].size(), 2u);
+    for (const char* file : {"a.vdb", "a.levels.json", "a.layers.json"})
+        ASSERT_EQ(run(std::string("mix ") + file + " -o same.vdb").status, 0) << file;
+    ASSERT_EQ(run(to + "-o half.vdb --light-scale '*=0.5'").status, 0);
+    const std::string lamp = manifest["layers"][1]["name"];
+    ASSERT_EQ(run("mix a.vdb bulb=0.5 " + lamp + "=0.5 -o mixed.vdb").status, 0);
+    for (const char* level : {".vdb", "_level1.vdb"}) {
+        const std::string end = level;
+        EXPECT_LT(
+            difference(read_volume(folder_ / ("same" + end)), read_volume(folder_ / ("a" + end))),
+            1e-5);
+        EXPECT_LT(difference(read_volume(folder_ / ("mixed" + end)),
+                             read_volume(folder_ / ("half" + end))),
+                  1e-5);
+    }
+    EXPECT_EQ(run("info mixed.levels.json").status, 0);
+    EXPECT_EQ(run(to + "-o a.vdb --layers lights,emitters --if-changed").out.substr(0, 9),
+              "unchanged");
+    expect_one_error(run("mix a.vdb -o a_layer_bulb_level1.vdb"), "mix", ExitCode::usage,
+                     "would replace the input");
+    // What the next bake has no level for is gone, and no more.
+    ASSERT_EQ(bake("-o a.vdb --layers lights,emitters").status, 0);
+    EXPECT_FALSE(exists("a_layer_bulb_level1.vdb"));
+    EXPECT_FALSE(exists("a_layer_bulb.levels.json"));
+    EXPECT_TRUE(exists("a_layer_bulb.vdb"));
+    ASSERT_EQ(run("mix a.vdb -o same.vdb").status, 0);
+}
+
+/// A picture of a sky of 10 + 8 x nits towards +x: binary PFM, from the bottom.
+std::string sky_from_one_side() {
+    constexpr int columns = 256, rows = 128;
+    std::string picture = "PF\n256 128\n-1.0\n";
+    for (int row = rows - 1; row >= 0; --row)
+        for (int column = 0; column < columns; ++column) {
+            const double polar = M_PI * (row + 0.5) / rows;
+            const double turn = 2.0 * M_PI * ((column + 0.5) / columns - 0.5);
+            const auto luminance = float(10.0 + 8.0 * std::sin(polar) * std::sin(turn));
+            for (int c = 0; c < 3; ++c)
+                picture.append(reinterpret_cast<const char*>(&luminance), sizeof luminance);
+        }
+    return picture;
+}
+
+TEST_F(LayersCli, OfVolumesAreVolumesAndTurnWithThem) {
+    spill(folder_ / "sky.pfm", sky_from_one_side());
+    spill(folder_ / "boxes.json",
+          R"({"volumes": [{"name": "low", "box": [-1, 0, -1, 1, 1, 1], "cell": 0.25},
+                          {"name": "high", "box": [-0.5, 0.5, -0.5, 0.5, 2.5, 0.5], "cell": 0.25,
+                           "rotation": [0, 0.3826834, 0, 0.9238795], "priority": 1}]})");
+    const std::string to = "bake \"$ROOM\" --quality fast --solver gather -q --volumes boxes.json "
+                           "--sky sky.pfm --no-light bulb --no-emitters ";
+    const CliResult baked = run(to + "-o a.vdb --layers sky:2");
+    ASSERT_EQ(baked.status, 0) << baked.err;
+    EXPECT_EQ(json::parse(slurp(folder_ / "a.layers.json"))["file"], "a.volumes.json");
+    ASSERT_EQ(run("mix a.vdb -o same.vdb").status, 0);
+    ASSERT_EQ(run("mix a.volumes.json sky=sky.pfm -o modes.vdb").status, 0);
+    for (const char* name : {"low", "high"}) {
+        const auto of = [&](const std::string& stem) {
+            return read_volume(folder_ / (stem + "_" + name + ".vdb"));
+        };
+        EXPECT_LT(difference(of("same"), of("a")), 1e-5) << name;
+        // The same sky by its modes, which are as turned as the box.
+        const Volume all = of("a"), modes = of("modes");
+        double sum = 0.0, error = 0.0;
+        for (std::size_t k = 0; k < all.sh.size(); ++k)
+            for (std::size_t cell = 0; cell < all.grid.size(); ++cell) {
+                sum += std::abs(double(all.sh[k][cell].y));
+                error += std::abs(double(all.sh[k][cell].y) - double(modes.sh[k][cell].y));
+            }
+        EXPECT_LT(error, 0.005 * sum) << name;
+    }
+}
+
 TEST_F(LayersCli, AreTheSameForAnyNumberOfThreads) {
     ASSERT_EQ(bake("-o a.vdb --layers lights,emitters --threads 1").status, 0);
     ASSERT_EQ(bake("-o b.vdb --layers lights,emitters --threads 2").status, 0);
@@ -169,8 +254,6 @@ TEST_F(LayersCli, WhatCannotBeIsRefusedByName) {
     refused("--layers lights --no-light bulb", "no punctual light is left");
     refused("--layers lights --solver lpv", "--layers is an option of sn or gather");
     refused("--layers lights --adaptive 0.1..0.2", "--adaptive");
-    refused("--layers lights --level -1,0,-1,1,2,1:0.2", "--level");
-    refused("--layers lights --volume a=-1,0,-1,1,2,1:0.2", "--volume");
     refused("--layers lights --direct sh", "--direct");
     refused("--layers lights --fit surfaces", "--fit none");
     refused("--layers lights --dering on", "--dering off");
