@@ -134,8 +134,17 @@ std::vector<const solver::SolverKind*> solvers_of(const BakeOptions& o) {
         keep(o.levels ? "levels" : "level", solvers_with([](const solver::SolverKind& kind) {
                  return kind.nesting != solver::Nesting::none;
              }));
+    const auto layered = [&](solver::Layering least, const char* option) {
+        keep(option,
+             solvers_with([=](const solver::SolverKind& kind) { return kind.layers >= least; }));
+    };
     if (!o.layers.empty())
-        keep("layers", solvers_with([](const solver::SolverKind& kind) { return kind.layers; }));
+        layered(solver::Layering::of_lights, "layers");
+    if (!o.layers.empty() && (o.nests() || o.places()))
+        layered(solver::Layering::any, "layers of several volumes");
+    for (const std::vector<bake::LayerWish>& wishes : o.layers)
+        if (std::ranges::any_of(wishes, [](const auto& wish) { return wish.order >= 0; }))
+            layered(solver::Layering::any, "layers sky:N");
     if (o.quality)
         keep("quality", solvers_with(has_presets));
     for (const auto& [name, value] : o.parameters)

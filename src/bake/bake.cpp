@@ -155,6 +155,7 @@ void finish_level(const Scene& scene, const BakePlan& plan, const gpu::Device& d
 void finish_layer(const BakePlan& plan, const Layer& layer, const Volume& whole, Volume& volume) {
     volume.grid = whole.grid;
     volume.validity = whole.validity;
+    volume.occlusion = whole.occlusion;
     if (volume.grid.is_turned())
         volume::turn_directions(glm::mat3_cast(volume.grid.turn), volume);
     volume::adjust_intensity(plan.settings.adjust, volume);

@@ -50,7 +50,7 @@ int largest_resolution(const Bounds& box, const BakeSettings& settings, uint64_t
     for (int low = 3, high = 2048; low <= high;) {
         const int middle = (low + high) / 2;
         const Grid grid = volume::fit_grid(box.lo, box.hi, {middle, 0.0, settings.grid.margin});
-        if (solver.kind().device_bytes(grid, solver) <= memory) {
+        if (solver.kind().device_bytes(grid, solver, settings.layers.size()) <= memory) {
             fits = middle;
             low = middle + 1;
         } else {
@@ -189,7 +189,8 @@ void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan)
         plan.frame = scene::frame_of(plan.grid);
     }
     for (const Grid& grid : grids_in(plan)) {
-        plan.device_bytes = std::max(plan.device_bytes, solver.kind().device_bytes(grid, solver));
+        plan.device_bytes = std::max(
+            plan.device_bytes, solver.kind().device_bytes(grid, solver, settings.layers.size()));
         if (plan.device_bytes > device.memory && several)
             throw Error(ErrorKind::memory,
                         dims_text(grid.dims)

@@ -101,7 +101,8 @@ public:
     virtual void solve(const Inputs& inputs, Stages& stages, Volume& volume) = 0;
     /// The same, and Volume::sh and sh_order of each of Inputs::layers, to which the grid is given:
     /// linear in the layers' weights, since all that is decided is decided by the light as a whole,
-    /// whose volume has the same bits as without them. Of a kind with SolverKind::layers alone.
+    /// whose volume has the same bits as without them. Of a kind with such SolverKind::layers
+    /// alone.
     virtual void solve_layers(const Inputs& inputs, Stages& stages, Volume& volume,
                               std::span<Volume> layers);
     /// The same, but for the validity, which is there, at places (frame units) instead of the
@@ -185,6 +186,13 @@ enum class Nesting {
     coupled, ///< from the outermost in: finer ones take light from those around (Inputs::around)
 };
 
+/// Which layers of the light a kind can solve.
+enum class Layering {
+    none,
+    of_lights, ///< parts of the scene's light, of one grid
+    any,       ///< skies beside it, too (scene::LightLayer::beyond)
+};
+
 /// A kind of solver: all that the rest of the program knows of it. Functions may not be null.
 struct SolverKind {
     const char* name; ///< unique
@@ -194,7 +202,7 @@ struct SolverKind {
     /// Reflections unless they are said; none: all.
     std::optional<int> default_bounces;
     bool at_places = false; ///< it can solve given places, not only a grid
-    bool layers = false;    ///< it can solve layers of the light
+    Layering layers = Layering::none;
     Nesting nesting = Nesting::none;
     std::span<const Parameter> parameters;
     /// From the fastest to the most accurate, at least one. One is Quality::balanced, or else the
@@ -208,7 +216,7 @@ struct SolverKind {
     /// a scene of which the pilot tells so much: the squares of both sum.
     double (*expected_error)(const SolverSettings& settings, const Pilot& pilot);
     /// Peak of its device memory, bytes.
-    uint64_t (*device_bytes)(const Grid& grid, const SolverSettings& settings);
+    uint64_t (*device_bytes)(const Grid& grid, const SolverSettings& settings, uint64_t layers);
     Cost (*cost)(const Workload& work, const SolverSettings& settings);
     /// Begins to compile it, on another thread: what the rest of a bake does meanwhile takes time,
     /// too. `device` and `grid` outlive the result.

@@ -235,6 +235,18 @@ TEST_F(LayersCli, OfVolumesAreVolumesAndTurnWithThem) {
     }
 }
 
+TEST_F(LayersCli, OfPropagationSumUpToo) {
+    const std::string bake =
+        "bake \"$ROOM\" --resolution 16 --solver lpv --bounces inf -q -o a.exr "
+        "--layers lights,emitters ";
+    ASSERT_EQ(run(bake).status, 0);
+    const json plan = json::parse(run(bake + "--dry-run --format json").out);
+    for (const json& file : plan["outputs"][0]["files"])
+        EXPECT_TRUE(exists(file["path"])) << file;
+    ASSERT_EQ(run("mix a.exr -o same.vdb").status, 0);
+    EXPECT_LT(difference(read_volume(folder_ / "same.vdb"), read_volume(folder_ / "a.json")), 1e-5);
+}
+
 TEST_F(LayersCli, AreTheSameForAnyNumberOfThreads) {
     ASSERT_EQ(bake("-o a.vdb --layers lights,emitters --threads 1").status, 0);
     ASSERT_EQ(bake("-o b.vdb --layers lights,emitters --threads 2").status, 0);
@@ -252,7 +264,12 @@ TEST_F(LayersCli, WhatCannotBeIsRefusedByName) {
     refused("--layers x=nothing*", "'bulb'");
     refused("--layers sky", "there is no sky");
     refused("--layers lights --no-light bulb", "no punctual light is left");
-    refused("--layers lights --solver lpv", "--layers is an option of sn or gather");
+    refused("--layers sky:1 --sky '#ffffff,1' --solver lpv",
+            "--layers sky:N is an option of sn or gather");
+    expect_one_error(run("bake \"$ROOM\" -o a.vdb --layers lights --solver lpv --level "
+                         "-1,0,-1,1,2,1:0.2"),
+                     "lpv, --level", ExitCode::usage,
+                     "--layers of several volumes is an option of sn or gather");
     refused("--layers lights --adaptive 0.1..0.2", "--adaptive");
     refused("--layers lights --direct sh", "--direct");
     refused("--layers lights --fit surfaces", "--fit none");

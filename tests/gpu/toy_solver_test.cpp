@@ -74,8 +74,8 @@ constinit const solver::SolverKind toy_kind{
     .map_size = [](const Grid&, const solver::SolverSettings&) { return 0; },
     .expected_error = [](const solver::SolverSettings& settings,
                          const solver::Pilot&) { return 0.4 / settings["samples"]; },
-    .device_bytes = [](const Grid& grid,
-                       const solver::SolverSettings&) { return uint64_t(grid.size()); },
+    .device_bytes = [](const Grid& grid, const solver::SolverSettings&,
+                       uint64_t) { return uint64_t(grid.size()); },
     .cost =
         [](const solver::Workload& work, const solver::SolverSettings& settings) {
             return solver::Cost{{{"glow", settings["samples"] * 1e-3, "an even glow"}},

@@ -184,15 +184,15 @@ constinit const SolverKind gather_kind{
     .orders = orders,
     .default_bounces = std::nullopt,
     .at_places = true,
-    .layers = true,
+    .layers = Layering::any,
     .nesting = Nesting::independent,
     .parameters = parameters,
     .ladder = ladder,
     .map_size = map_size,
     .expected_error = expected_error,
     .device_bytes =
-        [](const Grid&, const SolverSettings& settings) {
-            return gather_device_bytes(settings_of(settings).gather);
+        [](const Grid&, const SolverSettings& settings, uint64_t layers) {
+            return gather_device_bytes(settings_of(settings).gather, layers > 0);
         },
     .cost = cost,
     .make = [](const gpu::Device& device, const Grid&,

@@ -46,6 +46,26 @@ size_t front_cell(const vpl::Vpl& vpl, const visibility::Visibility& visibility,
     return nowhere;
 }
 
+/// Of a cell: [4 * colour + k].
+using Lobes = std::array<double, 12>;
+
+/// Adds (Phi / pi) K(n); returns Phi, the three channels together.
+double add_lobe(const vpl::Vpl& vpl, glm::vec3 power, Lobes& sum) {
+    // K(n), the clamped cosine in SH: sqrt(pi)/2 for the constant, sqrt(pi/3) for the linear band.
+    const double k0 = std::sqrt(glm::pi<double>()) / 2.0;
+    const double k1 = std::sqrt(glm::pi<double>() / 3.0);
+    const glm::dvec3 n{vpl.normal};
+    const double lobe[4] = {k0, k1 * n.y, k1 * n.z, k1 * n.x};
+    double all = 0.0;
+    for (size_t channel = 0; channel < 3; ++channel) {
+        const double phi = double(power[int(channel)]);
+        all += phi;
+        for (size_t k = 0; k < 4; ++k)
+            sum[4 * channel + k] += phi / glm::pi<double>() * lobe[k];
+    }
+    return all;
+}
+
 /// Whether light goes from here into the grid.
 bool stays(const vpl::Vpl& vpl, const Grid& grid) {
     return grid.contains(glm::ivec3(glm::floor(vpl.position + 0.5f * vpl.normal)));
@@ -67,26 +87,22 @@ Injection inject(std::span<const vpl::Vpl> vpls, const visibility::Visibility& v
                      [&](size_t a, size_t b) { return cells[a] < cells[b]; });
 
     injection.coefficients.assign(12 * grid.size(), 0.0f);
-    // K(n), the clamped cosine in SH: sqrt(pi)/2 for the constant, sqrt(pi/3) for the linear band.
-    const double k0 = std::sqrt(glm::pi<double>()) / 2.0;
-    const double k1 = std::sqrt(glm::pi<double>() / 3.0);
+    const size_t layers = vpls.empty() ? 0 : vpls.front().layers.size();
+    injection.layers.assign(layers, injection.coefficients);
+    std::vector<Lobes> sums(1 + layers); // of a cell: of all light, and of layers
     for (size_t first = 0; first < order.size();) {
         const size_t cell = cells[order[first]];
-        std::array<double, 12> sum{};
+        std::ranges::fill(sums, Lobes{});
         double power = 0.0;
         size_t i = first;
         for (; i < order.size() && cells[order[i]] == cell; ++i) {
             const vpl::Vpl& vpl = vpls[order[i]];
-            const glm::dvec3 n{vpl.normal};
-            const double lobe[4] = {k0, k1 * n.y, k1 * n.z, k1 * n.x};
-            for (size_t channel = 0; channel < 3; ++channel) {
-                const double phi = double(vpl.power[int(channel)]);
-                power += phi;
-                if (cell == nowhere && stays(vpl, grid))
-                    injection.shut += phi;
-                for (size_t k = 0; k < 4; ++k)
-                    sum[4 * channel + k] += phi / glm::pi<double>() * lobe[k];
-            }
+            const double phi = add_lobe(vpl, vpl.power, sums[0]);
+            power += phi;
+            if (cell == nowhere && stays(vpl, grid))
+                injection.shut += phi;
+            for (size_t layer = 0; layer < layers; ++layer)
+                add_lobe(vpl, vpl.layers[layer], sums[1 + layer]);
         }
         first = i;
         if (cell == nowhere) {
@@ -94,7 +110,9 @@ Injection inject(std::span<const vpl::Vpl> vpls, const visibility::Visibility& v
             continue;
         }
         injection.power += power;
-        std::copy(sum.begin(), sum.end(), &injection.coefficients[12 * cell]);
+        std::ranges::copy(sums[0], &injection.coefficients[12 * cell]);
+        for (size_t layer = 0; layer < layers; ++layer)
+            std::ranges::copy(sums[1 + layer], &injection.layers[layer][12 * cell]);
     }
     return injection;
 }

@@ -14,9 +14,10 @@ namespace lpvbake::solver::lpv {
 struct Injection {
     /// [12 * cell + 4 * colour + k], k in the order 1, y, z, x.
     std::vector<float> coefficients;
-    double power = 0; ///< lm injected, the three channels together
-    double lost = 0;  ///< lm that found no cell in front of its surface, inside the grid
-    double shut = 0;  ///< lm of these that do not leave the grid: no centre sees their surface
+    std::vector<std::vector<float>> layers; ///< the same, of each layer of the VPLs
+    double power = 0;                       ///< lm injected, the three channels together
+    double lost = 0; ///< lm that found no cell in front of its surface, inside the grid
+    double shut = 0; ///< lm of these that do not leave the grid: no centre sees their surface
     std::vector<size_t> cells; ///< where each VPL is; nowhere: found none
 };
 

@@ -104,6 +104,11 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
          lpv.iterations
              ? counted(uint64_t(lpv.iterations), "iteration")
              : format("until %.3g %% of the power is left", 100.0 * double(lpv.tolerance))});
+    if (work.layers > 0)
+        cost.stages.push_back(
+            {"layers", seconds::propagate_layer * double(work.layers) * cost.stages.back().seconds,
+             counted(work.layers, "layer")});
+    cost.host_bytes = work.layers * (work.grid.size() * 96 + uint64_t(8 * work.patches) * 12);
     return cost;
 }
 
@@ -125,6 +130,11 @@ public:
           })) {}
 
     void solve(const Inputs& inputs, Stages& stages, Volume& volume) override {
+        solve_layers(inputs, stages, volume, {});
+    }
+
+    void solve_layers(const Inputs& inputs, Stages& stages, Volume& volume,
+                      std::span<Volume> layers) override {
         const Occlusion mode = settings_.occlusion;
         all_ = inputs.around.empty() ? find_vpls(inputs.finest ? *inputs.finest : inputs, stages)
                                      : as_lpv(inputs.around.front()).all_;
@@ -150,8 +160,11 @@ public:
         volume::adjust_validity(inputs.adjust, volume);
         stages.end(outside_geometry(volume.validity));
 
-        LpvField field = propagate(inject_all(inputs, stages, volume), stages);
+        const LpvProgram program = program_.get();
+        const Injection injection = inject_all(inputs, stages, volume);
+        LpvField field = propagate(program, injection, stages);
         to_luminance(field, volume);
+        follow(program, injection, field.iterations, stages, layers);
         if (mode != Occlusion::none)
             volume.occlusion = at_cell_centers(geometry, inputs.grid);
         volume.metadata["iterations"] = std::to_string(field.iterations);
@@ -174,7 +187,7 @@ private:
             stages.begin("rsm", inputs.scene.lights.size());
             all->vpls =
                 vpl::render_vpls(inputs.device, inputs.scene, inputs.frame, {size, rsm_kernel_},
-                                 stages.progress(), &inputs.visibility);
+                                 stages.progress(), &inputs.visibility, inputs.layers);
             stages.end(format("%s of %d x %d, %s", counted(uint64_t(count), "map").c_str(), size,
                               size, counted(all->vpls.size(), "VPL").c_str()));
         }
@@ -231,7 +244,8 @@ private:
                 outside.push_back(vpl);
         }
         if (scene::has_sky(inputs.scene))
-            vpl::sky_vpls(inputs.scene.sky, inputs.visibility, inputs.frame, vpls, outer);
+            vpl::sky_vpls(inputs.scene.sky, inputs.visibility, inputs.frame, vpls, outer,
+                          inputs.layers);
         vpl::let_in(outside, inputs.visibility, inputs.frame, outer);
         vpl::let_in(near, inputs.visibility, inputs.frame);
         vpls.insert(vpls.end(), outside.begin(), outside.end());
@@ -293,10 +307,10 @@ private:
         return injection;
     }
 
-    LpvField propagate(const Injection& injection, Stages& stages) {
+    LpvField propagate(const LpvProgram& program, const Injection& injection, Stages& stages) {
         stages.begin("propagate", 100);
-        LpvField field = program_.get().propagate(injection, solved_.transmittance, settings_,
-                                                  stages.progress());
+        LpvField field =
+            program.propagate(injection, solved_.transmittance, settings_, stages.progress());
         const std::string iterations = counted(uint64_t(field.iterations), "iteration");
         stages.end(
             format("%s, %.3g %% of the power left", iterations.c_str(), 100.0 * field.residual));
@@ -306,6 +320,22 @@ private:
                        "field is too dark; raise `iterations`, or leave it out",
                        iterations.c_str(), 100.0 * field.residual));
         return field;
+    }
+
+    void follow(const LpvProgram& program, const Injection& injection, int iterations,
+                Stages& stages, std::span<Volume> layers) {
+        if (layers.empty())
+            return;
+        stages.begin("layers", 100);
+        std::vector<LpvField> fields;
+        if (injection.layers.empty()) // no light comes into the grid
+            fields.assign(layers.size(), {injection.coefficients});
+        else
+            fields = program.propagate_layers(injection, solved_.transmittance, iterations,
+                                              stages.progress());
+        for (std::size_t layer = 0; layer < layers.size(); ++layer)
+            to_luminance(fields[layer], layers[layer]);
+        stages.end(counted(layers.size(), "layer"));
     }
 
     LpvSettings settings_;
@@ -324,14 +354,15 @@ constinit const SolverKind lpv_kind{
     .help = "classic propagation",
     .orders = orders,
     .default_bounces = 1,
+    .layers = Layering::of_lights,
     .nesting = Nesting::coupled,
     .parameters = parameters,
     .ladder = ladder,
     .map_size = map_size,
     .expected_error = expected_error,
     .device_bytes =
-        [](const Grid& grid, const SolverSettings& settings) {
-            return lpv_device_bytes(grid, settings_of(settings).occlusion);
+        [](const Grid& grid, const SolverSettings& settings, uint64_t layers) {
+            return lpv_device_bytes(grid, settings_of(settings).occlusion, layers > 0);
         },
     .cost = cost,
     .make = [](const gpu::Device& device, const Grid& grid,

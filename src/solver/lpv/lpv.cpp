@@ -12,9 +12,9 @@ constexpr int most_iterations = 100'000;
 
 } // namespace
 
-uint64_t lpv_device_bytes(const Grid& grid, Occlusion occlusion) {
+uint64_t lpv_device_bytes(const Grid& grid, Occlusion occlusion, bool layers) {
     const PropagateLayout layout = layout_of(grid);
-    return 3 * layout.elements() * sizeof(glm::vec4)
+    return (layers ? 5 : 3) * layout.elements() * sizeof(glm::vec4)
            + layout.elements(planes_of(occlusion)) * sizeof(float) + (uint64_t(1) << 20);
 }
 
@@ -46,6 +46,28 @@ LpvField LpvProgram::propagate(const Injection& injection, std::span<const float
     }
     field.coefficients = propagator.download();
     return field;
+}
+
+std::vector<LpvField> LpvProgram::propagate_layers(const Injection& injection,
+                                                   std::span<const float> transmittance,
+                                                   int iterations, Progress& progress) const {
+    const PropagatePlan plan = plan_propagate(device_, grid_, occlusion_, window_);
+    const PropagatePrograms programs = compile_propagate(device_, grid_, occlusion_, true);
+    std::vector<LpvField> fields;
+    for (const std::vector<float>& layer : injection.layers) {
+        Propagator propagator(device_, grid_, plan, programs, injection, transmittance, layer);
+        LpvField& field = fields.emplace_back();
+        while (field.iterations < iterations) {
+            const int steps = std::min(Propagator::most_steps, iterations - field.iterations);
+            propagator.run(steps);
+            field.iterations += steps;
+            const double way = double(field.iterations) / iterations;
+            progress.advance(uint64_t(100.0 * (double(fields.size() - 1) + way)
+                                      / double(injection.layers.size())));
+        }
+        field.coefficients = propagator.download();
+    }
+    return fields;
 }
 
 void to_luminance(const LpvField& field, Volume& volume) {

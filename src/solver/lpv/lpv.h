@@ -19,8 +19,8 @@ struct LpvSettings {
     Occlusion occlusion = Occlusion::face;
 };
 
-/// Device memory of a propagation, bytes.
-uint64_t lpv_device_bytes(const Grid& grid, Occlusion occlusion);
+/// Device memory of a propagation, bytes; `layers`: of one that is followed by layers.
+uint64_t lpv_device_bytes(const Grid& grid, Occlusion occlusion, bool layers = false);
 
 struct LpvField {
     /// SH L1 of intensity (cd) in travel direction, injected light and all fronts together:
@@ -41,6 +41,11 @@ public:
     /// (Links::open), 30 for sh (face_transmittance), none for none. Throws Error (memory, device).
     LpvField propagate(const Injection& injection, std::span<const float> transmittance,
                        const LpvSettings& settings, Progress& progress) const;
+    /// The fields of Injection::layers, after as many iterations as that of all light: linear in
+    /// the layers, and summing to that, since it decides at which faces flux arrives.
+    std::vector<LpvField> propagate_layers(const Injection& injection,
+                                           std::span<const float> transmittance, int iterations,
+                                           Progress& progress) const;
 
 private:
     const gpu::Device& device_;

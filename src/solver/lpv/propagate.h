@@ -1,4 +1,4 @@
-// What the propagation kernel (propagate.comp) and the host have to agree on. This file is
+// What the propagation kernels (propagate.glsl) and the host have to agree on. This file is
 // included by both languages, so it keeps to what C++20 and GLSL 4.60 have in common outside of
 // the blocks that test for __cplusplus.
 #ifndef LPVBAKE_SOLVER_LPV_PROPAGATE_H
@@ -15,7 +15,7 @@ using uint = std::uint32_t;
 #endif
 
 // Descriptor set 0. Everything that is read goes through uniform texel buffers (see the head of
-// propagate.comp for why), everything that is written through storage buffers. The accumulator is
+// propagate.glsl for why), everything that is written through storage buffers. The accumulator is
 // bound both ways, over the same window of the same buffer. A window is limited by
 // maxStorageBufferRange as well as by maxTexelBufferElements; the latter counts single floats for
 // the transmittances, which have 30 planes a layer in the per-face variant.
@@ -25,6 +25,9 @@ LPVBAKE_SHARED_CONST uint binding_transmittance = 2u;   // uniform texel buffer,
 LPVBAKE_SHARED_CONST uint binding_front_out = 3u;       // storage buffer, vec4[]
 LPVBAKE_SHARED_CONST uint binding_accumulator_out = 4u; // storage buffer, vec4[]
 LPVBAKE_SHARED_CONST uint binding_partial_flux = 5u;    // storage buffer, float[]
+// Of a layer that follows: as front_in and front_out; the accumulator is its own.
+LPVBAKE_SHARED_CONST uint binding_layer_in = 6u;  // uniform texel buffer, RGBA32F
+LPVBAKE_SHARED_CONST uint binding_layer_out = 7u; // storage buffer, vec4[]
 
 // Specialization constants.
 LPVBAKE_SHARED_CONST uint spec_local_size = 0u; // invocations of a work group

@@ -1,6 +1,7 @@
 #include "solver/lpv/propagator.h"
 
 #include "lpvbake/error.h"
+#include "solver/lpv/follow.comp.h"
 #include "solver/lpv/propagate.comp.h"
 #include "solver/occlusion.h"
 #include "volume/sh.h"
@@ -24,18 +25,23 @@ PropagateTiling tiling_for(const gpu::Device& device, const Grid& grid) {
     return device.is_cpu() ? cpu_tiling(uint32_t(grid.dims.x)) : gpu_tiling;
 }
 
-gpu::Program compile(const gpu::Device& device, const PropagateTiling& tiling,
-                     Occlusion occlusion) {
+gpu::Program compile(const gpu::Device& device, const PropagateTiling& tiling, Occlusion occlusion,
+                     bool follow) {
     using gpu::Binding;
     constexpr Binding bindings[] = {Binding::texels_rgba32, Binding::texels_rgba32,
                                     Binding::texels_r32,    Binding::storage,
-                                    Binding::storage,       Binding::storage};
+                                    Binding::storage,       Binding::storage,
+                                    Binding::texels_rgba32, Binding::storage}; // of a layer
     const uint32_t mode = occlusion == Occlusion::none   ? occlusion_none
                           : occlusion == Occlusion::face ? occlusion_link
                                                          : occlusion_per_face;
     const uint32_t constants[] = {tiling.local_size, tiling.lanes_x, tiling.tile_x,
                                   tiling.march,      mode,           tiling.group_sum};
-    return gpu::Program(device, shaders::propagate_comp, bindings, sizeof(PropagatePush),
+    if (follow)
+        return gpu::Program(device, shaders::follow_comp, bindings, sizeof(PropagatePush),
+                            constants);
+    return gpu::Program(device, shaders::propagate_comp,
+                        std::span(bindings).first(binding_layer_in), sizeof(PropagatePush),
                         constants);
 }
 
@@ -113,17 +119,17 @@ PropagatePlan plan_propagate(const gpu::Device& device, const Grid& grid, Occlus
 }
 
 PropagatePrograms compile_propagate(const gpu::Device& device, const Grid& grid,
-                                    Occlusion occlusion) {
+                                    Occlusion occlusion, bool follow) {
     const PropagateTiling tiling = tiling_for(device, grid);
-    PropagatePrograms programs{compile(device, tiling, occlusion), {}};
+    PropagatePrograms programs{compile(device, tiling, occlusion, follow), {}};
     if (occlusion == Occlusion::sh)
-        programs.free_flight = compile(device, tiling, Occlusion::none);
+        programs.free_flight = compile(device, tiling, Occlusion::none, follow);
     return programs;
 }
 
 Propagator::Propagator(const gpu::Device& device, const Grid& grid, const PropagatePlan& plan,
                        const PropagatePrograms& programs, const Injection& injection,
-                       std::span<const float> transmittance)
+                       std::span<const float> transmittance, std::span<const float> layer)
     : device_(device),
       grid_(grid),
       plan_(plan),
@@ -133,25 +139,32 @@ Propagator::Propagator(const gpu::Device& device, const Grid& grid, const Propag
       transmittance_(device,
                      std::max<uint64_t>(texel, plan.layout.elements(plan.planes) * sizeof(float))),
       partial_(device, uint64_t(plan.partials) * most_steps * sizeof(float)),
+      follows_(!layer.empty()),
+      layer_fronts_{{device, follows_ ? fronts_[0].bytes() : texel},
+                    {device, follows_ ? fronts_[0].bytes() : texel}},
       batch_(device) {
-    for (const gpu::Buffer* buffer : {&fronts_[0], &fronts_[1], &sum_, &transmittance_})
+    for (const gpu::Buffer* buffer :
+         {&fronts_[0], &fronts_[1], &sum_, &transmittance_, &layer_fronts_[0], &layer_fronts_[1]})
         gpu::clear(device, *buffer);
-    upload(injection, transmittance);
+    upload(injection, transmittance, layer);
 }
 
-void Propagator::upload(const Injection& injection, std::span<const float> transmittance) {
-    const auto lobe_of = [&](size_t cell, uint32_t plane) {
-        return &injection.coefficients[12 * cell + 4 * plane];
+void Propagator::upload(const Injection& injection, std::span<const float> transmittance,
+                        std::span<const float> layer) {
+    const std::span<const float> all(injection.coefficients);
+    const auto upload_lobes = [&](const gpu::Buffer& to, std::span<const float> lobes,
+                                  bool as_front) {
+        upload_cells(device_, grid_, to, 3, 4, [&](size_t cell, uint32_t plane, float* out) {
+            const size_t first = 12 * cell + 4 * plane;
+            const double scale = !as_front ? 1.0 : all[first] != 0.0f ? budget(&all[first]) : 0.0;
+            for (size_t k = 0; k < 4; ++k)
+                out[k] = float(scale * double(lobes[first + k]));
+        });
     };
-    upload_cells(device_, grid_, sum_, 3, 4, [&](size_t cell, uint32_t plane, float* out) {
-        std::copy_n(lobe_of(cell, plane), 4, out);
-    });
-    upload_cells(device_, grid_, fronts_[0], 3, 4, [&](size_t cell, uint32_t plane, float* out) {
-        const float* lobe = lobe_of(cell, plane);
-        const double scale = lobe[0] != 0.0f ? budget(lobe) : 0.0;
-        for (int k = 0; k < 4; ++k)
-            out[k] = float(scale * double(lobe[k]));
-    });
+    upload_lobes(sum_, follows_ ? layer : all, false);
+    upload_lobes(fronts_[0], all, true);
+    if (follows_)
+        upload_lobes(layer_fronts_[0], layer, true);
     if (plan_.planes > 0)
         upload_cells(device_, grid_, transmittance_, plan_.planes, 1,
                      [&](size_t cell, uint32_t plane, float* out) {
@@ -179,6 +192,8 @@ void Propagator::record_step(int step, uint32_t partial_base) {
     const uint32_t tau_planes = free ? 0 : plan_.planes;
     const gpu::Buffer& source = fronts_[step % 2];
     const gpu::Buffer& target = fronts_[(step + 1) % 2];
+    const gpu::Buffer& layer_source = layer_fronts_[step % 2];
+    const gpu::Buffer& layer_target = layer_fronts_[(step + 1) % 2];
     const uint64_t layer = layout.layer(), tau_layer = layout.layer(tau_planes);
     const auto window = [&](const gpu::Buffer& buffer, uint64_t first, uint64_t last,
                             uint64_t element, uint32_t& base) {
@@ -200,9 +215,16 @@ void Propagator::record_step(int step, uint32_t partial_base) {
                        : gpu::Window{&transmittance_, 0, texel},
             window(target, (begin + 1) * layer, (end + 1) * layer, texel, push.front_out_base),
             sums,
-            gpu::whole(partial_)};
+            gpu::whole(partial_),
+            follows_
+                ? window(layer_source, begin * layer, (end + 2) * layer, texel, push.front_in_base)
+                : gpu::whole(layer_source),
+            follows_ ? window(layer_target, (begin + 1) * layer, (end + 1) * layer, texel,
+                              push.front_out_base)
+                     : gpu::whole(layer_target)};
         const auto groups = plan_.tiling.groups(layout.nx, layout.ny, end - begin);
-        batch_.dispatch(free ? programs_.free_flight : programs_.usual, windows,
+        batch_.dispatch(free ? programs_.free_flight : programs_.usual,
+                        std::span(windows).first(follows_ ? std::size(windows) : binding_layer_in),
                         std::as_bytes(std::span(&push, 1)), {groups.x, groups.y, groups.z});
         partial_base += plan_.tiling.partials(layout.nx, layout.ny, end - begin);
     }

@@ -51,16 +51,19 @@ struct PropagatePrograms {
     gpu::Program free_flight; ///< without occlusion: the first step of Occlusion::sh
 };
 
+/// `follow`: of a layer beside the light that it is of.
 PropagatePrograms compile_propagate(const gpu::Device& device, const Grid& grid,
-                                    Occlusion occlusion);
+                                    Occlusion occlusion, bool follow = false);
 
 /// The buffers of a propagation, and the steps on them. The arguments outlive it.
 class Propagator {
 public:
-    /// Starts from an injection, as LpvProgram::propagate has it.
+    /// Starts from an injection, as LpvProgram::propagate has it. With a `layer`, one of
+    /// Injection::layers, and programs that follow, what is summed is the layer's, whose faces and
+    /// budgets are those of all light.
     Propagator(const gpu::Device& device, const Grid& grid, const PropagatePlan& plan,
                const PropagatePrograms& programs, const Injection& injection,
-               std::span<const float> transmittance);
+               std::span<const float> transmittance, std::span<const float> layer = {});
 
     /// Steps that may be run at once: each return costs a round trip to the device.
     static constexpr int most_steps = 8;
@@ -70,7 +73,8 @@ public:
     std::vector<float> download() const;
 
 private:
-    void upload(const Injection& injection, std::span<const float> transmittance);
+    void upload(const Injection& injection, std::span<const float> transmittance,
+                std::span<const float> layer);
     void record_step(int step, uint32_t partial_base);
 
     const gpu::Device& device_;
@@ -78,6 +82,8 @@ private:
     const PropagatePlan& plan_;
     const PropagatePrograms& programs_;
     gpu::Buffer fronts_[2], sum_, transmittance_, partial_;
+    bool follows_;
+    gpu::Buffer layer_fronts_[2]; ///< as small as can be where none follows
     gpu::Batch batch_;
     int done_ = 0; ///< steps
 };

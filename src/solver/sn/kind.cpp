@@ -105,15 +105,15 @@ constinit const SolverKind sn_kind{
     .help = "discrete ordinates",
     .orders = orders,
     .default_bounces = std::nullopt,
-    .layers = true,
+    .layers = Layering::any,
     .nesting = Nesting::independent,
     .parameters = parameters,
     .ladder = ladder,
     .map_size = [](const Grid&, const SolverSettings&) { return 0; },
     .expected_error = expected_error,
     .device_bytes =
-        [](const Grid& grid, const SolverSettings& settings) {
-            return sn_device_bytes(grid, settings_of(settings));
+        [](const Grid& grid, const SolverSettings& settings, uint64_t layers) {
+            return sn_device_bytes(grid, settings_of(settings), layers > 0);
         },
     .cost = cost,
     .make = [](const gpu::Device& device, const Grid& grid,

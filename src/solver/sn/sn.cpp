@@ -68,10 +68,10 @@ gather::GatherSettings peak_settings(const SnSettings& settings) {
     return gather;
 }
 
-uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings) {
+uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings, bool layers) {
     const uint64_t sweep =
         sweep_bytes(grid, sn_direction_count(settings.directions), settings.order);
-    return std::max(sweep, gather::gather_device_bytes(peak_settings(settings)));
+    return std::max(sweep, gather::gather_device_bytes(peak_settings(settings), layers));
 }
 
 uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& settings,

@@ -10,6 +10,7 @@
 #include <array>
 #include <cmath>
 #include <optional>
+#include <span>
 
 namespace lpvbake::solver::vpl {
 namespace {
@@ -21,6 +22,7 @@ struct Entry {
     size_t face; ///< of all outer faces
     glm::vec3 power;
     glm::vec3 direction;
+    glm::vec3 share; ///< of the power of the one it comes from
 };
 
 /// The outer faces of a grid's cells: sides -x, +x, -y, ..., the next axis fastest.
@@ -107,7 +109,8 @@ void send(const Vpl& vpl, uint32_t key, int rays, const visibility::Visibility& 
             continue;
         const glm::vec3 passed = visibility.filter({from, direction, 0.0f, crossing->distance});
         if (passed != glm::vec3(0.0f))
-            entries.push_back({crossing->face, vpl.power * passed / float(rays), direction});
+            entries.push_back({crossing->face, vpl.power * passed / float(rays), direction,
+                               passed / float(rays)});
     }
 }
 
@@ -131,6 +134,8 @@ void let_in(std::vector<Vpl>& vpls, const visibility::Visibility& visibility,
         glm::dvec3 power{0.0}, way{0.0};
     };
     std::vector<Sum> sums(faces.size());
+    const size_t layers = outside.front().layers.size();
+    std::vector<glm::dvec3> of_layers(layers * faces.size(), glm::dvec3(0.0)); // [face, layer]
     const int rays = int(std::clamp<size_t>((1 << 18) / outside.size(), 1, 1 << 13));
     constexpr size_t block = 4096;
     std::vector<std::vector<Entry>> entries(std::min(block, outside.size()));
@@ -146,12 +151,19 @@ void let_in(std::vector<Vpl>& vpls, const visibility::Visibility& visibility,
                 const glm::dvec3 power(entry.power);
                 sums[entry.face].power += power;
                 sums[entry.face].way += (power.x + power.y + power.z) * glm::dvec3(entry.direction);
+                for (size_t layer = 0; layer < layers; ++layer)
+                    of_layers[layers * entry.face + layer] +=
+                        glm::dvec3(entry.share) * glm::dvec3(outside[first + i].layers[layer]);
             }
     }
     for (size_t face = 0; face < sums.size(); ++face)
-        if (const Sum& sum = sums[face]; sum.power != glm::dvec3(0.0))
-            vpls.push_back(
-                {faces.centre(face), glm::vec3(glm::normalize(sum.way)), glm::vec3(sum.power)});
+        if (const Sum& sum = sums[face]; sum.power != glm::dvec3(0.0)) {
+            const auto of_face = std::span(of_layers).subspan(layers * face, layers);
+            vpls.push_back({faces.centre(face),
+                            glm::vec3(glm::normalize(sum.way)),
+                            glm::vec3(sum.power),
+                            {of_face.begin(), of_face.end()}});
+        }
 }
 
 } // namespace lpvbake::solver::vpl

@@ -52,19 +52,27 @@ void emit_vpls(const surface::LitSurfaces& surfaces, const scene::Frame& frame,
                                               {2.0f / 3.0f, 1.0f / 6.0f},
                                               {1.0f / 6.0f, 2.0f / 3.0f},
                                               {1.0f / 3.0f, 1.0f / 3.0f}};
-        const glm::vec3 power{0.25 * glm::pi<double>() * area * glm::dvec3(luminance)};
+        const double quarter = 0.25 * glm::pi<double>() * area;
+        const glm::vec3 power{quarter * glm::dvec3(luminance)};
+        std::vector<glm::vec3> layers;
+        for (size_t layer = 0; layer < surfaces.layer_count; ++layer)
+            layers.emplace_back(quarter
+                                * glm::dvec3(surfaces.layers[surfaces.layer_count * i + layer]));
         const glm::vec3 normal = i % 2 ? -patch.normal : patch.normal;
         if (is_beside(patch.position, frame)) {
-            vpls.push_back({patch.position, normal, 4.0f * power});
+            for (glm::vec3& layer : layers)
+                layer *= 4.0f;
+            vpls.push_back({patch.position, normal, 4.0f * power, layers});
             continue;
         }
         for (const glm::vec2 part : parts)
-            vpls.push_back({patch.crossed ? patch.position : patch.at(part), normal, power});
+            vpls.push_back(
+                {patch.crossed ? patch.position : patch.at(part), normal, power, layers});
     }
 }
 
 void sky_vpls(const Sky& sky, const visibility::Visibility& visibility, const scene::Frame& frame,
-              std::vector<Vpl>& vpls, Sides sides) {
+              std::vector<Vpl>& vpls, Sides sides, std::span<const scene::LightLayer> layers) {
     static const std::vector<glm::vec3> directions = portal_directions();
     const glm::ivec3 dims(frame.extent);
     const double power = glm::pi<double>() * frame.unit * frame.unit;
@@ -99,9 +107,13 @@ void sky_vpls(const Sky& sky, const visibility::Visibility& visibility, const sc
                                   * visibility.filter({face.position, towards, 0.0f, HUGE_VALF});
             }
         });
-        for (const Vpl& face : faces)
-            if (face.power != glm::vec3(0.0f))
-                vpls.push_back(face);
+        for (Vpl& face : faces) {
+            if (face.power == glm::vec3(0.0f))
+                continue;
+            for (const scene::LightLayer& layer : layers)
+                face.layers.push_back(layer.sky * face.power);
+            vpls.push_back(std::move(face));
+        }
     }
 }
 

@@ -25,9 +25,10 @@ struct Rsm {
 
 /// A virtual point light: emits power / pi * max(0, n.w) candela.
 struct Vpl {
-    glm::vec3 position; ///< frame units
-    glm::vec3 normal;   ///< unit
-    glm::vec3 power;    ///< lm
+    glm::vec3 position;                 ///< frame units
+    glm::vec3 normal;                   ///< unit
+    glm::vec3 power;                    ///< lm
+    std::vector<glm::vec3> layers = {}; ///< the same of layers of the light, if they are wanted
 };
 
 /// Sides of a grid, a bit each: 2 axis, and the one after it for the side of larger coordinates.
