@@ -82,6 +82,18 @@ std::vector<const solver::SolverKind*> solvers_with(const auto& has) {
 }
 
 /// Whether a quality makes a difference.
+bool wants_transfer(const BakeOptions& o) {
+    return std::ranges::any_of(o.layers, [](const std::vector<bake::LayerWish>& wishes) {
+        return std::ranges::count(wishes, bake::LayerWish::Kind::transfer, &bake::LayerWish::kind)
+               > 0;
+    });
+}
+
+/// Highest band that is stored.
+int kept_order(const io::Target& storage) {
+    return std::min(storage.highest_order, volume::highest_order(storage.encoding.convention));
+}
+
 bool has_presets(const solver::SolverKind& kind) {
     return std::ranges::count_if(kind.ladder,
                                  [](const solver::Rung& rung) { return bool(rung.preset); })
@@ -142,6 +154,8 @@ std::vector<const solver::SolverKind*> solvers_of(const BakeOptions& o) {
         layered(solver::Layering::of_lights, "layers");
     if (!o.layers.empty() && (o.nests() || o.places()))
         layered(solver::Layering::any, "layers of several volumes");
+    if (wants_transfer(o))
+        layered(solver::Layering::of_parts, "layers transfer");
     for (const std::vector<bake::LayerWish>& wishes : o.layers)
         if (std::ranges::any_of(wishes, [](const auto& wish) { return wish.order >= 0; }))
             layered(solver::Layering::any, "layers sky:N");
@@ -348,8 +362,9 @@ void add_layers_option(options::Options& options, BakeOptions& o) {
             "--layers", o.layers, "LAYERS", parse_layers,
             "A volume of each part of the light beside that of all, from the same rays, for "
             "lpvbake mix: lights (each), emitters (each material), sky, sky:2 (and its modes up "
-            "to that band), NAME=GLOB (lights and emissive materials of such names, together); "
-            "several with commas, or repeated; see below")
+            "to that band), transfer (of any sky what is seen and what is reflected, up to band 2 "
+            "or that of transfer:N), NAME=GLOB (lights and emissive materials of such names, "
+            "together); several with commas, or repeated; see below")
         .exclude({"at", "adaptive", "bytes", "rsm-samples", "direct"})
         .record(options::Recorded::if_changed);
 }
@@ -585,12 +600,22 @@ std::vector<bake::Layer> layers_of(const BakeOptions& o, const Scene& scene,
                             std::max<std::size_t>(settings.levels.size(), 1),
                             places_of(settings.volumes), inputs_of(o, o));
     const Precision precision = o.outputs.storage().precision;
-    if (std::ranges::count(layers, "mode", &bake::Layer::kind) > 0 && precision != Precision::full
-        && precision != Precision::half)
+    if (std::ranges::any_of(layers, [](const bake::Layer& layer) { return layer.unit == "nits"; })
+        && precision != Precision::full && precision != Precision::half)
         throw Error(ErrorKind::argument,
-                    std::string("--layers: the light of a sky's mode is negative in places, for "
+                    std::string("--layers: light of a sky's mode is negative in places, for "
                                 "which --precision ")
                         + io::name_of(precision) + " has no form; use float or half");
+    const io::Target storage = o.outputs.storage();
+    if (wants_transfer(o)
+        && (kept_order(storage) < volume::sh_max_order
+            || storage.pictures.packing != io::Packing::band))
+        throw Error(ErrorKind::argument,
+                    std::string("--layers transfer: what is seen of the sky has order 4, more than "
+                                "--target ")
+                        + storage.name
+                        + ", --sh-convention or --packing keep; bake without them, and give them "
+                          "to mix");
     return layers;
 }
 
@@ -630,9 +655,7 @@ bake::Wish wish_of(const BakeOptions& o) {
         wish.order = o.sh_order;
     else if (o.fit.evaluation != readers::Evaluation::linear)
         wish.order = 1;
-    const io::Target storage = o.outputs.storage();
-    wish.kept_order =
-        std::min(storage.highest_order, volume::highest_order(storage.encoding.convention));
+    wish.kept_order = kept_order(o.outputs.storage());
     if (!o.adaptive) // then it is the bricks'
         wish.error = o.error;
     wish.seconds = o.seconds;

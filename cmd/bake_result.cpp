@@ -180,19 +180,18 @@ std::vector<Written> planned_outputs(const BakeOptions& o, const bake::BakePlan&
         }
         const std::size_t levels = 1 + plan.coarser.size();
         const std::vector<volume::Place> places = places_of(plan.settings.volumes);
-        const auto add_set = [&](const std::string& set) {
+        const auto add_set = [&](const std::string& set, const Volume& grids) {
             for (std::size_t level = 0; level < levels; ++level)
                 for (const std::string& file :
-                     io::files_for(o.outputs.storage(), io::member_path(set, places, level),
-                                   bake::grids_of(plan)))
+                     io::files_for(o.outputs.storage(), io::member_path(set, places, level), grids))
                     output.files.push_back({file, 0});
             if (levels > 1 || !places.empty())
                 output.files.push_back({io::manifest_path(set, !places.empty()), 0});
         };
-        add_set(path);
+        add_set(path, bake::grids_of(plan));
         const std::vector<bake::Layer>& layers = plan.settings.layers;
         for (const bake::Layer& layer : layers)
-            add_set(io::layer_path(path, layer.name));
+            add_set(io::layer_path(path, layer.name), bake::grids_of(plan, layer));
         if (!layers.empty())
             output.files.push_back({io::layer_manifest_path(path), 0});
     }

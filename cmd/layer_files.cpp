@@ -21,18 +21,22 @@ bake::LayerWish parse_layer(const std::string& text, const std::string& whole) {
         return {Kind::emitters};
     if (text == "sky")
         return {Kind::sky};
-    if (text.starts_with("sky:")) {
-        const auto order = options::parse_number(text.substr(4));
+    if (text == "transfer")
+        return {Kind::transfer, {}, {}, bake::most_mode_order};
+    for (const auto& [kind, word] : {std::pair{Kind::sky, "sky:"}, {Kind::transfer, "transfer:"}}) {
+        if (!text.starts_with(word))
+            continue;
+        const auto order = options::parse_number(text.substr(std::string(word).size()));
         if (!order || *order != int(*order) || *order < 0 || *order > bake::most_mode_order)
-            options::refuse(whole, "has sky:N, where N is a band from 0 to "
+            options::refuse(whole, std::string("has ") + word + "N, where N is a band from 0 to "
                                        + std::to_string(bake::most_mode_order));
-        return {Kind::sky, {}, {}, int(*order)};
+        return {kind, {}, {}, int(*order)};
     }
     const std::size_t equals = text.find('=');
     const std::string name = text.substr(0, equals);
     if (equals == std::string::npos || equals + 1 == text.size())
-        options::refuse(whole, "is none of lights, emitters, sky, sky:N and NAME=GLOB, with commas "
-                               "between them");
+        options::refuse(whole, "is none of lights, emitters, sky, sky:N, transfer, transfer:N and "
+                               "NAME=GLOB, with commas between them");
     if (!bake::is_layer_name(name) || name == "sky" || name == "rest" || name.starts_with("sky_"))
         options::refuse(whole, "has the name " + name
                                    + "; one has letters, digits, dots, dashes and underscores, and "

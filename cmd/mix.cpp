@@ -17,6 +17,7 @@
 #include "volume/sh.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdio>
 #include <iterator>
 #include <memory>
@@ -44,7 +45,7 @@ struct MixOptions {
 Weight parse_weight(const std::string& text) {
     const std::size_t equals = text.find('=');
     if (equals == 0 || equals == std::string::npos || equals + 1 == text.size())
-        options::refuse(text, "is not NAME=WEIGHT, NAME=R,G,B, NAME=#RRGGBB or sky=FILE");
+        options::refuse(text, "is not NAME=WEIGHT, NAME=R,G,B, NAME=#RRGGBB or sky=SKY");
     return {text.substr(0, equals), text.substr(equals + 1)};
 }
 
@@ -58,53 +59,92 @@ std::optional<glm::vec3> colour_of(const std::string& text) {
     return n.size() == 1 ? glm::vec3(n[0]) : glm::vec3(n[0], n[1], n[2]);
 }
 
-/// Gives the modes of a sky the weights of a picture.
-void set_sky(const MixOptions& o, const std::string& file, TerminalProgress& progress,
-             io::LayerSet& set) {
-    const auto is_mode = [](const io::LayerEntry& layer) { return layer.kind == "mode"; };
-    const auto modes = std::size_t(std::ranges::count_if(set.layers, is_mode));
-    const int order = volume::sh_order_of(modes);
-    if (order < 0)
-        throw Error(ErrorKind::argument, "sky=" + file + ": " + o.file
-                                             + " has no modes of a sky; bake it with --layers "
-                                               "sky:2");
-    std::vector<std::string> warnings;
-    const Sky sky = load_sky(file, warnings);
-    for (const std::string& warning : warnings)
-        progress.warn(warning);
-    if (!scene::sky_suns(sky).empty())
-        progress.warn(
-            format("%s: its sun is spread over the sky, as all that is smaller than bands "
-                   "up to %d show",
-                   file.c_str(), order));
-    const std::vector<glm::vec3> weights = bake::project_sky(sky, order);
-    std::size_t k = 0;
-    for (io::LayerEntry& layer : set.layers)
-        if (is_mode(layer))
-            layer.weight = weights[k++];
-        else if (layer.kind == "sky")
-            layer.weight = glm::vec3(0.0f);
+/// Layers with the weights that they have in a mixture.
+struct Mixture {
+    io::LayerSet set;
+    /// Coefficients of a sky, of which the layer of visibility gives what is seen instead of what
+    /// its weight says; empty: none.
+    std::vector<glm::vec3> seen_sky = {};
+};
+
+bool is_visibility(const io::LayerEntry& layer) {
+    return layer.kind == "visibility";
 }
 
-void set_weights(const MixOptions& o, TerminalProgress& progress, io::LayerSet& set) {
+/// Kind of the layers that are a sky's modes, reflected alone beside one of visibility.
+const char* mode_kind(const io::LayerSet& set) {
+    return std::ranges::any_of(set.layers, is_visibility) ? "bounce" : "mode";
+}
+
+/// The highest band of a sky that mixtures show; throws Error (argument) where there is none.
+int sky_order(const std::string& file, const std::string& word, const io::LayerSet& set) {
+    const auto modes = std::ranges::count(set.layers, mode_kind(set), &io::LayerEntry::kind);
+    const int order = volume::sh_order_of(std::size_t(modes));
+    if (order < 0)
+        throw Error(ErrorKind::argument, word + ": " + file
+                                             + " has no modes of a sky; bake it with --layers "
+                                               "transfer or sky:2");
+    return std::ranges::any_of(set.layers, is_visibility) ? volume::sh_max_order : order;
+}
+
+/// Puts a sky, of which so much is shown, in the place of the scene's.
+void set_sky(const Sky& sky, int order, Mixture& mixture) {
+    const std::string kind = mode_kind(mixture.set);
+    const std::vector<glm::vec3> coefficients = bake::project_sky(sky, order);
+    mixture.seen_sky.clear();
+    std::size_t k = 0;
+    for (io::LayerEntry& layer : mixture.set.layers)
+        if (layer.kind == kind) {
+            layer.weight = coefficients[k++];
+        } else if (is_visibility(layer)) {
+            layer.weight = volume::sh_y0 * coefficients[0];
+            mixture.seen_sky = coefficients;
+        } else if (layer.kind == "sky") {
+            layer.weight = glm::vec3(0.0f);
+        }
+}
+
+Sky sky_of(const std::string& text, TerminalProgress& progress) {
+    const SkyOption option = parse_sky_option(text);
+    const auto* picture = std::get_if<SkyPicture>(&option);
+    if (!picture)
+        return std::get<Sky>(option);
+    std::vector<std::string> warnings;
+    const Sky sky = load_sky(picture->path, warnings, picture->scale);
+    for (const std::string& warning : warnings)
+        progress.warn(warning);
+    return sky;
+}
+
+void set_weights(const MixOptions& o, TerminalProgress& progress, Mixture& mixture) {
+    std::vector<io::LayerEntry>& layers = mixture.set.layers;
     for (const Weight& weight : o.weights) {
-        const auto layer = std::ranges::find(set.layers, weight.name, &io::LayerEntry::name);
+        const std::string word = weight.name + "=" + weight.value;
+        const auto layer = std::ranges::find(layers, weight.name, &io::LayerEntry::name);
         const std::optional<glm::vec3> colour = colour_of(weight.value);
         if (weight.name == "sky" && !colour) {
-            set_sky(o, weight.value, progress, set);
+            const int order = sky_order(o.file, word, mixture.set);
+            const Sky sky = sky_of(weight.value, progress);
+            set_sky(sky, order, mixture);
+            if (!scene::sky_suns(sky).empty())
+                progress.warn(
+                    format("%s: its sun is spread over the sky, as all that is smaller than bands "
+                           "up to %d show",
+                           weight.value.c_str(), order));
             continue;
         }
-        if (layer == set.layers.end()) {
+        if (layer == layers.end()) {
             std::string names;
-            for (const io::LayerEntry& each : set.layers)
+            for (const io::LayerEntry& each : layers)
                 names += (names.empty() ? "" : ", ") + each.name;
-            throw Error(ErrorKind::argument, weight.name + "=" + weight.value + ": " + o.file
-                                                 + " has no layer of that name; it has " + names);
+            throw Error(ErrorKind::argument,
+                        word + ": " + o.file + " has no layer of that name; it has " + names);
         }
         if (!colour)
-            throw Error(ErrorKind::argument, weight.name + "=" + weight.value
-                                                 + ": is neither a number nor R,G,B nor #RRGGBB");
+            throw Error(ErrorKind::argument, word + ": is neither a number nor R,G,B nor #RRGGBB");
         layer->weight = *colour;
+        if (is_visibility(*layer))
+            mixture.seen_sky.clear();
     }
 }
 
@@ -121,40 +161,75 @@ void describe(const MixOptions& o, Volume& volume) {
 }
 
 /// Throws Error (invalid) unless the layer is of the same bake.
-void check_alike(const std::string& manifest, const std::string& file, const Volume& whole,
-                 const Volume& layer) {
+void check_alike(const std::string& manifest, const io::LayerEntry& layer, const Volume& whole,
+                 const Volume& part) {
     const auto fact = [](const Volume& of, const char* name) {
         const auto found = of.metadata.find(name);
         return found == of.metadata.end() ? std::string() : found->second;
     };
-    if (whole.grid.dims != layer.grid.dims || whole.sh_order != layer.sh_order
-        || fact(whole, "scene_hash") != fact(layer, "scene_hash")
-        || fact(whole, "settings") != fact(layer, "settings"))
+    const int order = is_visibility(layer) ? volume::sh_max_order : whole.sh_order;
+    if (whole.grid.dims != part.grid.dims || part.sh_order != order
+        || fact(whole, "scene_hash") != fact(part, "scene_hash")
+        || fact(whole, "settings") != fact(part, "settings"))
         throw Error(ErrorKind::invalid,
-                    manifest + ": " + file
+                    manifest + ": " + layer.file
                         + " is of another bake than the volume; bake all layers together");
 }
 
-volume::VolumeSet mix(const std::string& manifest, const io::LayerSet& set) {
-    volume::VolumeSet sum = read_levels(set.file);
+void add(glm::vec3 weight, const std::vector<glm::vec3>& values, std::vector<glm::vec3>& sum) {
+    for (std::size_t cell = 0; cell < sum.size(); ++cell)
+        sum[cell] += weight * values[cell];
+}
+
+/// Adds what is seen of a sky: the product of visibility and its luminance.
+void add_seen(std::span<const glm::vec3> sky, const Volume& visibility, Volume& sum) {
+    std::array<std::vector<double>, 3> product;
+    for (int c = 0; c < 3; ++c) {
+        std::vector<float> of(sky.size());
+        std::ranges::transform(sky, of.begin(), [c](glm::vec3 k) { return k[c]; });
+        product[std::size_t(c)] = volume::sh_product(sum.sh_order, of);
+    }
+    const std::size_t terms = visibility.sh.size();
+    for (std::size_t i = 0; i < sum.sh.size(); ++i)
+        for (std::size_t k = 0; k < terms; ++k) {
+            const std::size_t at = terms * i + k;
+            const glm::vec3 weight(product[0][at], product[1][at], product[2][at]);
+            if (weight != glm::vec3(0.0f))
+                add(weight, visibility.sh[k], sum.sh[i]);
+        }
+}
+
+/// Adds to levels what they have of a layer.
+void add_layer(const std::string& manifest, const io::LayerEntry& layer,
+               std::span<const glm::vec3> seen_sky, volume::VolumeSet& sum) {
+    const volume::VolumeSet part = read_levels(layer.file);
+    if (part.levels.size() != sum.levels.size())
+        throw Error(ErrorKind::invalid, manifest + ": " + layer.file
+                                            + " has other volumes than the volume; bake all layers "
+                                              "together");
+    for (std::size_t i = 0; i < sum.levels.size(); ++i) {
+        Volume& level = sum.levels[i];
+        check_alike(manifest, layer, level, part.levels[i]);
+        if (!seen_sky.empty())
+            add_seen(seen_sky, part.levels[i], level);
+        else
+            for (std::size_t k = 0; k < level.sh.size(); ++k)
+                add(layer.weight, part.levels[i].sh[k], level.sh[k]);
+    }
+}
+
+volume::VolumeSet mix(const std::string& manifest, const Mixture& mixture) {
+    volume::VolumeSet sum = read_levels(mixture.set.file);
     for (Volume& level : sum.levels)
         for (std::vector<glm::vec3>& values : level.sh)
             std::ranges::fill(values, glm::vec3(0.0f));
-    for (const io::LayerEntry& layer : set.layers) {
-        if (layer.weight == glm::vec3(0.0f))
-            continue;
-        const volume::VolumeSet part = read_levels(layer.file);
-        if (part.levels.size() != sum.levels.size())
-            throw Error(ErrorKind::invalid, manifest + ": " + layer.file
-                                                + " has other volumes than " + set.file
-                                                + "; bake all layers together");
-        for (std::size_t i = 0; i < sum.levels.size(); ++i) {
-            Volume& level = sum.levels[i];
-            check_alike(manifest, layer.file, level, part.levels[i]);
-            for (std::size_t k = 0; k < level.sh.size(); ++k)
-                for (std::size_t cell = 0; cell < level.sh[k].size(); ++cell)
-                    level.sh[k][cell] += layer.weight * part.levels[i].sh[k][cell];
-        }
+    for (const io::LayerEntry& layer : mixture.set.layers) {
+        const bool seen = is_visibility(layer) && !mixture.seen_sky.empty();
+        if (layer.weight != glm::vec3(0.0f) || seen)
+            add_layer(manifest, layer,
+                      seen ? std::span<const glm::vec3>(mixture.seen_sky)
+                           : std::span<const glm::vec3>(),
+                      sum);
     }
     return sum;
 }
@@ -187,7 +262,8 @@ void run(const MixOptions& o) {
             throw Error(ErrorKind::argument,
                         path + ": unknown kind of volume file; use " + io::format_list());
     const std::string manifest = manifest_of(o.file);
-    io::LayerSet set;
+    Mixture mixture;
+    io::LayerSet& set = mixture.set;
     try {
         set = io::read_layer_manifest(manifest);
     } catch (const Error& error) {
@@ -198,8 +274,8 @@ void run(const MixOptions& o) {
     }
     check_outputs(o, manifest, set);
     TerminalProgress progress(ProgressStyle::none);
-    set_weights(o, progress, set);
-    volume::VolumeSet mixed = mix(manifest, set);
+    set_weights(o, progress, mixture);
+    volume::VolumeSet mixed = mix(manifest, mixture);
     for (Volume& level : mixed.levels)
         describe(o, level);
     const std::vector<Grid> grids = mixed.grids();
@@ -232,9 +308,9 @@ options::Action declare(options::Options& options) {
         .require();
     options.values(
         "weights", o.weights, "NAME=VALUE", parse_weight,
-        "Weight of a layer: a number, R,G,B, or #RRGGBB (sRGB); or sky=FILE, a picture as "
-        "--sky takes it, where there are modes of a sky. All others keep the weight of "
-        "the scene");
+        "Weight of a layer: a number, R,G,B, or #RRGGBB (sRGB); or sky=SKY, a picture or "
+        "COLOUR,NITS as --sky of bake takes it, where layers transfer or modes are. All others "
+        "keep the weight of the scene");
     options.texts("-o,--output", o.outputs.paths, "FILE", outputs_help()).keep_to_one_run();
     add_output_options(options, o.outputs);
     add_format_option(options, o.format);

@@ -35,24 +35,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// FILE[,SCALE], or COLOUR,NITS, of which neither a name with letters nor a dot or slash in a name
-/// is part.
-std::variant<std::monostate, Sky, SkyPicture> parse_sky_option(const std::string& text) {
-    SkyPicture picture{text};
-    const std::size_t comma = text.rfind(',');
-    if (const auto scale = comma == std::string::npos
-                               ? std::nullopt
-                               : options::parse_number(text.substr(comma + 1)))
-        picture = {text.substr(0, comma), *scale};
-    const bool name = picture.path.find_first_of("./") != std::string::npos
-                      && picture.path.find_first_not_of("0123456789.:,+-eE ") != std::string::npos;
-    if (!name || text.front() == '#')
-        return options::parse_sky(text);
-    if (picture.scale < 0)
-        options::refuse(text, "has a negative SCALE");
-    return picture;
-}
-
 /// Of --default-light.
 const Sky default_sky{glm::vec3(1000), nullptr};
 constexpr const char* default_light = "a white sky of 1000 nits";
@@ -92,6 +74,23 @@ void add_role_options(options::Options& options, LoadSettings& load) {
 }
 
 } // namespace
+
+// COLOUR,NITS has neither a name with letters nor a dot or slash in a name.
+SkyOption parse_sky_option(const std::string& text) {
+    SkyPicture picture{text};
+    const std::size_t comma = text.rfind(',');
+    if (const auto scale = comma == std::string::npos
+                               ? std::nullopt
+                               : options::parse_number(text.substr(comma + 1)))
+        picture = {text.substr(0, comma), *scale};
+    const bool name = picture.path.find_first_of("./") != std::string::npos
+                      && picture.path.find_first_not_of("0123456789.:,+-eE ") != std::string::npos;
+    if (!name || text.front() == '#')
+        return options::parse_sky(text);
+    if (picture.scale < 0)
+        options::refuse(text, "has a negative SCALE");
+    return picture;
+}
 
 void add_load_options(options::Options& options, LoadSettings& load) {
     options.group("Scene");

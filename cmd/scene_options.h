@@ -28,6 +28,10 @@ struct SkyPicture {
     double scale = 1;
 };
 
+/// FILE[,SCALE] or COLOUR,NITS, as --sky has it; never nothing. Refuses all else.
+using SkyOption = std::variant<std::monostate, Sky, SkyPicture>;
+SkyOption parse_sky_option(const std::string& text);
+
 /// A box, or that of all nodes whose names fit a pattern; or nothing.
 using BoxOption = std::variant<std::monostate, Bounds, std::string>;
 /// Six numbers, or what is no list of numbers.
@@ -45,7 +49,7 @@ struct SceneOptions {
     std::vector<Light> suns, points;
     std::vector<std::string> light_files;
     std::vector<LightScale> light_scales;
-    std::variant<std::monostate, Sky, SkyPicture> sky;
+    SkyOption sky;
     double sky_rotation = 0;
     bool no_scene_lights = false;
     bool no_emitters = false;

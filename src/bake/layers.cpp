@@ -130,16 +130,33 @@ void add_group(const Scene& scene, const LayerWish& wish, bool emitters, Left& l
 
 void add_sky(const LayerWish& wish, Left& left) {
     if (!left.has_sky())
-        throw Error(ErrorKind::argument, "`layers` sky: there is no sky; add one with `sky`, by "
-                                         "whose light settings are chosen");
+        throw Error(ErrorKind::argument,
+                    std::string("`layers` ")
+                        + (wish.kind == LayerWish::Kind::transfer ? "transfer" : "sky")
+                        + ": there is no sky that no layer has; add one with `sky`, by whose light "
+                          "settings are chosen");
     left.give_sky(left.add("sky", "sky"));
+    const auto add = [&](const std::string& name, const char* kind) -> scene::LightLayer& {
+        Layer& layer = left.add(name, kind);
+        layer.unit = "nits";
+        layer.weight = glm::vec3(0.0f);
+        return layer.light;
+    };
+    const bool transfer = wish.kind == LayerWish::Kind::transfer;
+    if (transfer) {
+        scene::LightLayer& seen = add("sky_visibility", "visibility");
+        seen.beyond = [](glm::vec3) { return glm::vec3(1.0f); };
+        seen.part = scene::LightLayer::Part::direct;
+        seen.order = volume::sh_max_order;
+    }
     for (int k = 0; wish.order >= 0 && k < volume::sh_count(wish.order); ++k) {
-        Layer& mode = left.add("sky_" + std::to_string(k), "mode");
-        mode.unit = "nits";
-        mode.weight = glm::vec3(0.0f);
-        mode.light.beyond = [k, order = wish.order](glm::vec3 towards) {
+        scene::LightLayer& mode = add((transfer ? "sky_bounce_" : "sky_") + std::to_string(k),
+                                      transfer ? "bounce" : "mode");
+        mode.beyond = [k, order = wish.order](glm::vec3 towards) {
             return glm::vec3(volume::sh_basis(order, towards)[std::size_t(k)]);
         };
+        if (transfer)
+            mode.part = scene::LightLayer::Part::reflected;
     }
 }
 
@@ -167,7 +184,7 @@ std::vector<Layer> make_layers(const Scene& scene, std::span<const LayerWish> wi
             for (std::size_t i = 0; i < scene.materials.size(); ++i)
                 if (left.has_emission(i))
                     left.give_emission(i, left.add(scene.materials[i].name, "emitter"));
-        if (wish.kind == Kind::sky)
+        if (wish.kind == Kind::sky || wish.kind == Kind::transfer)
             add_sky(wish, left);
         if (wish.kind != Kind::group && left.layers.size() == before)
             throw Error(ErrorKind::argument,
@@ -194,13 +211,16 @@ std::vector<glm::vec3> project_sky(const Sky& sky, int order) {
         for (int column = 0; column < columns; ++column) {
             const double low = 1.0 - 2.0 * (row + 1) / rows, high = 1.0 - 2.0 * row / rows;
             const double from = turn * column / columns, to = turn * (column + 1) / columns;
-            const double y = 0.5 * (low + high), angle = 0.5 * (from + to);
-            const double radius = std::sqrt(1.0 - y * y);
-            const volume::ShValues basis = volume::sh_basis(
-                order, glm::vec3(radius * std::sin(angle), y, radius * std::cos(angle)));
             const glm::dvec3 luminance = scene::sky_mean(sky, low, high, from, to);
-            for (std::size_t k = 0; k < count; ++k)
-                sums[k] += luminance * double(basis[k]);
+            // Gauss and Legendre's two points in height: midpoints are off by 1e-5.
+            for (const double at : {0.5 - std::sqrt(1.0 / 12), 0.5 + std::sqrt(1.0 / 12)}) {
+                const double y = glm::mix(low, high, at), angle = 0.5 * (from + to);
+                const double radius = std::sqrt(1.0 - y * y);
+                const volume::ShValues basis = volume::sh_basis(
+                    order, glm::vec3(radius * std::sin(angle), y, radius * std::cos(angle)));
+                for (std::size_t k = 0; k < count; ++k)
+                    sums[k] += 0.5 * luminance * double(basis[k]);
+            }
         }
     std::vector<glm::vec3> coefficients;
     for (const glm::dvec3& sum : sums)

@@ -18,6 +18,7 @@ struct LayerWish {
         lights,   ///< each punctual light
         emitters, ///< each emissive material
         sky,      ///< the sky, and `order` harmonics beside it
+        transfer, ///< the sky, what of any is seen, and what `order` harmonics become by reflection
         group,    ///< lights and emissive materials whose names fit a pattern of the shell, as one
     };
     Kind kind;
@@ -27,7 +28,7 @@ struct LayerWish {
 
 struct Layer {
     std::string name;       ///< unique; letters, digits, dots, dashes and underscores
-    std::string kind;       ///< "light", "emitter", "group", "sky", "rest" or "mode"
+    std::string kind;       ///< as io/layers.h has them
     std::string unit;       ///< what weight 1 is: "scene": as the scene has it; "nits"
     glm::vec3 weight{1.0f}; ///< sum with these: the scene's light
     scene::LightLayer light;
@@ -37,7 +38,9 @@ struct Layer {
 /// The layers that are wished for, groups first: a light has a part in the first that asks for it,
 /// and what none asks for is a layer "rest", so that their sum is the scene's light. Modes are
 /// "sky_0", "sky_1", ...: skies whose luminance is one of the harmonics, in the order of
-/// Volume::sh, nits; they have weight 0. `emitters`: whether emissive surfaces give light. Throws
+/// Volume::sh, nits; they have weight 0. So have "sky_visibility", what is seen of a sky of one
+/// nit, to sh_max_order, and "sky_bounce_0", ...: the light of modes without what is seen of them.
+/// `emitters`: whether emissive surfaces give light. Throws
 /// Error (argument) where a wish finds nothing, or there are more than most_layers.
 std::vector<Layer> make_layers(const Scene& scene, std::span<const LayerWish> wishes,
                                bool emitters);
@@ -45,7 +48,7 @@ std::vector<Layer> make_layers(const Scene& scene, std::span<const LayerWish> wi
 /// Whether a name may be given to a layer.
 bool is_layer_name(const std::string& name);
 
-/// Coefficients of a sky up to a band: the weights of its modes that come nearest to it.
+/// Coefficients of a sky up to a band, nits: the weights of its modes that come nearest to it.
 std::vector<glm::vec3> project_sky(const Sky& sky, int order);
 
 } // namespace lpvbake::bake

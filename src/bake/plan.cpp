@@ -371,6 +371,16 @@ void check_host_memory(const BakePlan& plan) {
                              std::max(3, int(fits))));
 }
 
+/// Of a cell.
+uint64_t layer_bytes(const BakeSettings& settings) {
+    uint64_t bytes = 0;
+    for (const Layer& layer : settings.layers)
+        bytes +=
+            4
+            + 12 * uint64_t(volume::sh_count(layer.light.order.value_or(settings.solver.order())));
+    return bytes;
+}
+
 } // namespace
 
 uint64_t brick_numbers(int order) { // light, validity, walls, and density for viewers
@@ -483,8 +493,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                            : all_cells
                                  * (solver::models::bytes::cell
                                     + 24 * uint64_t(volume::sh_count(solver.order()) + most_walls)
-                                    + settings.layers.size()
-                                          * (4 + 12 * uint64_t(volume::sh_count(solver.order()))));
+                                    + layer_bytes(settings));
     check_host_memory(plan);
     return plan;
 }
@@ -515,6 +524,13 @@ Volume grids_of(const BakePlan& plan) {
         volume::set_grids(grids, volume::direct_kind(), volume::sh_count(grids.sh_order));
     if (plan.settings.direct.visibility && plan.lights > 0)
         volume::set_grids(grids, volume::visibility_kind(), plan.lights);
+    return grids;
+}
+
+Volume grids_of(const BakePlan& plan, const Layer& layer) {
+    Volume grids = grids_of(plan);
+    grids.sh_order = layer.light.order.value_or(grids.sh_order);
+    grids.sh.assign(std::size_t(volume::sh_count(grids.sh_order)), {glm::vec3(0)});
     return grids;
 }
 

@@ -60,5 +60,7 @@ std::string of_level(std::size_t level, const BakePlan& plan);
 
 /// A volume of one cell with the grids that the bake's will have.
 Volume grids_of(const BakePlan& plan);
+/// The same of one of its layers.
+Volume grids_of(const BakePlan& plan, const Layer& layer);
 
 } // namespace lpvbake::bake

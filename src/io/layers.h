@@ -5,7 +5,8 @@
 //
 //     {"format": "lpvbake layers", "version": 1,
 //      "file": of the volume of all light, beside the manifest, or the manifest of its set,
-//      "layers": [{"name", "kind": "light", "emitter", "group", "sky", "rest" or "mode",
+//      "layers": [{"name", "kind": "light", "emitter", "group", "sky", "rest", "mode",
+//                  "visibility" (of order 4, whatever that of all light is) or "bounce",
 //                  "unit": what weight 1 is: "scene": as the scene has it; "nits",
 //                  "weight": [r, g, b]: the sum with these is all light,
 //                  "lights": its places in the metadata `lights` of that, "emitters": names of

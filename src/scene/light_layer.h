@@ -4,6 +4,7 @@
 #include "lpvbake/scene.h"
 
 #include <functional>
+#include <optional>
 
 namespace lpvbake::scene {
 
@@ -16,8 +17,14 @@ struct LightLayer {
     /// Luminance (nits) from a unit direction of a sky beside that, which may be negative; empty:
     /// none.
     std::function<glm::vec3(glm::vec3 towards)> beyond = {};
+    enum class Part { all, direct, reflected };
+    Part part = Part::all; ///< of the light of `beyond`, what it has
+    /// Highest band of its field, of a layer of direct light alone; none: as that of all light.
+    std::optional<int> order = {};
 
-    bool has_sky() const { return beyond || sky != glm::vec3(0.0f); }
+    /// Whether surfaces reflect the light of `beyond`, and cells see it themselves.
+    bool is_reflected() const { return beyond && part != Part::direct; }
+    bool is_seen() const { return beyond && part != Part::reflected; }
 };
 
 } // namespace lpvbake::scene

@@ -191,6 +191,7 @@ enum class Layering {
     none,
     of_lights, ///< parts of the scene's light, of one grid
     any,       ///< skies beside it, too (scene::LightLayer::beyond)
+    of_parts,  ///< and parts of the light of these, to any order (LightLayer::part, order)
 };
 
 /// A kind of solver: all that the rest of the program knows of it. Functions may not be null.

@@ -52,7 +52,7 @@ void LayeredElements::Found::sky(glm::vec3 tint, glm::vec3 towards) {
                 own = scene::sky_rest(of_.scene_.sky, towards);
             met_[layer] += of.sky * (tint * own);
         }
-        if (of.beyond)
+        if (of.is_reflected())
             met_[layer] += tint * of.beyond(towards);
     }
 }

@@ -46,8 +46,19 @@ bool parse(std::string_view text, std::optional<Reflections>& reflections) {
     return true;
 }
 
+/// "punctual lights after one reflection and more".
+std::string after(const char* sources, const Reflections& reflections) {
+    const std::optional<int> last = reflections.last;
+    return std::string(sources) + " after "
+           + (!last       ? std::string("one reflection and more")
+              : last == 1 ? std::string("one reflection")
+                          : "1 to " + std::to_string(*last) + " reflections");
+}
+
 /// "emitters direct and after one reflection".
 std::string direct_and(const char* sources, const Reflections& reflections) {
+    if (reflections.first > 0)
+        return after(sources, reflections);
     const std::optional<int> last = reflections.last;
     return std::string(sources) + " direct"
            + (!last       ? std::string(" and after any number of reflections")
@@ -74,13 +85,8 @@ std::string sentence_of(const LightContent& content) {
     const auto add = [&](const std::string& part) {
         sentence += (sentence.empty() ? "" : "; ") + part;
     };
-    if (content.punctual) {
-        const std::optional<int> last = content.punctual->last;
-        add("punctual lights after "
-            + (!last       ? std::string("one reflection and more")
-               : last == 1 ? std::string("one reflection")
-                           : "1 to " + std::to_string(*last) + " reflections"));
-    }
+    if (content.punctual)
+        add(after("punctual lights", *content.punctual));
     if (content.emitters && content.emitters == content.sky) {
         add(direct_and("emitters and sky", *content.sky));
         return sentence;

@@ -25,6 +25,24 @@ const double k42 = std::sqrt(5 / pi) * 3 / 8;
 const double k43 = std::sqrt(35 / (2 * pi)) * 3 / 4;
 const double k44 = std::sqrt(35 / pi) * 3 / 16;
 
+/// Bands 0 to 2 in unit direction w.
+template <typename Number>
+void evaluate_low(int order, const glm::vec<3, Number>& w, Number* y) {
+    y[0] = Number(sh_y0);
+    if (order >= 1) {
+        y[1] = Number(sh_y1) * w.y;
+        y[2] = Number(sh_y1) * w.z;
+        y[3] = Number(sh_y1) * w.x;
+    }
+    if (order >= 2) {
+        y[4] = Number(sh_y2a) * w.x * w.y;
+        y[5] = Number(sh_y2a) * w.y * w.z;
+        y[6] = Number(sh_y2b) * (3 * w.z * w.z - 1);
+        y[7] = Number(sh_y2a) * w.x * w.z;
+        y[8] = Number(sh_y2c) * (w.x * w.x - w.y * w.y);
+    }
+}
+
 /// Bands 3 and 4 in unit direction w, the coefficients from the ninth on.
 template <typename Number>
 void evaluate_high(int order, const glm::vec<3, Number>& w, Number* y) {
@@ -82,6 +100,42 @@ const std::array<Node, 45>& product_rule() {
     return rule;
 }
 
+/// The integral of three harmonics, Y_i Y_j Y_k, that is not 0.
+struct Triple {
+    size_t i, j, k;
+    double integral;
+};
+
+int band_of(size_t k) {
+    return int(std::sqrt(double(k) + 0.5));
+}
+
+/// All of them where the bands of i and j sum to sh_max_order at most: polynomials of degree 8.
+const std::vector<Triple>& triples() {
+    static const std::vector<Triple> all = [] {
+        constexpr size_t count = sh_count(sh_max_order);
+        std::vector<std::array<double, count>> values;
+        for (const Node& node : product_rule()) {
+            double* y = values.emplace_back().data();
+            evaluate_low(sh_max_order, node.direction, y);
+            evaluate_high(sh_max_order, node.direction, y + sh_count(2));
+        }
+        std::vector<Triple> made;
+        for (size_t i = 0; i < count; ++i)
+            for (size_t j = 0; j < size_t(sh_count(sh_max_order - band_of(i))); ++j)
+                for (size_t k = 0; k < count; ++k) {
+                    double sum = 0;
+                    for (size_t node = 0; node < values.size(); ++node)
+                        sum += product_rule()[node].weight * values[node][i] * values[node][j]
+                               * values[node][k];
+                    if (std::abs(sum) > 1e-12)
+                        made.push_back({i, j, k, sum});
+                }
+        return made;
+    }();
+    return all;
+}
+
 /// Turns bands 3 and 4 by projecting the turned field anew: coefficient i becomes the integral of
 /// Y_i(w) f(m^T w), a polynomial of degree 8 at most.
 void rotate_high(const glm::dmat3& turn, int order, float* c) {
@@ -106,19 +160,7 @@ void rotate_high(const glm::dmat3& turn, int order, float* c) {
 ShValues sh_basis(int order, glm::vec3 w) {
     assert(order >= 0 && order <= sh_max_order);
     ShValues y{};
-    y[0] = sh_y0;
-    if (order >= 1) {
-        y[1] = sh_y1 * w.y;
-        y[2] = sh_y1 * w.z;
-        y[3] = sh_y1 * w.x;
-    }
-    if (order >= 2) {
-        y[4] = sh_y2a * w.x * w.y;
-        y[5] = sh_y2a * w.y * w.z;
-        y[6] = sh_y2b * (3 * w.z * w.z - 1);
-        y[7] = sh_y2a * w.x * w.z;
-        y[8] = sh_y2c * (w.x * w.x - w.y * w.y);
-    }
+    evaluate_low(order, w, y.data());
     if (order >= 3)
         evaluate_high(order, w, &y[9]);
     return y;
@@ -128,6 +170,16 @@ double sh_cosine_factor(int l) {
     constexpr double factors[] = {pi, 2 * pi / 3, pi / 4, 0, -pi / 24};
     assert(l >= 0 && l <= sh_max_order);
     return factors[l];
+}
+
+std::vector<double> sh_product(int order, std::span<const float> g) {
+    constexpr size_t count = sh_count(sh_max_order);
+    assert(order >= 0 && order <= sh_max_order && g.size() <= count);
+    std::vector<double> of(size_t(sh_count(order)) * count, 0.0);
+    for (const auto& [i, j, k, integral] : triples())
+        if (i < size_t(sh_count(order)) && j < g.size())
+            of[count * i + k] += integral * double(g[j]);
+    return of;
 }
 
 float sh_irradiance(std::span<const float> coefficients, glm::vec3 n) {

@@ -8,6 +8,7 @@
 #include <array>
 #include <cstddef>
 #include <span>
+#include <vector>
 
 namespace lpvbake::volume {
 
@@ -49,6 +50,12 @@ float sh_irradiance(std::span<const float> coefficients, glm::vec3 n);
 /// Turns coefficients (order 0 to 4) with the rotation or reflection `m`, whose columns are the
 /// images of the axes: the result evaluated at m*w equals the input evaluated at w.
 void sh_rotate(const glm::mat3& m, std::span<float> coefficients);
+
+/// The product f g as a matrix, [sh_count(sh_max_order) * i + k]: what its coefficient i, up to
+/// band `order`, has of coefficient k of f, which is the sum over j of g_j times the integral of
+/// Y_i Y_j Y_k (Gaunt). Band l takes the bands of g up to sh_max_order - l, with which no band of f
+/// beyond sh_max_order counts: it is exact for a g of these alone, whatever f.
+std::vector<double> sh_product(int order, std::span<const float> g);
 
 /// Flips the direction of every lobe: multiplies band l with (-1)^l. Turns travel direction into
 /// incident direction and back.

@@ -1,10 +1,13 @@
 // `lpvbake bake --layers` and `lpvbake mix` from outside.
 #include "cli/run.h"
 #include "io/layers.h"
+#include "volume/sh.h"
 
 #include <nlohmann/json.hpp>
 
 #include <cmath>
+#include <numbers>
+#include <random>
 
 namespace lpvbake {
 namespace {
@@ -136,6 +139,101 @@ TEST_F(LayersCli, ASkyIsExchanged) {
     EXPECT_GT(difference(read_volume(folder_ / "dark.vdb"), all), 0.1);
 }
 
+/// A picture of a sky whose luminance is above 0 and has bands up to `order`: PFM, from the bottom.
+std::string picture_of_bands(int order, uint32_t seed) {
+    constexpr int width = 128, height = 64;
+    std::mt19937 random(seed);
+    std::normal_distribution<float> normal;
+    std::vector<glm::vec3> weights;
+    for (int k = 0; k < volume::sh_count(order); ++k)
+        weights.emplace_back(normal(random), normal(random), normal(random));
+    std::vector<glm::vec3> texels;
+    glm::vec3 least(0.0f);
+    for (int row = height - 1; row >= 0; --row)
+        for (int column = 0; column < width; ++column) {
+            const double down = std::numbers::pi * (row + 0.5) / height,
+                         turn = 2.0 * std::numbers::pi * (0.75 - (column + 0.5) / width);
+            const volume::ShValues y =
+                volume::sh_basis(order, glm::vec3(std::sin(down) * std::sin(turn), std::cos(down),
+                                                  std::sin(down) * std::cos(turn)));
+            glm::vec3 sum(0.0f);
+            for (std::size_t k = 1; k < weights.size(); ++k)
+                sum += y[k] * weights[k];
+            texels.push_back(sum);
+            least = glm::min(least, sum);
+        }
+    std::string picture = "PF\n128 64\n-1.0\n";
+    for (glm::vec3& texel : texels) {
+        texel = 20.0f * (texel - 1.1f * least);
+        picture.append(reinterpret_cast<const char*>(&texel), sizeof texel);
+    }
+    return picture;
+}
+
+/// Sum of the differences of irradiance, of all irradiance, both up and down at each cell.
+double relative(const Volume& a, const Volume& b) {
+    double off = 0.0, all = 0.0;
+    std::vector<float> of_a(a.sh.size()), of_b(b.sh.size());
+    for (std::size_t cell = 0; cell < a.grid.size(); ++cell)
+        for (int c = 0; c < 3; ++c)
+            for (int axis = 0; axis < 6; ++axis) {
+                glm::vec3 n(0.0f);
+                n[axis / 2] = axis % 2 ? 1.0f : -1.0f;
+                for (std::size_t k = 0; k < a.sh.size(); ++k) {
+                    of_a[k] = a.sh[k][cell][c];
+                    of_b[k] = b.sh[k][cell][c];
+                }
+                const double is = double(volume::sh_irradiance(of_b, n));
+                off += std::abs(double(volume::sh_irradiance(of_a, n)) - is);
+                all += std::abs(is);
+            }
+    return off / all;
+}
+
+TEST_F(LayersCli, AnySkyComesOfATransfer) {
+    const std::string alone = " --no-scene-lights --no-emitters ";
+    for (const int order : {1, 2}) {
+        const std::string with = alone + "--sh-order " + std::to_string(order) + " --sky ";
+        ASSERT_EQ(bake("-o t.vdb --layers transfer" + with + "'#ffffff,20'").status, 0);
+        ASSERT_EQ(bake("-o plain.vdb" + with + "'#ffffff,20'").status, 0);
+        const Volume plain = read_volume(folder_ / "plain.vdb");
+        EXPECT_EQ(read_volume(folder_ / "t.vdb").sh, plain.sh);
+        ASSERT_EQ(run("mix t.vdb sky='#ffffff,20' -o mixed.vdb").status, 0);
+        EXPECT_LT(difference(read_volume(folder_ / "mixed.vdb"), plain), 1e-5);
+        ASSERT_EQ(run("mix t.vdb sky='#ffffff,20' sky_visibility=0 -o bounce.vdb").status, 0);
+        ASSERT_EQ(run("mix t.vdb sky=0 sky_visibility=20 -o seen.vdb").status, 0);
+        for (uint32_t seed = 1; seed <= 3; ++seed) {
+            // Of bands of which all is known. The bake decides by its own light.
+            spill(folder_ / "sky.pfm", picture_of_bands(2, seed));
+            ASSERT_EQ(run("mix t.vdb sky=sky.pfm -o mixed.vdb").status, 0);
+            ASSERT_EQ(bake("-o baked.vdb" + with + "sky.pfm").status, 0);
+            const Volume mixed = read_volume(folder_ / "mixed.vdb"),
+                         baked = read_volume(folder_ / "baked.vdb");
+            EXPECT_LT(relative(mixed, baked), 0.02) << order << " " << seed;
+            for (const char* less : {"bounce.vdb", "seen.vdb"}) // neither part is nothing
+                EXPECT_GT(relative(read_volume(folder_ / less), plain), 0.05) << less;
+        }
+    }
+    const json manifest = json::parse(slurp(folder_ / "t.layers.json"));
+    ASSERT_EQ(manifest["layers"].size(), 11u); // the sky, what is seen, and nine modes
+    EXPECT_EQ(manifest["layers"][1]["name"], "sky_visibility");
+    EXPECT_EQ(manifest["layers"][1]["kind"], "visibility");
+    EXPECT_EQ(manifest["layers"][10]["name"], "sky_bounce_8");
+    EXPECT_EQ(manifest["layers"][10]["kind"], "bounce");
+    EXPECT_EQ(manifest["layers"][10]["weight"], json({0, 0, 0}));
+    const Volume seen = read_volume(folder_ / "t_layer_sky_visibility.vdb"),
+                 bounce = read_volume(folder_ / "t_layer_sky_bounce_0.vdb");
+    EXPECT_EQ(seen.sh_order, 4);
+    EXPECT_EQ(seen.metadata.at("sky_reflections"), "0..0");
+    EXPECT_EQ(bounce.metadata.at("sky_reflections"), "1..inf");
+    EXPECT_EQ(bounce.metadata.at("content"), "sky after one reflection and more");
+    EXPECT_EQ(json::parse(bake("-o a.exr --layers transfer:0 --sky '#ffffff,20' --dry-run "
+                               "--format json")
+                              .out)["outputs"][0]["files"]
+                  .size(),
+              5u * 14u + 16u + 1u);
+}
+
 TEST_F(LayersCli, GroupsTakeWhatTheirPatternFits) {
     ASSERT_EQ(bake("-o a.vdb --point 0.5,1,0.5,10 --layers 'main=bul*' --layers lights").status, 0);
     const json layers = json::parse(slurp(folder_ / "a.layers.json"))["layers"];
@@ -218,6 +316,8 @@ TEST_F(LayersCli, OfVolumesAreVolumesAndTurnWithThem) {
     EXPECT_EQ(json::parse(slurp(folder_ / "a.layers.json"))["file"], "a.volumes.json");
     ASSERT_EQ(run("mix a.vdb -o same.vdb").status, 0);
     ASSERT_EQ(run("mix a.volumes.json sky=sky.pfm -o modes.vdb").status, 0);
+    ASSERT_EQ(run(to + "-o b.vdb --layers transfer").status, 0);
+    ASSERT_EQ(run("mix b.volumes.json sky=sky.pfm -o any.vdb").status, 0);
     for (const char* name : {"low", "high"}) {
         const auto of = [&](const std::string& stem) {
             return read_volume(folder_ / (stem + "_" + name + ".vdb"));
@@ -225,6 +325,7 @@ TEST_F(LayersCli, OfVolumesAreVolumesAndTurnWithThem) {
         EXPECT_LT(difference(of("same"), of("a")), 1e-5) << name;
         // The same sky by its modes, which are as turned as the box.
         const Volume all = of("a"), modes = of("modes");
+        EXPECT_LT(difference(of("any"), modes), 1e-4) << name;
         double sum = 0.0, error = 0.0;
         for (std::size_t k = 0; k < all.sh.size(); ++k)
             for (std::size_t cell = 0; cell < all.grid.size(); ++cell) {
@@ -260,6 +361,11 @@ TEST_F(LayersCli, WhatCannotBeIsRefusedByName) {
     };
     refused("--layers lamps", "is none of lights, emitters, sky");
     refused("--layers sky:3", "sky:N");
+    refused("--layers transfer:3 --sky '#ffffff,1'", "transfer:N");
+    refused("--layers transfer", "there is no sky");
+    refused("--layers transfer,sky:1 --sky '#ffffff,1'", "no sky that no layer has");
+    refused("--layers transfer --sky '#ffffff,1' --solver sn", "is an option of gather");
+    refused("--layers transfer --sky '#ffffff,1' --target unity --dering off --fit none", "mix");
     refused("--layers sky=*", "meaning of their own");
     refused("--layers x=nothing*", "'bulb'");
     refused("--layers sky", "there is no sky");

@@ -101,11 +101,12 @@ class Documents(unittest.TestCase):
         run("convert", "convert", "set.levels.json", "flat.vdb", "--flatten", "0.2")
         cls.documents.append(("levels", "set.levels.json",
                               json.loads((cls.folder / "set.levels.json").read_text())))
-        layers = [*bake, "-o", "layered.vdb", "--layers", "lights,sky:1", "--sky", "#ffffff,10"]
+        layers = [*bake, "-o", "layered.vdb", "--solver", "gather",
+                  "--layers", "lights,transfer:1", "--sky", "#ffffff,10"]
         run("bake", *layers)
         run("bake_dry_run", *layers, "--dry-run")
         run("info_volume", "info", "layered.vdb")
-        run("mix", "mix", "layered.vdb", "sky=0.5", "-o", "mixed.vdb")
+        run("mix", "mix", "layered.vdb", "sky=0.6:0.8:1,5", "-o", "mixed.vdb")
         cls.documents.append(("layers", "layered.layers.json",
                               json.loads((cls.folder / "layered.layers.json").read_text())))
         bricks = ["bake", "box.gltf", "--threads", "1", "--adaptive", "0.25..0.25", "-o", "bricks.exr"]

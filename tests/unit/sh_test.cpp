@@ -211,6 +211,50 @@ TEST(Sh, FlipLooksTheOtherWay) {
     EXPECT_EQ(after, before);
 }
 
+TEST(Sh, ProductHasTheCoefficientsOfTheProduct) {
+    std::mt19937 random(11);
+    const volume::ShValues f = random_coefficients(random), all = random_coefficients(random);
+    for (const int band : {1, 4}) {
+        const std::span<const float> g(all.data(), std::size_t(volume::sh_count(band)));
+        const std::vector<double> product = volume::sh_product(4, g);
+        ASSERT_EQ(product.size(), 25u * 25u);
+        for (std::size_t i = 0; i < 25; ++i) {
+            // Bands of g that bands of f beyond its own would count for are left out.
+            const int most = volume::sh_max_order - int(std::sqrt(double(i) + 0.5));
+            volume::ShValues low{};
+            std::copy_n(g.begin(), std::min(g.size(), std::size_t(volume::sh_count(most))),
+                        low.begin());
+            const double wanted = integrate(
+                [&](glm::dvec3 w) {
+                    return evaluate(f, 4, w) * evaluate(low, 4, w)
+                           * double(volume::sh_basis(4, w)[i]);
+                },
+                200);
+            double sum = 0;
+            for (std::size_t k = 0; k < 25; ++k)
+                sum += product[25 * i + k] * double(f[k]);
+            EXPECT_NEAR(sum, wanted, 1e-3) << band << " " << i;
+        }
+        const std::vector<double> part = volume::sh_product(1, g);
+        EXPECT_TRUE(std::equal(part.begin(), part.end(), product.begin()));
+        EXPECT_EQ(part.size(), 4u * 25u);
+    }
+}
+
+TEST(Sh, ProductWithAConstantIsTheField) {
+    const float one = float(std::sqrt(4 * pi));
+    const std::vector<double> product = volume::sh_product(4, {&one, 1});
+    for (std::size_t i = 0; i < 25; ++i)
+        for (std::size_t k = 0; k < 25; ++k)
+            EXPECT_NEAR(product[25 * i + k], i == k ? 1.0 : 0.0, 1e-6);
+    // <Y20 Y20 Y20> = sqrt(5 / pi) / 7, <Y10 Y10 Y20> = 1 / sqrt(5 pi).
+    volume::ShValues z{}, zz{};
+    z[2] = zz[6] = 1.0f;
+    EXPECT_NEAR(volume::sh_product(2, zz)[25 * 6 + 6], std::sqrt(5 / pi) / 7, 1e-6);
+    EXPECT_NEAR(volume::sh_product(2, z)[25 * 2 + 6], 1 / std::sqrt(5 * pi), 1e-6);
+    EXPECT_EQ(volume::sh_product(2, z)[25 * 2 + 5], 0.0);
+}
+
 TEST(Volume, TotalEnergyIntegratesLuminanceOverTheSphere) {
     Volume volume;
     volume.grid.dims = {3, 1, 1};

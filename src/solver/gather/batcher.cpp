@@ -1,32 +1,44 @@
 #include "solver/gather/batcher.h"
 
+#include "volume/sh.h"
+
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
 
 namespace lpvbake::solver::gather {
 
-uint64_t batch_bytes(int order, uint64_t list_bytes, uint32_t layers) {
+namespace {
+
+uint64_t result_bytes(int order, bool layers) {
+    const uint64_t floats =
+        layers ? std::max(result_floats(order, pass_layers), result_floats(volume::sh_max_order))
+               : result_floats(order);
+    return most_jobs * floats * sizeof(float);
+}
+
+} // namespace
+
+uint64_t batch_bytes(int order, uint64_t list_bytes, bool layers) {
     return list_bytes + most_jobs * (lanes * sizeof(glm::vec4) + sizeof(Job))
-           + uint64_t(most_jobs) * result_floats(order, layers) * sizeof(float);
+           + result_bytes(order, layers);
 }
 
 Gatherer gatherer(const gpu::Program& program, uint32_t part, int order) {
     if (part == part_layers)
-        return {program, pass_layers, {layered_words, layered_words, bin_words(order)}};
-    return {program, 1, {point_words, triangle_words, bin_words(order)}};
+        return {program, order, pass_layers, {layered_words, layered_words, bin_words(order)}};
+    return {program, order, 1, {point_words, triangle_words, bin_words(order)}};
 }
 
 Batcher::Batcher(const gpu::Device& device, uint32_t local_size, int order, uint64_t list_bytes,
-                 uint32_t layers)
+                 bool layers)
     : device_(device),
-      order_(order),
       jobs_a_group_(local_size / lanes),
       capacity_(list_bytes / sizeof(glm::vec4)),
       centers_buffer_(device, most_jobs * lanes * sizeof(glm::vec4)),
       jobs_buffer_(device, most_jobs * sizeof(Job)),
       list_buffer_(device, list_bytes),
-      result_buffer_(device, uint64_t(most_jobs) * result_floats(order, layers) * sizeof(float)),
+      result_buffer_(device, result_bytes(order, layers)),
       list_(std::make_unique_for_overwrite<glm::vec4[]>(capacity_)) {
     gpu::clear(device, centers_buffer_);
 }
@@ -80,7 +92,7 @@ void Batcher::run() {
     gpu::upload(device_, jobs_buffer_, 0, std::as_bytes(std::span(jobs_)));
     gpu::upload(device_, list_buffer_, 0, std::as_bytes(std::span(list_.get(), used_)));
     const Push push{uint32_t(jobs_.size())};
-    const size_t floats = result_floats(order_, gatherer_->layers);
+    const size_t floats = result_floats(gatherer_->order, gatherer_->layers);
     const gpu::Window windows[] = {{&centers_buffer_, 0, centers_.size() * sizeof(glm::vec4)},
                                    {&jobs_buffer_, 0, jobs_.size() * sizeof(Job)},
                                    {&list_buffer_, 0, used_ * sizeof(glm::vec4)},
@@ -92,7 +104,7 @@ void Batcher::run() {
     results_.resize(jobs_.size() * floats);
     gpu::download(device_, result_buffer_, 0, std::as_writable_bytes(std::span(results_)));
     const size_t layers = gatherer_->layers;
-    tbb::parallel_for(size_t(0), terms(order_) * fields_.size(), [&](size_t i) {
+    tbb::parallel_for(size_t(0), terms(gatherer_->order) * fields_.size(), [&](size_t i) {
         const size_t k = i / fields_.size(), layer = i % fields_.size();
         std::vector<glm::vec3>& values = (*fields_[layer])[k];
         for (size_t job = 0; job < jobs_.size(); ++job) {

@@ -16,8 +16,8 @@ namespace lpvbake::solver::gather {
 inline constexpr size_t job_words = 4096;
 inline constexpr uint32_t most_jobs = 8192; ///< of one dispatch
 
-/// Of the buffers, where a list takes so many and programs solve so many layers at a time.
-uint64_t batch_bytes(int order, uint64_t list_bytes, uint32_t layers = 1);
+/// Of the buffers, where a list takes so many; with layers, too.
+uint64_t batch_bytes(int order, uint64_t list_bytes, bool layers = false);
 
 /// Coefficients as Volume::sh has them.
 using Field = std::vector<std::vector<glm::vec3>>;
@@ -25,6 +25,7 @@ using Field = std::vector<std::vector<glm::vec3>>;
 /// A program, and what it makes of its lists.
 struct Gatherer {
     const gpu::Program& program;
+    int order;                   ///< highest band that it solves
     uint32_t layers;             ///< that it solves at a time
     std::array<size_t, 3> words; ///< of a point, a triangle, a bin
 };
@@ -34,9 +35,10 @@ Gatherer gatherer(const gpu::Program& program, uint32_t part, int order);
 /// and the same sums, for any size of the buffer.
 class Batcher {
 public:
-    /// `layers`: that programs solve at a time, at most.
+    /// For programs of that order, and with layers for those of pass_layers, or of one of any
+    /// order.
     Batcher(const gpu::Device& device, uint32_t local_size, int order, uint64_t list_bytes,
-            uint32_t layers);
+            bool layers);
 
     /// What runs the jobs from here on, and the fields to which the first layers are added; both
     /// outlive them. Nothing may be waiting to run.
@@ -60,7 +62,6 @@ private:
     const gpu::Device& device_;
     std::optional<Gatherer> gatherer_;
     std::vector<Field*> fields_;
-    int order_;
     uint32_t jobs_a_group_;
     size_t capacity_;
     gpu::Buffer centers_buffer_, jobs_buffer_, list_buffer_, result_buffer_;

@@ -145,8 +145,7 @@ private:
 } // namespace
 
 uint64_t gather_device_bytes(const GatherSettings& settings, bool layers) {
-    return batch_bytes(settings.order, usual_list_bytes, layers ? pass_layers : 1)
-           + (uint64_t(1) << 20);
+    return batch_bytes(settings.order, usual_list_bytes, layers) + (uint64_t(1) << 20);
 }
 
 uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSettings& settings,
@@ -207,16 +206,16 @@ Senders GatherProgram::senders(const surface::LitSurfaces& surfaces, const Sky& 
 template <class Run>
 GatherReport GatherProgram::with_senders(const Senders& senders,
                                          const visibility::Visibility& visibility, Volume& volume,
-                                         std::span<Volume> layers, const Run& run) const {
+                                         const Layers& layers, const Run& run) const {
     GatherReport report;
     report.clusters_seconds = senders.seconds;
-    const auto size = [&](Volume& of) {
-        of.sh_order = settings_.order;
-        of.sh.assign(terms(settings_.order),
-                     std::vector<glm::vec3>(volume.grid.size(), glm::vec3(0.0f)));
+    const auto size = [&](Volume& of, int order) {
+        of.sh_order = order;
+        of.sh.assign(terms(order), std::vector<glm::vec3>(volume.grid.size(), glm::vec3(0.0f)));
     };
-    size(volume);
-    std::ranges::for_each(layers, size);
+    size(volume, settings_.order);
+    for (size_t i = 0; i < layers.volumes.size(); ++i)
+        size(layers.volumes[i], layers.light[i].order.value_or(settings_.order));
     if (senders.empty())
         return report;
     Laps laps;
@@ -244,8 +243,7 @@ GatherReport GatherProgram::gather(const surface::LitSurfaces& surfaces, const S
     const Occupied occupied(surfaces.patches, volume.grid);
     const Cells cells{volume.grid, occupied, volume.validity};
     return with_senders(senders(surfaces, sky, visibility, above, layers.light), visibility, volume,
-                        layers.volumes,
-                        [&](const Surroundings& world, GatherReport& report, Laps& laps) {
+                        layers, [&](const Surroundings& world, GatherReport& report, Laps& laps) {
                             Gathering(device_, settings_, surfaces_, local_size_, list_bytes_,
                                       world, cells, volume, layers.volumes, progress, report, laps)
                                 .run();

@@ -109,7 +109,7 @@ public:
 private:
     template <class Run>
     GatherReport with_senders(const Senders& senders, const visibility::Visibility& visibility,
-                              Volume& volume, std::span<Volume> layers, const Run& run) const;
+                              Volume& volume, const Layers& layers, const Run& run) const;
     template <class Run>
     GatherReport with_packets(const Senders& senders, const visibility::Visibility& visibility,
                               Volume& volume, const Run& run) const;

@@ -184,7 +184,7 @@ constinit const SolverKind gather_kind{
     .orders = orders,
     .default_bounces = std::nullopt,
     .at_places = true,
-    .layers = Layering::any,
+    .layers = Layering::of_parts,
     .nesting = Nesting::independent,
     .parameters = parameters,
     .ladder = ladder,

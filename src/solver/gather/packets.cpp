@@ -1,6 +1,7 @@
 #include "solver/gather/packets.h"
 
 #include "solver/gather/gather.comp.h"
+#include "volume/sh.h"
 
 #include <tbb/parallel_for.h>
 
@@ -43,11 +44,16 @@ PacketSolver::PacketSolver(const gpu::Device& device, int order, const gpu::Prog
       field_(&volume.sh),
       report_(report),
       laps_(laps),
-      batcher_(device, local_size, order, list_bytes, layers.empty() ? 1 : pass_layers) {
-    for (Volume& layer : layers)
-        layers_.push_back(&layer.sh);
+      batcher_(device, local_size, order, list_bytes, !layers.empty()) {
     if (!world.sky.empty())
         sky_ = compile(device, local_size, order, part_sky);
+    for (Volume& layer : layers) {
+        layers_.push_back(&layer.sh);
+        if (!world.sky.empty() && layer.sh_order != order
+            && !ordered_skies_.contains(layer.sh_order))
+            ordered_skies_.emplace(layer.sh_order,
+                                   compile(device, local_size, layer.sh_order, part_sky));
+    }
     if (!layers_.empty() && !world.clusters.nodes.empty())
         layered_ = compile(device, local_size, order, part_layers);
 }
@@ -60,9 +66,9 @@ void PacketSolver::solve(std::span<const Packet> packets, const std::function<vo
         packet.zone->gather_sky(packet.sees, order_, to);
     };
     if (!world_.clusters.nodes.empty())
-        gather(surfaces_, part_surfaces, {&field_, 1}, packets, add_surfaces, advance);
+        gather(surfaces_, part_surfaces, {&field_, 1}, order_, packets, add_surfaces, advance);
     if (!world_.sky.empty())
-        gather(sky_, part_sky, {&field_, 1}, packets, add_sky, advance);
+        gather(sky_, part_sky, {&field_, 1}, order_, packets, add_sky, advance);
     for (const Packet& packet : packets)
         report_.solved += packet.cells.size();
     solve_layers(packets, advance);
@@ -76,27 +82,33 @@ void PacketSolver::solve_layers(std::span<const Packet> packets,
         for (size_t first = 0; first < all.size(); first += pass_layers)
             gather(
                 layered_, part_layers,
-                all.subspan(first, std::min<size_t>(pass_layers, all.size() - first)), packets,
+                all.subspan(first, std::min<size_t>(pass_layers, all.size() - first)), order_,
+                packets,
                 [&](const Packet& packet, Sources& to) {
                     packet.zone->gather_layers(packet.sees, packet.points, first, to);
                 },
                 advance);
-    for (size_t layer = 0; layer < all.size(); ++layer)
-        if (!world_.sky.empty() && !world_.sky.front().layers[layer].empty())
-            gather(
-                sky_, part_sky, all.subspan(layer, 1), packets,
-                [&](const Packet& packet, Sources& to) {
-                    packet.zone->gather_sky(packet.sees, order_, to, layer);
-                },
-                advance);
+    for (size_t layer = 0; layer < all.size(); ++layer) {
+        if (world_.sky.empty() || world_.sky.front().layers[layer].empty())
+            continue;
+        const int order = volume::sh_order_of(all[layer]->size());
+        gather(
+            order == order_ ? sky_ : ordered_skies_.at(order), part_sky, all.subspan(layer, 1),
+            order, packets,
+            [&](const Packet& packet, Sources& to) {
+                packet.zone->gather_sky(packet.sees, order, to, layer);
+            },
+            advance);
+    }
 }
 
 /// Runs `program` on what `list` lists for each packet.
 template <class List>
 void PacketSolver::gather(const gpu::Program& program, uint32_t part,
-                          std::span<Field* const> fields, std::span<const Packet> packets,
-                          const List& list, const std::function<void()>& advance) {
-    const Gatherer with = gatherer(program, part, order_);
+                          std::span<Field* const> fields, int order,
+                          std::span<const Packet> packets, const List& list,
+                          const std::function<void()>& advance) {
+    const Gatherer with = gatherer(program, part, order);
     batcher_.use(with, fields);
     sources_.resize(std::max(sources_.size(), std::min(chunk, packets.size())));
     for (size_t first = 0; first < packets.size(); first += chunk) {

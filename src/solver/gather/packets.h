@@ -7,6 +7,7 @@
 
 #include <chrono>
 #include <functional>
+#include <map>
 #include <span>
 #include <vector>
 
@@ -62,13 +63,15 @@ public:
 private:
     template <class List>
     void gather(const gpu::Program& program, uint32_t part, std::span<Field* const> fields,
-                std::span<const Packet> packets, const List& list,
+                int order, std::span<const Packet> packets, const List& list,
                 const std::function<void()>& advance);
     void solve_layers(std::span<const Packet> packets, const std::function<void()>& advance);
 
     int order_;
     const gpu::Program& surfaces_;
     gpu::Program sky_, layered_;
+    std::map<int, gpu::Program>
+        ordered_skies_; ///< of layers that have another order than the light
     const Surroundings& world_;
     Field* field_;
     std::vector<Field*> layers_;

@@ -18,16 +18,17 @@ constexpr int samples = 4;
 /// The bin's coefficients of a layer: of what it has of the sky, and of what is beyond that.
 std::vector<float> layer_of(const SkyBin& bin, const scene::LightLayer& layer, double weight,
                             int order) {
-    if (!layer.has_sky())
+    if (!layer.is_seen() && layer.sky == glm::vec3(0.0f))
         return {};
-    std::vector<double> sum(bin.coefficients.size(), 0.0);
-    for (size_t i = 0; i < sum.size(); ++i)
+    const int own = layer.order.value_or(order);
+    std::vector<double> sum(3 * size_t(volume::sh_count(own)), 0.0);
+    for (size_t i = 0; i < std::min(sum.size(), bin.coefficients.size()); ++i)
         sum[i] = double(layer.sky[int(i % 3)]) * double(bin.coefficients[i]);
-    for (int i = 0; layer.beyond && i < samples * samples; ++i) {
+    for (int i = 0; layer.is_seen() && i < samples * samples; ++i) {
         const glm::vec3 w = bin.direction(
             {(float(i / samples) + 0.5f) / samples, (float(i % samples) + 0.5f) / samples});
         const glm::vec3 luminance = layer.beyond(w);
-        const volume::ShValues y = volume::sh_basis(order, w);
+        const volume::ShValues y = volume::sh_basis(own, w);
         for (size_t k = 0; k < sum.size(); ++k)
             sum[k] += weight * double(luminance[int(k % 3)]) * double(y[k / 3]);
     }

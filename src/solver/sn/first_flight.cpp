@@ -30,7 +30,8 @@ glm::vec3 SnLight::luminance(const Sight& sight, glm::vec3 direction) const {
         if (!layer)
             return sight.tint * own;
         return sight.tint
-               * (layer->sky * own + (layer->beyond ? layer->beyond(direction) : glm::vec3(0.0f)));
+               * (layer->sky * own
+                  + (layer->is_seen() ? layer->beyond(direction) : glm::vec3(0.0f)));
     }
     if (sight.side == surface::LitSurfaces::no_side)
         return glm::vec3(0.0f);
