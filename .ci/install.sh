@@ -8,7 +8,7 @@ packages=(
     # build
     cmake ninja-build g++ ccache glslc
     libvulkan-dev libembree-dev libtbb-dev libglm-dev libcli11-dev libtomlplusplus-dev nlohmann-json3-dev
-    libtinygltf-dev libdraco-dev libmeshoptimizer-dev libopenvdb-dev libnanovdb-dev libboost-dev libzstd-dev
+    libtinygltf-dev libdraco-dev libmeshoptimizer-dev libopenvdb-dev libnanovdb-dev libboost-dev libzstd-dev libxxhash-dev
     libopenimageio-dev libopenexr-dev libimath-dev libpng-dev
     # run: a Vulkan driver for any CPU
     mesa-vulkan-drivers

@@ -261,6 +261,9 @@ void run_bake(BakeOptions o, const options::Options& options) {
     auto opening = std::async(o.if_changed ? std::launch::deferred : in_background(), [&o] {
         return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
     });
+    std::optional<io::CacheFolder> cache;
+    if (!o.cache.empty() && !o.dry_run)
+        base.cache = &cache.emplace(o.cache, o.cache_bytes);
     const Scene scene = run.load();
     run.end_stage("load", counted(scene::triangle_count(scene), "triangle") + ", "
                               + counted(scene.lights.size(), "light"));

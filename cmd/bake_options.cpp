@@ -441,6 +441,16 @@ void add_bake_options(options::Options& options, BakeOptions& o) {
         .flag("--if-changed", o.if_changed,
               "Leave outputs that inputs, options and version would bake again as they are")
         .exclude({"at"});
+    options.text(
+        "--cache", o.cache, "FOLDER",
+        "Keep there what geometry alone decides, and take it from there: where only lights "
+        "changed, a bake is quicker and its files are the same; see below");
+    options
+        .value("--cache-size", o.cache_bytes, "SIZE", options::parse_bytes,
+               "What its files may take together; those that were not used for the longest time "
+               "go first",
+               "2G")
+        .need("cache");
     add_run_options(options, o);
 }
 

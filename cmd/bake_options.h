@@ -4,6 +4,7 @@
 #include "bake/choose.h"
 #include "bake/layers.h"
 #include "bake/settings.h"
+#include "io/cache_folder.h"
 #include "io/target.h"
 #include "options/option.h"
 #include "options/values.h"
@@ -60,6 +61,8 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::optional<uint64_t> max_size;   ///< of bricks, bytes
     std::vector<std::vector<bake::LayerWish>> layers;
     bool if_changed = false;
+    std::string cache; ///< folder; empty: nothing is kept
+    uint64_t cache_bytes = io::CacheFolder::usual_bytes;
     bool told = true; ///< the result is printed
 
     bool nests() const { return !level.empty() || levels; }

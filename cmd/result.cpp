@@ -55,14 +55,21 @@ report::Json stages_json(const std::vector<StageReport>& stages) {
         list.push_back({{"name", stage.name}, {"seconds", stage.seconds}});
         if (!stage.detail.empty())
             list.back()["detail"] = stage.detail;
+        if (stage.reused + stage.made > 0)
+            list.back()["cache"] = {{"reused", stage.reused}, {"made", stage.made}};
     }
     return list;
 }
 
 void print_stages(const std::vector<StageReport>& stages) {
-    for (const StageReport& stage : stages)
+    for (const StageReport& stage : stages) {
+        std::string detail = stage.detail;
+        if (const uint64_t all = stage.reused + stage.made)
+            detail += format("; cache: %llu of %llu reused", (unsigned long long)stage.reused,
+                             (unsigned long long)all);
         std::printf("%-12s  %7.3f s%s%s\n", stage.name.c_str(), stage.seconds,
-                    stage.detail.empty() ? "" : "  ", stage.detail.c_str());
+                    detail.empty() ? "" : "  ", detail.c_str());
+    }
 }
 
 void print_total(double seconds) {

@@ -1,12 +1,12 @@
 #include "bake/bake.h"
 
+#include "bake/cached.h"
 #include "bake/direct.h"
 #include "bake/lighting.h"
 #include "bake/surface_fit.h"
 #include "surface/lit_surfaces.h"
 #include "text.h"
 #include "visibility/visibility.h"
-#include "visibility/walls.h"
 #include "volume/convention.h"
 #include "volume/light_content.h"
 
@@ -48,6 +48,11 @@ struct Level {
           upright(upright_in(of, whole.origin)),
           frame(scene::frame_of(upright)),
           visibility(in.visibility.in_frame(whole, frame)) {}
+
+    /// What is turned is in none.
+    cache::Cache* cache(const BakePlan& plan) const {
+        return grid.is_turned() ? nullptr : plan.settings.cache;
+    }
 
     static Grid upright_in(Grid grid, glm::dvec3 about) {
         if (grid.is_turned())
@@ -101,6 +106,7 @@ void fit_volume(const BakePlan& plan, const Level& level, Surfaces& surfaces,
     if (anew) {
         surface::LightingSettings lighting = lighting_of(plan);
         lighting.maps = false;
+        lighting.cache = nullptr; // its frame is another one
         all = surface::light_surfaces(turned, level.visibility, level.frame, lighting,
                                       stages.progress());
     } else {
@@ -135,8 +141,7 @@ void fit_volume(const BakePlan& plan, const Level& level, Surfaces& surfaces,
 void finish_level(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
                   const Level& level, Surfaces& surfaces, solver::Stages& stages, Volume& volume) {
     stages.begin("walls");
-    volume.walls = visibility::find_walls(level.visibility, level.grid.dims, volume.validity,
-                                          most_walls, walls_reach);
+    volume.walls = find_walls(level.visibility, level.frame, volume, level.cache(plan));
     stages.end(share_with_walls(volume.walls));
 
     add_direct(level.axes.scene, plan, level.visibility, level.frame, stages, volume);
@@ -228,7 +233,7 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
                         Progress& progress) {
     BakedLevels baked;
     baked.warnings = plan.warnings;
-    solver::Stages stages(progress, baked.warnings, scene.path);
+    solver::Stages stages(progress, baked.warnings, scene.path, plan.settings.cache);
 
     const solver::SolverKind& kind = plan.settings.solver.kind();
     const std::vector<Grid> grids = grids_in(plan);
@@ -292,6 +297,7 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
         for (Volume& layer : layers)
             layer.grid = level.upright;
         inputs.layers = level.axes.layers;
+        inputs.cache = level.cache(plan);
         if (layers.empty())
             solvers[l]->solve(inputs, stages, volume);
         else

@@ -652,7 +652,7 @@ BakedBricks bake_bricks(const Scene& scene, const BakePlan& plan, const gpu::Dev
                         Progress& progress) {
     BakedBricks baked;
     baked.warnings = plan.warnings;
-    solver::Stages stages(progress, baked.warnings, scene.path);
+    solver::Stages stages(progress, baked.warnings, scene.path, plan.settings.cache);
     const std::unique_ptr<solver::Solver> solver =
         plan.settings.solver.kind().make(device, plan.grid, plan.settings.solver);
     const visibility::Visibility visibility = open_scene(scene, plan, stages);

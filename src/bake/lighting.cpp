@@ -1,5 +1,6 @@
 #include "bake/lighting.h"
 
+#include "bake/cached.h"
 #include "scene/lights.h"
 #include "scene/sky.h"
 #include "text.h"
@@ -37,6 +38,7 @@ surface::LightingSettings lighting_of(const BakePlan& plan) {
     lighting.emitters = plan.emitters;
     lighting.maps = plan.maps.count > 0;
     lighting.rays = plan.settings.solver.lighting_rays();
+    lighting.cache = plan.settings.cache;
     return lighting;
 }
 
@@ -44,6 +46,8 @@ visibility::Visibility open_scene(const Scene& scene, const BakePlan& plan,
                                   solver::Stages& stages) {
     stages.begin("visibility");
     visibility::Visibility visibility(scene, plan.frame, plan.settings.isa);
+    if (plan.settings.cache)
+        plan.settings.cache->set_world(world_key(scene, plan.frame, visibility));
     warn_of_backs(scene, visibility, plan.frame, stages);
     stages.end(counted(plan.triangles, "triangle"));
     return visibility;

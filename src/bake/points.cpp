@@ -90,7 +90,7 @@ BakedPoints bake_points(const Scene& scene, const BakePlan& plan, volume::Points
     volume::LitPoints& lit = baked.lit;
     lit.points = std::move(points);
     lit.light.grid.dims = {int(lit.points.positions.size()), 1, 1};
-    solver::Stages stages(progress, baked.warnings, scene.path);
+    solver::Stages stages(progress, baked.warnings, scene.path, plan.settings.cache);
     const std::unique_ptr<solver::Solver> solver =
         plan.settings.solver.kind().make(device, plan.grid, plan.settings.solver);
 

@@ -15,6 +15,9 @@ namespace lpvbake {
 namespace readers {
 struct Reader;
 }
+namespace cache {
+class Cache;
+}
 } // namespace lpvbake
 
 namespace lpvbake::bake {
@@ -62,11 +65,12 @@ struct BakeSettings {
     bool dering = true;                     ///< before it is fitted (bake/surface_fit.h)
     DirectSettings direct;                  ///< of one grid or of levels
     std::vector<volume::Adjustment> adjust; ///< of validity, and of what is fitted
-    /// Of the light, by a solver that has SolverKind::layers, in grids, levels or volumes of what is
-    /// not fitted.
+    /// Of the light, by a solver that has SolverKind::layers, in grids, levels or volumes of what
+    /// is not fitted.
     std::vector<Layer> layers;
     uint64_t points = 0; ///< that are given instead of the grid's cells (bake/points.h); 0: none
     visibility::Isa isa = visibility::Isa::automatic; ///< that rays are traced with
+    cache::Cache* cache = nullptr; ///< keeps what the next bake may need as well; null: nothing
 };
 
 } // namespace lpvbake::bake

@@ -14,6 +14,8 @@ struct StageReport {
     std::string name;
     double seconds = 0;
     std::string detail; ///< one phrase: counts and residuals, or why it will run
+    /// Values that were kept from an earlier bake, and that had to be made; both 0 without a cache.
+    uint64_t reused = 0, made = 0;
 };
 
 /// Told by the stages, drawn by whoever runs them. Calls come from one thread.

@@ -10,9 +10,31 @@
 
 namespace lpvbake::solver {
 
+namespace {
+
+std::vector<float> kept_validity(const Inputs& inputs) {
+    const auto make = [&] {
+        return visibility::trace_validity(inputs.visibility, inputs.grid.dims);
+    };
+    if (!inputs.cache)
+        return make();
+    cache::Key key = inputs.cache->key("validity");
+    key.add(inputs.frame.origin, inputs.frame.unit, inputs.grid.dims);
+    std::vector<float> validity;
+    if (!inputs.cache->get(key, [&](cache::Reader& in) {
+            return in.get(validity) && validity.size() == inputs.grid.size();
+        })) {
+        validity = make();
+        inputs.cache->put(key, [&](cache::Writer& out) { out.put(validity); });
+    }
+    return validity;
+}
+
+} // namespace
+
 void find_validity(const Inputs& inputs, Stages& stages, Volume& volume) {
     stages.begin("validity");
-    volume.validity = visibility::trace_validity(inputs.visibility, inputs.grid.dims);
+    volume.validity = kept_validity(inputs);
     volume::adjust_validity(inputs.adjust, volume);
     stages.end(outside_geometry(volume.validity));
 }

@@ -71,6 +71,7 @@ struct Inputs {
     /// solved theirs. `lit` is in the finest's frame, and with its inputs alone.
     const Inputs* finest = nullptr;
     std::span<const std::unique_ptr<Solver>> around = {};
+    cache::Cache* cache = nullptr; ///< keeps what geometry alone decides; null: nothing does
 };
 
 /// A cube of a lattice, of which places may be missing, as in a part of a brick that none fills.

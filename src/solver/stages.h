@@ -1,6 +1,7 @@
 // The stages of a bake: what they are called, what they cost, and what they have to say.
 #pragma once
 
+#include "cache/cache.h"
 #include "lpvbake/progress.h"
 #include "text.h"
 
@@ -20,11 +21,13 @@ struct SkippedStage {
 /// Names and times the stages of one bake, one after the other.
 class Stages {
 public:
-    /// The two outlive this. `scene` is its file.
-    Stages(Progress& progress, std::vector<std::string>& warnings, std::string scene)
+    /// All outlive this. `scene` is its file; without a cache: null.
+    Stages(Progress& progress, std::vector<std::string>& warnings, std::string scene,
+           cache::Cache* cache = nullptr)
         : progress_(progress),
           warnings_(warnings),
-          scene_(std::move(scene)) {}
+          scene_(std::move(scene)),
+          cache_(cache) {}
     /// A stage begins that consists of `steps` steps (0: unknown); `name` is a literal.
     void begin(const char* name, uint64_t steps = 0);
     /// Begins the details of the stages that follow, as "level 1: ".
@@ -41,6 +44,8 @@ private:
     Progress& progress_;
     std::vector<std::string>& warnings_;
     std::string scene_, of_;
+    cache::Cache* cache_;
+    cache::Cache::Counts counts_; ///< where the stage began
     std::vector<StageReport> reports_;
     const char* name_ = "";
     std::chrono::steady_clock::time_point start_;

@@ -3,6 +3,7 @@
 #include "surface/cutting.h"
 #include "surface/halton.h"
 #include "surface/hemisphere.h"
+#include "surface/kept.h"
 
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
@@ -153,6 +154,11 @@ std::vector<std::vector<uint32_t>> part(const std::vector<Patch>& patches,
 
 Elements group_sides(const std::vector<Patch>& patches, const visibility::Visibility& visibility,
                      const Boxes& boxes) {
+    return group_sides(patches, visibility, boxes, Keeper());
+}
+
+Elements group_sides(const std::vector<Patch>& patches, const visibility::Visibility& visibility,
+                     const Boxes& boxes, const Keeper& keeper) {
     std::vector<Side> sides;
     for (size_t i = 0; i < patches.size(); ++i) {
         const Patch& patch = patches[i];
@@ -172,11 +178,19 @@ Elements group_sides(const std::vector<Patch>& patches, const visibility::Visibi
             || sides[i].under != sides[i - 1].under)
             cubes.push_back(i);
     cubes.push_back(sides.size());
+    KeptGroups kept(keeper, most_of_cube);
     std::vector<std::vector<std::vector<uint32_t>>> parts(cubes.size() - 1);
     tbb::parallel_for(size_t(0), parts.size(), [&](size_t i) {
-        parts[i] =
-            part(patches, std::span(sides).subspan(cubes[i], cubes[i + 1] - cubes[i]), visibility);
+        const auto own = std::span(sides).subspan(cubes[i], cubes[i + 1] - cubes[i]);
+        if (keeper) {
+            std::vector<uint32_t> indices(own.size());
+            std::ranges::transform(own, indices.begin(), &Side::index);
+            parts[i] = kept.find(indices);
+        }
+        if (parts[i].empty())
+            parts[i] = part(patches, own, visibility);
     });
+    kept.keep(parts);
 
     Elements elements;
     elements.of_side.assign(2 * patches.size(), Elements::none);

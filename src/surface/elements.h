@@ -10,6 +10,7 @@
 #include <vector>
 
 namespace lpvbake::surface {
+class Keeper;
 
 /// Also of a patch that another surface hides: a ray may meet either. Frame units squared.
 inline double covered_area(const Patch& patch) {
@@ -39,7 +40,10 @@ struct Elements {
 /// Groups the sides that reflect: of one cube, of about a cell near the grid and larger the farther
 /// away, as patches are, of half of that where other surfaces are near; those whose normals differ
 /// by less than about 40 degrees, that lie near one plane, and that a point above the first of them
-/// sees, so that no wall and no sheet parts them. The same for any number of threads.
+/// sees, so that no wall and no sheet parts them. The same for any number of threads, and whatever
+/// is kept.
+Elements group_sides(const std::vector<Patch>& patches, const visibility::Visibility& visibility,
+                     const Boxes& boxes, const Keeper& keeper);
 Elements group_sides(const std::vector<Patch>& patches, const visibility::Visibility& visibility,
                      const Boxes& boxes);
 

@@ -2,6 +2,7 @@
 
 #include "colour/colour.h"
 #include "surface/in_place.h"
+#include "surface/kept.h"
 #include "surface/narrow.h"
 
 #include <tbb/parallel_for.h>
@@ -161,6 +162,120 @@ void add_light(const Source& source, const LightMap& map, const LitSurfaces& lit
     }
 }
 
+/// A light of intensity 1: what decides what it sees.
+Light unit_light(Light light) {
+    light.intensity = 1.0;
+    return light;
+}
+
+/// What a light of intensity 1 sees, once patches are cut to it.
+struct Sighting {
+    double narrow = 0;             ///< flux on less than a quarter of a patch, before
+    std::vector<NarrowLight> cuts; ///< by which they were cut
+    LightMap map;
+
+    /// Of the map what add_light() takes.
+    void write(bool tinted, cache::Writer& out) const {
+        std::vector<uint32_t> sides, edged;
+        std::vector<double> numbers;
+        for (const SideFlux& of : map.sides) {
+            sides.push_back(of.side);
+            edged.push_back(of.edged ? 1 : 0);
+            numbers.insert(numbers.end(), {of.flux, of.squares});
+            if (tinted)
+                numbers.insert(numbers.end(), {of.tinted.x, of.tinted.y, of.tinted.z});
+        }
+        out.put(narrow);
+        out.put(map.power);
+        out.put(cuts);
+        out.put(sides);
+        out.put(edged);
+        out.put(numbers);
+    }
+
+    bool read(bool tinted, cache::Reader& in) {
+        std::vector<uint32_t> sides, edged;
+        std::vector<double> numbers;
+        const size_t own = tinted ? 5 : 2; // numbers of a side
+        if (!in.get(narrow) || !in.get(map.power) || !in.get(cuts) || !in.get(sides)
+            || !in.get(edged) || !in.get(numbers) || edged.size() != sides.size()
+            || numbers.size() != own * sides.size())
+            return false;
+        map.sides.resize(sides.size());
+        for (size_t i = 0; i < sides.size(); ++i) {
+            const double* of = &numbers[own * i];
+            SideFlux& side = map.sides[i];
+            side.side = sides[i];
+            side.edged = edged[i] != 0;
+            side.flux = of[0];
+            side.squares = of[1];
+            side.tinted = tinted ? glm::dvec3(of[2], of[3], of[4]) : glm::dvec3(of[0]);
+        }
+        return true;
+    }
+
+    /// Of this many patches, before they are cut.
+    bool cuts_fit(size_t patches) const {
+        return std::ranges::all_of(cuts,
+                                   [&](const NarrowLight& cut) { return cut.side / 2 < patches; });
+    }
+    /// And after.
+    bool map_fits(size_t patches) const {
+        return std::ranges::all_of(map.sides,
+                                   [&](const SideFlux& side) { return side.side / 2 < patches; });
+    }
+
+    void scale(double intensity) {
+        narrow *= intensity;
+        for (double* power : {&map.power.sent, &map.power.landed, &map.power.missed,
+                              &map.power.black, &map.power.lost})
+            *power *= intensity;
+        for (SideFlux& side : map.sides) {
+            side.flux *= intensity;
+            side.tinted *= intensity;
+            side.squares *= intensity * intensity;
+        }
+    }
+};
+
+Sighting look(const Light& light, uint32_t key, LightMapper& mapper, LitSurfaces& lit) {
+    Sighting seen;
+    seen.map = mapper.draw(light, key);
+    for (const SideFlux& side : seen.map.sides)
+        if (is_within(side, mapper, 0.25))
+            seen.narrow += side.flux;
+    seen.cuts = find_narrow(seen.map, mapper);
+    if (cut_to_light(seen.cuts, mapper, lit) > 0)
+        seen.map = mapper.draw(light, key);
+    return seen;
+}
+
+/// The same, where it is kept from there.
+Sighting look(const Light& light, uint32_t key, LightMapper& mapper, LitSurfaces& lit,
+              Keeper* keeper) {
+    if (!keeper || !*keeper)
+        return look(light, key, mapper, lit);
+    cache::Key kept = keeper->key("lamps");
+    kept.add_text(keeper->cuts())
+        .add(mapper.base(), key, light.type, light.position, light.direction, light.range,
+             light.inner_cone, light.outer_cone);
+    const bool tinted = lit.visibility->is_tinted();
+    Sighting seen;
+    bool there = keeper->cache().get(kept, [&](cache::Reader& in) {
+        return seen.read(tinted, in) && seen.cuts_fit(lit.patches.size());
+    });
+    if (there) {
+        cut_to_light(seen.cuts, mapper, lit);
+        if (!seen.map_fits(lit.patches.size()))
+            seen.map = mapper.draw(light, key);
+    } else {
+        seen = look(light, key, mapper, lit);
+        keeper->cache().put(kept, [&](cache::Writer& out) { seen.write(tinted, out); });
+    }
+    keeper->add_cuts(seen.cuts);
+    return seen;
+}
+
 /// Gives patches that another surface lies on, which rays may meet as well, what that has.
 void share_light(const LitSurfaces& lit, PunctualLight& light) {
     tbb::parallel_for(size_t(0), light.lux.size(), [&](size_t i) {
@@ -194,7 +309,7 @@ void PunctualLight::follow(const LitSurfaces& lit) {
 
 PunctualLight illuminate(const Scene& scene, std::span<const Light> lights, LitSurfaces& lit,
                          const scene::Frame& frame, uint32_t key, Progress& progress,
-                         std::span<const std::vector<glm::vec3>> weights) {
+                         std::span<const std::vector<glm::vec3>> weights, Keeper* keeper) {
     PunctualLight result;
     if (lights.empty())
         return result;
@@ -205,18 +320,14 @@ PunctualLight illuminate(const Scene& scene, std::span<const Light> lights, LitS
     LightMapper mapper(scene, lit, frame, lights);
     for (size_t i = 0; i < lights.size(); ++i) {
         progress.advance(0);
-        LightMap map = mapper.draw(lights[i], key + uint32_t(i));
-        for (const SideFlux& side : map.sides)
-            if (is_within(side, mapper, 0.25))
-                result.narrow += side.flux * brightness_of(lights[i]);
-        if (cut_to_light(map, mapper, lit) > 0) {
-            result.follow(lit);
-            map = mapper.draw(lights[i], key + uint32_t(i));
-        }
-        result.power.push_back(map.power);
+        Sighting seen = look(unit_light(lights[i]), key + uint32_t(i), mapper, lit, keeper);
+        seen.scale(lights[i].intensity);
+        result.follow(lit);
+        result.narrow += seen.narrow * brightness_of(lights[i]);
+        result.power.push_back(seen.map.power);
         for (size_t layer = 0; layer < weights.size(); ++layer)
             of_light[layer] = weights[layer][i];
-        add_light(Source(lights[i], frame), map, lit, mapper.veiled(), of_light, result);
+        add_light(Source(lights[i], frame), seen.map, lit, mapper.veiled(), of_light, result);
     }
     share_light(lit, result);
     return result;

@@ -6,6 +6,7 @@
 #include <span>
 
 namespace lpvbake::surface {
+class Keeper;
 
 /// Mean illuminance (lux) of the covered part of every side, [2 * patch + side], by lights.
 struct PunctualLight {
@@ -31,9 +32,11 @@ struct PunctualLight {
 /// wholly, by enough texels, have their exact share instead, which has no noise: irradiance in
 /// closed form, times one factor a light that keeps the sum. Patches are cut where lights need
 /// smaller ones (cut_to_light). `key`: another one gives other rays. `weights`: what each layer has
-/// of each light, [layer][light].
+/// of each light, [layer][light]. With a keeper, what a light sees is kept: it does not depend on
+/// its colour and intensity.
 PunctualLight illuminate(const Scene& scene, std::span<const Light> lights, LitSurfaces& lit,
                          const scene::Frame& frame, uint32_t key, Progress& progress,
-                         std::span<const std::vector<glm::vec3>> weights = {});
+                         std::span<const std::vector<glm::vec3>> weights = {},
+                         Keeper* keeper = nullptr);
 
 } // namespace lpvbake::surface

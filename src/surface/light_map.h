@@ -61,6 +61,8 @@ public:
     /// Corners of the triangle that was hit, frame units.
     glm::dmat3 triangle(const visibility::Hit& hit) const;
     bool blended(const visibility::Hit& hit) const { return blended_[hit.instance] != 0; }
+    /// Texels along the scene's side, where a map begins.
+    int base() const { return base_; }
     /// Some surfaces are partly transparent.
     bool veiled() const { return veiled_; }
 
@@ -69,7 +71,7 @@ public:
 
 private:
     const Scene& scene_;
-    int base_ = 0;                 ///< texels along the scene's side, where a map begins
+    int base_ = 0;
     std::vector<uint8_t> blended_; ///< an instance
     bool veiled_ = false;
     std::vector<uint32_t> place_; ///< a side: where it stands in LightMap::sides

@@ -10,6 +10,8 @@
 #include "surface/flux.h"
 #include "surface/halton.h"
 #include "surface/hemisphere.h"
+#include "surface/kept.h"
+#include "surface/kept_cover.h"
 #include "surface/layered_elements.h"
 #include "surface/shared_rays.h"
 #include "surface/spots.h"
@@ -203,6 +205,27 @@ struct Meeting {
     bool none() const { return hit.instance == visibility::no_hit; }
 };
 
+/// No ray is kept.
+struct AllAnew {
+    static uint32_t there(uint32_t) { return KeptRays::anew; }
+    static glm::vec3 tint(uint32_t) { return glm::vec3(1.0f); }
+};
+
+/// Those of an element that are kept, but for what meets a spot: how far away it is matters.
+struct KeptOfElement {
+    const KeptRays& rays;
+    size_t element;
+    const std::vector<glm::vec3>& spots; ///< Spots::luminance
+
+    uint32_t there(uint32_t ray) const {
+        const uint32_t side = rays.there(element, ray);
+        return side < KeptRays::anew && !spots.empty() && spots[side] != glm::vec3(0.0f)
+                   ? KeptRays::anew
+                   : side;
+    }
+    glm::vec3 tint(uint32_t ray) const { return rays.tint(element, ray); }
+};
+
 /// What lights a side without another reflection: suns, emitters and sky.
 struct DirectLight {
     const LitSurfaces& lit;
@@ -215,26 +238,40 @@ struct DirectLight {
     int aimed_rays; ///< towards emitters
 
     /// Illuminance by the rays of a side, lux. meet(Meeting) takes each ray.
-    template <class From, class Meet>
-    glm::vec3 by_rays(const From& side, const Meet& meet) const {
+    template <class From, class Meet, class Kept = AllAnew>
+    glm::vec3 by_rays(const From& side, const Meet& meet, const Kept& kept = {}) const {
         glm::vec3 around{0.0f};
-        const glm::vec3 direct = emitted(side, [&](const Meeting& meeting) {
-            if (meeting.none())
-                around += meeting.hit.tint * scene::sky_rest(sky, meeting.direction);
-            meet(meeting);
-        });
+        const glm::vec3 direct = emitted(
+            side,
+            [&](const Meeting& meeting) {
+                if (meeting.none())
+                    around += meeting.hit.tint * scene::sky_rest(sky, meeting.direction);
+                meet(meeting);
+            },
+            kept);
         return rays > 0 ? direct + around * (glm::pi<float>() / float(rays)) : direct;
     }
 
-    /// Illuminance by the emitters that the rays of a side hit, lux.
-    template <class From, class Meet>
-    glm::vec3 emitted(const From& side, const Meet& meet) const {
+    /// Illuminance by the emitters that the rays of a side hit, lux. What is kept of a ray is all
+    /// that is told of it, where it meets no emitter.
+    template <class From, class Meet, class Kept = AllAnew>
+    glm::vec3 emitted(const From& side, const Meet& meet, const Kept& kept = {}) const {
         const HaltonPoints points(side.index, 2);
         glm::vec3 seen{0.0f};
         for (uint32_t i = 0; i < uint32_t(rays); ++i) {
+            const uint32_t known = kept.there(i);
+            if (known == LitSurfaces::no_side
+                || (known < KeptRays::anew
+                    && (aim.empty() || emission[known] == glm::vec3(0.0f)))) {
+                const visibility::Hit hit{.instance = 0, .tint = kept.tint(i)};
+                meet(Meeting{i, glm::vec3(0.0f), glm::vec3(0.0f), 0.0f, hit, known});
+                continue;
+            }
             const auto [from, normal] = side.start(points(side.first_ray + i, 1));
             const glm::vec3 direction = sample_cosine(normal, points(side.first_ray + i, 0));
-            const visibility::Hit hit = visibility.closest({from, direction, 0.0f, HUGE_VALF});
+            const visibility::Hit hit =
+                known == KeptRays::sky ? visibility::Hit{.tint = kept.tint(i)}
+                                       : visibility.closest({from, direction, 0.0f, HUGE_VALF});
             const Meeting meeting{
                 i,
                 from,
@@ -417,7 +454,7 @@ void find_layered(const DirectLight& light, const Spots& spots, const Meeting& m
 /// Finds the light of an element's rays, without that of other elements, and which sides they meet.
 /// Returns it, lux.
 glm::vec3 look_around(const DirectLight& light, const Spots& spots, const Elements& elements,
-                      size_t i, Reflection& reflection, LayeredElements& layered) {
+                      size_t i, Reflection& reflection, LayeredElements& layered, KeptRays& kept) {
     const ElementSide element{light.lit.patches, elements, i};
     const auto rays = size_t(light.rays);
     const std::span<uint32_t> met = reflection.hits.empty()
@@ -428,7 +465,8 @@ glm::vec3 look_around(const DirectLight& light, const Spots& spots, const Elemen
     std::optional<LayeredElements::Found> found;
     if (!layered.empty())
         found.emplace(layered);
-    glm::vec3 lux = light.by_rays(element, [&](const Meeting& meeting) {
+    const auto take = [&](const Meeting& meeting) {
+        kept.add(i, meeting.ray, meeting.none() ? KeptRays::sky : meeting.there, meeting.hit.tint);
         if (found)
             find_layered(light, spots, meeting, *found);
         if (!reflection.tints.empty())
@@ -439,7 +477,8 @@ glm::vec3 look_around(const DirectLight& light, const Spots& spots, const Elemen
         if (spotted && spots.luminance[meeting.there] != glm::vec3(0.0f))
             by_spots += light.by_chance(meeting, spots.luminance[meeting.there],
                                         spots.density(meeting.there));
-    });
+    };
+    glm::vec3 lux = light.by_rays(element, take, KeptOfElement{kept, i, spots.luminance});
     const auto aim = [&](const EmitterSampling& at, uint32_t purpose, const auto& meet) {
         return aimed(element, at, light.aimed_rays, light.rays, light.visibility, purpose,
                      [&](const EmitterSampling::Sample& to, glm::vec3 share) {
@@ -469,10 +508,11 @@ glm::vec3 look_around(const DirectLight& light, const Spots& spots, const Elemen
 /// in LitSurfaces::luminance.
 void reflect_around(const Scene& scene, const scene::Frame& frame, const LightingSettings& settings,
                     std::span<const scene::LightLayer> layers,
-                    const std::vector<glm::vec3>& emission, LitSurfaces& lit, Progress& progress) {
+                    const std::vector<glm::vec3>& emission, const Keeper& keeper, LitSurfaces& lit,
+                    Progress& progress) {
     const visibility::Visibility& visibility = *lit.visibility;
     const std::vector<Patch>& patches = lit.patches;
-    const Elements elements = group_sides(patches, visibility, frame);
+    const Elements elements = group_sides(patches, visibility, frame, keeper);
     const size_t count = elements.size();
     const int rays = std::clamp(int(settings.rays / std::max<size_t>(count, 1)), least_rays, 256);
     const DirectLight light{
@@ -483,12 +523,13 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
     Reflection reflection(count, between ? size_t(rays) : 0, visibility.is_tinted());
     Spots spots = between ? Spots(scene, frame, emission, lit) : Spots{};
     LayeredElements layered(scene, layers, elements, spots, lit);
+    KeptRays kept(keeper, elements, size_t(rays), visibility.is_tinted());
     progress.begin("lighting", count);
     constexpr size_t block = 8192;
     for (size_t first = 0; first < count; first += block) {
         progress.advance(first);
         tbb::parallel_for(first, std::min(count, first + block), [&](size_t i) {
-            const glm::vec3 lux = look_around(light, spots, elements, i, reflection, layered);
+            const glm::vec3 lux = look_around(light, spots, elements, i, reflection, layered, kept);
             glm::dvec3 albedo{0.0}, sum{0.0};
             double area = 0.0;
             for (const uint32_t side : elements.members_of(i)) {
@@ -506,6 +547,7 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
             reflection.area[i] = area;
         });
     }
+    kept.keep();
     if (!between)
         return;
     reflection.spots_there = std::move(spots.luminance);
@@ -524,7 +566,7 @@ struct Direct {
 };
 
 Direct light_directly(const Scene& scene, const scene::Frame& frame,
-                      std::span<const scene::LightLayer> layers, LitSurfaces& lit,
+                      std::span<const scene::LightLayer> layers, Keeper& keeper, LitSurfaces& lit,
                       Progress& progress) {
     const std::span<const Light> sky_suns = scene::sky_suns(scene.sky);
     std::vector<std::vector<glm::vec3>> of_lamps, of_suns;
@@ -532,10 +574,10 @@ Direct light_directly(const Scene& scene, const scene::Frame& frame,
         of_lamps.push_back(layer.lights);
         of_suns.emplace_back(sky_suns.size(), layer.sky);
     }
-    Direct direct{illuminate(scene, scene.lights, lit, frame, 0, progress, of_lamps), {}};
+    Direct direct{illuminate(scene, scene.lights, lit, frame, 0, progress, of_lamps, &keeper), {}};
     auto& [lamps, suns] = direct;
-    suns =
-        illuminate(scene, sky_suns, lit, frame, uint32_t(scene.lights.size()), progress, of_suns);
+    suns = illuminate(scene, sky_suns, lit, frame, uint32_t(scene.lights.size()), progress, of_suns,
+                      &keeper);
     lamps.follow(lit);
     if (const double landed = lamps.landed + suns.landed; landed > 0.0) {
         lit.narrow = (lamps.narrow + suns.narrow) / landed;
@@ -547,7 +589,7 @@ Direct light_directly(const Scene& scene, const scene::Frame& frame,
 /// All light that is reflected becomes LitSurfaces::luminance.
 void reflect(const Scene& scene, const scene::Frame& frame, const LightingSettings& settings,
              std::span<const scene::LightLayer> layers, const std::vector<glm::vec3>& emission,
-             const Direct& direct, LitSurfaces& lit, Progress& progress) {
+             const Direct& direct, const Keeper& keeper, LitSurfaces& lit, Progress& progress) {
     const PunctualLight &lamps = direct.lamps, &suns = direct.suns;
     const auto each_side = [&](const auto& set) {
         tbb::parallel_for(size_t(0), lit.luminance.size(), [&](size_t side) {
@@ -564,7 +606,7 @@ void reflect(const Scene& scene, const scene::Frame& frame, const LightingSettin
     });
     lit.bounces = 1;
     if (!emission.empty() || scene::has_sky(scene) || settings.bounces != 1)
-        reflect_around(scene, frame, settings, layers, emission, lit, progress);
+        reflect_around(scene, frame, settings, layers, emission, keeper, lit, progress);
     if (settings.maps)
         each_side([&](uint32_t side, glm::vec3 share) {
             glm::vec3& luminance = lit.luminance[side];
@@ -583,20 +625,23 @@ LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& vis
     lit.visibility = &visibility;
     lit.layer_count = layers.size();
     {
-        PatchCover cover = cover_surfaces(scene, frame, visibility, 1.0f);
+        PatchCover cover = cover_surfaces(scene, frame, visibility, 1.0f, settings.cache);
         lit.patches = std::move(cover.patches);
         lit.tree = std::move(cover.tree);
         lit.receivers = std::move(cover.receivers);
     }
-    const Direct direct =
-        settings.bounces != 0 ? light_directly(scene, frame, layers, lit, progress) : Direct{};
+    Keeper keeper(settings.cache, lit);
+    const Direct direct = settings.bounces != 0
+                              ? light_directly(scene, frame, layers, keeper, lit, progress)
+                              : Direct{};
+    keeper.settle(lit);
     lit.luminance.assign(2 * lit.patches.size(), glm::vec3(0.0f));
     lit.layers.assign(layers.size() * lit.luminance.size(), glm::vec3(0.0f));
     const std::vector<glm::vec3> emission = settings.emitters && scene::has_emitters(scene)
                                                 ? emission_of(lit.patches)
                                                 : std::vector<glm::vec3>{};
     if (settings.bounces != 0)
-        reflect(scene, frame, settings, layers, emission, direct, lit, progress);
+        reflect(scene, frame, settings, layers, emission, direct, keeper, lit, progress);
     for (size_t i = 0; i < emission.size(); ++i)
         lit.luminance[i] += emission[i];
     add_layered_emission(scene, layers, emission, lit);

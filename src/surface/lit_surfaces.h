@@ -2,6 +2,7 @@
 // for the solvers that gather.
 #pragma once
 
+#include "cache/cache.h"
 #include "lpvbake/progress.h"
 #include "scene/light_layer.h"
 #include "surface/patches.h"
@@ -20,6 +21,7 @@ struct LightingSettings {
     /// Reflective shadow maps bring the first reflection of punctual lights: LitSurfaces::luminance
     /// is without it, but not without what follows from it.
     bool maps = false;
+    cache::Cache* cache = nullptr; ///< keeps what was traced; null: nothing does
 };
 
 /// All surfaces, inside the grid and out.

@@ -21,7 +21,7 @@ constexpr double least = 1.0 / 512.0; ///< and of one of them
 /// Where the light of a side falls.
 struct Spot {
     glm::vec3 centre;
-    float radius; ///< root mean square
+    float radius;
 };
 
 /// A node of the tree, which moves as the tree grows.
@@ -82,19 +82,18 @@ public:
           lit_(lit),
           most_(lit.patches.size() - lit.cut_from.size()) {}
 
-    void cut(const SideFlux& side) {
-        const uint32_t index = side.side / 2;
+    void cut(const NarrowLight& light) {
+        const uint32_t index = light.side / 2;
         const Patch whole = lit_.patches[index];
         if (whole.crossed || lit_.cut_from.size() > most_ / 2 + 4096)
             return;
         visibility::Hit hit = triangle_of(whole);
-        hit.barycentric = side.weights / side.flux;
+        hit.barycentric = light.at;
         glm::vec2 weights;
         const Node* node = lit_.tree.leaf(hit, weights);
         if (!node || node->at != index || node->halved)
             return; // what lies beside the patch gave it light, or another light has cut it
-        const auto radius = float(std::sqrt(square_radius(side, mapper_)));
-        halve(index, place_of(node, lit_.tree), {whole.at(weights), radius});
+        halve(index, place_of(node, lit_.tree), {whole.at(weights), light.radius});
     }
 
 private:
@@ -159,7 +158,8 @@ bool is_within(const SideFlux& side, const LightMapper& mapper, double share) {
     return square_radius(side, mapper) < share * even;
 }
 
-size_t cut_to_light(const LightMap& map, const LightMapper& mapper, LitSurfaces& lit) {
+std::vector<NarrowLight> find_narrow(const LightMap& map, const LightMapper& mapper) {
+    const LitSurfaces& lit = mapper.lit;
     const auto is_narrow = [&](const SideFlux& side) { return is_within(side, mapper, uneven); };
     std::vector<Placed> placed;
     for (uint32_t i = 0; i < map.sides.size(); ++i) {
@@ -167,8 +167,7 @@ size_t cut_to_light(const LightMap& map, const LightMapper& mapper, LitSurfaces&
         placed.push_back({together(lit.patches[side / 2], side, mapper.frame), i});
     }
     tbb::parallel_sort(placed);
-    const size_t before = lit.patches.size();
-    NarrowCutter cutter(mapper, lit);
+    std::vector<NarrowLight> found;
     for (const std::span<const Placed> group : groups_of(placed)) {
         double all = 0.0, on_little = 0.0;
         for (const Placed& at : group) {
@@ -180,8 +179,18 @@ size_t cut_to_light(const LightMap& map, const LightMapper& mapper, LitSurfaces&
             for (const Placed& at : group)
                 if (const SideFlux& side = map.sides[at.index];
                     side.flux > least * all && is_narrow(side))
-                    cutter.cut(side);
+                    found.push_back({side.side, glm::vec2(side.weights / side.flux),
+                                     float(std::sqrt(square_radius(side, mapper)))});
     }
+    return found;
+}
+
+size_t cut_to_light(std::span<const NarrowLight> narrow, const LightMapper& mapper,
+                    LitSurfaces& lit) {
+    const size_t before = lit.patches.size();
+    NarrowCutter cutter(mapper, lit);
+    for (const NarrowLight& light : narrow)
+        cutter.cut(light);
     return lit.patches.size() - before;
 }
 

@@ -88,7 +88,8 @@ public:
             sn.gather_peaks(*inputs.lit, inputs.visibility, sky, stages.progress(), volume, layers);
         stages.end(format("what is brighter than %.4g nits", double(limit)));
         stages.begin("sweep", 100);
-        sn.sweep(*inputs.lit, inputs.visibility, sky, limit, stages.progress(), volume, layers);
+        sn.sweep(*inputs.lit, inputs.visibility, sky, limit, stages.progress(), volume, layers,
+                 {inputs.cache, inputs.frame});
         stages.end(format("%d directions", settings_.directions));
         volume.metadata["directions"] = std::to_string(settings_.directions);
     }

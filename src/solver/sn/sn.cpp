@@ -4,12 +4,14 @@
 #include "solver/sn/directions.h"
 #include "solver/sn/first_flight.h"
 #include "solver/sn/occupancy.h"
+#include "surface/kept.h"
 #include "volume/sh.h"
 
 #include <glm/gtc/constants.hpp>
 
 #include <algorithm>
 #include <limits>
+#include <optional>
 
 namespace lpvbake::solver::sn {
 namespace {
@@ -53,6 +55,42 @@ bool reaches_out(const surface::LitSurfaces& lit, const visibility::Visibility& 
     return !lit.patches.empty()
            && (glm::any(glm::lessThan(visibility.lo(), glm::vec3(-0.5f)))
                || glm::any(glm::greaterThan(visibility.hi(), glm::vec3(grid.dims) + 0.5f)));
+}
+
+/// More than this are not kept: 256 MiB in memory.
+constexpr uint64_t most_kept_rays = uint64_t(1) << 26;
+
+/// Of what is tinted only what has passed something.
+void write_sights(const Sights& of, cache::Writer& out) {
+    std::vector<uint32_t> tinted;
+    std::vector<glm::vec3> tints;
+    for (size_t i = 0; i < of.tints.size(); ++i)
+        if (of.tints[i] != glm::vec3(1.0f)) {
+            tinted.push_back(uint32_t(i));
+            tints.push_back(of.tints[i]);
+        }
+    out.put(of.sides);
+    out.put(uint8_t(of.tints.empty() ? 0 : 1));
+    out.put(tinted);
+    out.put(tints);
+}
+
+bool read_sights(cache::Reader& in, size_t sides, Sights& of) {
+    std::vector<uint32_t> tinted;
+    std::vector<glm::vec3> tints;
+    uint8_t has_tints = 0;
+    if (!in.get(of.sides) || !in.get(has_tints) || !in.get(tinted) || !in.get(tints)
+        || tinted.size() != tints.size() || (has_tints == 0 && !tints.empty())
+        || std::ranges::any_of(of.sides,
+                               [&](uint32_t side) { return side < Sight::sky && side >= sides; }))
+        return false;
+    of.tints.assign(has_tints ? of.sides.size() : 0, glm::vec3(1.0f));
+    for (size_t i = 0; i < tinted.size(); ++i) {
+        if (tinted[i] >= of.tints.size())
+            return false;
+        of.tints[tinted[i]] = tints[i];
+    }
+    return true;
 }
 
 } // namespace
@@ -134,6 +172,30 @@ public:
           sweeps_(sweeps),
           progress_(progress) {}
 
+    /// Takes what the rays of the first sweep meet from a cache, or keeps it there after that.
+    void use(const KeptSights& kept, const surface::LitSurfaces& lit) {
+        cache_ = kept.cache;
+        if (!cache_)
+            return;
+        key_ = cache_->key("sights");
+        surface::add_patches(lit, *key_);
+        key_->add(kept.frame.origin, kept.frame.unit, program_.grid_.dims, boundary_,
+                  program_.settings_.directions, program_.stride_, plan_.chunk, plan_.slab);
+        known_ = cache_->get(*key_, [&](cache::Reader& in) {
+            uint64_t chunks = 0;
+            if (!in.get(chunks))
+                return false;
+            for (; chunks > 0; --chunks)
+                if (!read_sights(in, 2 * lit.patches.size(), sights_.emplace_back()))
+                    return false;
+            return true;
+        });
+        if (known_)
+            cache_ = nullptr;
+        else
+            sights_.clear();
+    }
+
     void run(const SnLight& light, Volume& volume) {
         const uint32_t stride = program_.stride_;
         const int count = program_.settings_.directions;
@@ -155,11 +217,7 @@ public:
                 sweeper.begin(directions, ring_);
                 for (int begin = 0; begin < order.fronts(); begin = chunk_.end) {
                     pack_fronts(order, plan_.layout, stride, plan_.chunk, begin, chunk_);
-                    if (light.layer)
-                        recall_given(order, light, directions, stride, sights_[chunks++], chunk_);
-                    else
-                        trace_given(order, light, directions, stride, chunk_,
-                                    sweeps_ > 1 ? &sights_.emplace_back() : nullptr);
+                    find_given(light, order, directions, chunks++);
                     sweeper.run(order, chunk_);
                     const double share = double(chunk_.end) / order.fronts();
                     tell((number + (double(batch) + share) / double(batches)) / 8.0);
@@ -168,9 +226,42 @@ public:
         }
         sweeper.add_to(volume);
         ++done_;
+        keep();
     }
 
 private:
+    /// The luminance of what is given in a chunk.
+    void find_given(const SnLight& light, const FrontOrder& order, const Directions& directions,
+                    size_t chunk) {
+        const uint32_t stride = program_.stride_;
+        const size_t rays = size_t(order.given_of(chunk_.begin, chunk_.end)) * stride;
+        if (light.layer
+            || (known_ && chunk < sights_.size() && sights_[chunk].sides.size() == rays)) {
+            recall_given(order, light, directions, stride, sights_[chunk], chunk_);
+            return;
+        }
+        kept_rays_ += rays;
+        if (sweeps_ == 1 && cache_ && kept_rays_ > most_kept_rays) {
+            cache_ = nullptr;
+            sights_.clear();
+        }
+        const bool records = sweeps_ > 1 || cache_;
+        if (records)
+            sights_.resize(std::max(sights_.size(), chunk + 1));
+        trace_given(order, light, directions, stride, chunk_, records ? &sights_[chunk] : nullptr);
+    }
+
+    /// After the first sweep.
+    void keep() {
+        if (cache_ && kept_rays_ <= most_kept_rays)
+            cache_->put(*key_, [&](cache::Writer& out) {
+                out.put(uint64_t(sights_.size()));
+                for (const Sights& of : sights_)
+                    write_sights(of, out);
+            });
+        cache_ = nullptr;
+    }
+
     /// A share of this sweep.
     void tell(double share) {
         progress_.advance(uint64_t(100.0 * (double(done_) + share) / double(sweeps_)));
@@ -182,20 +273,25 @@ private:
     const bool boundary_;
     size_t sweeps_, done_ = 0;
     Progress& progress_;
-    std::vector<Sights> sights_; ///< of the first sweep's chunks, one after the other
+    std::vector<Sights> sights_;    ///< of the first sweep's chunks, one after the other
+    cache::Cache* cache_ = nullptr; ///< null: nothing is to be kept, any more
+    std::optional<cache::Key> key_;
+    bool known_ = false; ///< sights_ are there before the first sweep
+    uint64_t kept_rays_ = 0;
     std::vector<glm::vec4> ring_;
     Chunk chunk_;
 };
 
 void SnProgram::sweep(const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
                       const Sky& sky, float limit, Progress& progress, Volume& volume,
-                      const gather::Layers& layers) const {
+                      const gather::Layers& layers, const KeptSights& kept) const {
     if (limit == 0.0f)
         return; // peaks are all there is
     progress.begin("sweep", 100);
     const bool bright = is_peak(sky, limit);
     SnLight light{lit, visibility, bright ? Sky() : sky_along(sky, settings_.directions), limit};
     Sweeping sweeping(*this, lit, visibility, 1 + layers.light.size(), progress);
+    sweeping.use(kept, lit);
     sweeping.run(light, volume);
     const std::vector<scene::LightLayer> swept = sky_layers(layers.light, !bright);
     for (light.index = 0; light.index < swept.size(); ++light.index) {

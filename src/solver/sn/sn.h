@@ -7,6 +7,7 @@
 // first-collision source of neutron transport (Lathrop 1971: remedies for ray effects).
 #pragma once
 
+#include "cache/cache.h"
 #include "gpu/gpu.h"
 #include "lpvbake/progress.h"
 #include "scene/sky.h"
@@ -38,6 +39,12 @@ uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& set
 /// Time of the sweep on two threads, s, without shader compilation.
 double sn_seconds(const Grid& grid, const SnSettings& settings, bool gpu);
 
+/// Where what rays meet is kept: in a cache, if there is one, by the frame.
+struct KeptSights {
+    cache::Cache* cache = nullptr;
+    scene::Frame frame = {};
+};
+
 /// The solver, compiled for a device and a grid: first gather_peaks, then sweep.
 class SnProgram {
 public:
@@ -57,10 +64,11 @@ public:
     /// Adds the light below the limit, that of surfaces and the sky beyond the grid as well. Tells
     /// `progress` the share that is done, of 100. Throws Error (memory, device) and whatever
     /// `progress` throws. Of layers it adds the rest, swept one after the other by what the rays
-    /// of the first sweep met.
+    /// of the first sweep met. What those met is kept, where there is a cache, for bakes in other
+    /// light.
     void sweep(const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
                const Sky& sky, float limit, Progress& progress, Volume& volume,
-               const gather::Layers& layers = {}) const;
+               const gather::Layers& layers = {}, const KeptSights& kept = {}) const;
 
 private:
     class Sweeping;

@@ -1,0 +1,26 @@
+// Patches that are kept from bake to bake, as geometry cuts them.
+#pragma once
+
+#include "cache/cache.h"
+#include "surface/patches.h"
+
+namespace lpvbake::surface {
+
+/// All of a patch but what it sends by itself, as numbers without padding.
+struct PatchNumbers {
+    glm::vec3 position, normal, edge_u, edge_v, albedo;
+    float area, alpha;
+    uint32_t instance, triangle, flags;
+
+    PatchNumbers() = default;
+    explicit PatchNumbers(const Patch& of);
+    /// False where they are of no patch of the scene.
+    bool to(const Scene& scene, Patch& patch) const;
+};
+
+/// As cover_surfaces; it is taken from the cache, if there is one, and kept there.
+PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,
+                          const visibility::Visibility& visibility, float max_edge,
+                          cache::Cache* cache);
+
+} // namespace lpvbake::surface
