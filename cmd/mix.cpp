@@ -14,7 +14,9 @@
 #include "scene/sky.h"
 #include "scene_options.h"
 #include "text.h"
+#include "volume/dilate.h"
 #include "volume/sh.h"
+#include "volume/sky_occlusion.h"
 
 #include <algorithm>
 #include <array>
@@ -38,6 +40,7 @@ struct Weight {
 struct MixOptions {
     std::string file;
     std::vector<Weight> weights;
+    bool sky_occlusion = false;
     OutputOptions outputs;
     Format format = Format::text;
 };
@@ -234,6 +237,22 @@ volume::VolumeSet mix(const std::string& manifest, const Mixture& mixture) {
     return sum;
 }
 
+/// Gives volumes what Unity's APV keep of a sky; of cells inside geometry, too, as the target fills
+/// them.
+void add_sky_occlusion(const MixOptions& o, const std::string& manifest, Mixture white,
+                       volume::VolumeSet& mixed) {
+    for (io::LayerEntry& layer : white.set.layers)
+        layer.weight = glm::vec3(0.0f);
+    set_sky({glm::vec3(1.0f), nullptr}, sky_order(o.file, "--sky-occlusion", white.set), white);
+    volume::VolumeSet light = mix(manifest, white);
+    if (light.levels.front().sh_order < 1)
+        throw Error(ErrorKind::argument, "--sky-occlusion: " + o.file + " has no band 1");
+    for (std::size_t i = 0; i < mixed.levels.size(); ++i) {
+        volume::dilate(light.levels[i], o.outputs.storage().dilate);
+        volume::add_sky_occlusion(light.levels[i], mixed.levels[i]);
+    }
+}
+
 /// Whatever a program may be given: the manifest of layers, of a set, or a volume.
 std::string manifest_of(const std::string& file) {
     return io::is_layer_manifest(file) ? file : io::layer_manifest_path(file);
@@ -276,6 +295,8 @@ void run(const MixOptions& o) {
     TerminalProgress progress(ProgressStyle::none);
     set_weights(o, progress, mixture);
     volume::VolumeSet mixed = mix(manifest, mixture);
+    if (o.sky_occlusion)
+        add_sky_occlusion(o, manifest, mixture, mixed);
     for (Volume& level : mixed.levels)
         describe(o, level);
     const std::vector<Grid> grids = mixed.grids();
@@ -311,6 +332,10 @@ options::Action declare(options::Options& options) {
         "Weight of a layer: a number, R,G,B, or #RRGGBB (sRGB); or sky=SKY, a picture or "
         "COLOUR,NITS as --sky of bake takes it, where layers transfer or modes are. All others "
         "keep the weight of the scene");
+    options.flag(
+        "--sky-occlusion", o.sky_occlusion,
+        "Adds grids of how much of a white sky's light comes to a cell, as Unity's Adaptive "
+        "Probe Volumes keep it, and from where; see below");
     options.texts("-o,--output", o.outputs.paths, "FILE", outputs_help()).keep_to_one_run();
     add_output_options(options, o.outputs);
     add_format_option(options, o.format);

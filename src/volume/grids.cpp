@@ -40,7 +40,18 @@ constexpr GridKind visibility{.name = "visibility",
                               .most = most_visibilities,
                               .quantity = {"share of a light that arrives", "1"},
                               .subtracted = true};
-constexpr const GridKind* kinds[] = {&light, &occlusion, &validity, &wall, &direct, &visibility};
+constexpr GridKind sky_occlusion{.name = "sky_occlusion",
+                                 .turning = Turning::harmonics,
+                                 .fewest = 4,
+                                 .most = 4,
+                                 .quantity = {"irradiance over pi of a white sky of 1", "1"},
+                                 .subtracted = true};
+constexpr GridKind sky_direction{.name = "sky_direction",
+                                 .channels = "xyz",
+                                 .turning = Turning::vector,
+                                 .quantity = {"direction of the light of a white sky", "1"}};
+constexpr const GridKind* kinds[] = {&light,  &occlusion,  &validity,      &wall,
+                                     &direct, &visibility, &sky_occlusion, &sky_direction};
 
 constexpr const char* coefficient_names[] = {
     "l0",    "l1_y",  "l1_z",  "l1_x",  "l2_xy", "l2_yz", "l2_z2", "l2_xz", "l2_x2y2",
@@ -117,6 +128,14 @@ const GridKind& direct_kind() {
 
 const GridKind& visibility_kind() {
     return visibility;
+}
+
+const GridKind& sky_occlusion_kind() {
+    return sky_occlusion;
+}
+
+const GridKind& sky_direction_kind() {
+    return sky_direction;
 }
 
 const char* coefficient_name(int k) {

@@ -55,8 +55,8 @@ namespace lpvbake::volume {
 
 using GridKinds = std::span<const GridKind* const>;
 
-/// sh (light), occlusion, validity, wall, direct, visibility: in the order in which files and lists
-/// have them.
+/// sh (light), occlusion, validity, wall, direct, visibility, sky_occlusion, sky_direction: in the
+/// order in which files and lists have them.
 GridKinds grid_kinds();
 
 /// The row of Volume::sh.
@@ -66,6 +66,10 @@ const GridKind& light_kind();
 /// files; and of each light the share of it that arrives.
 const GridKind& direct_kind();
 const GridKind& visibility_kind();
+
+/// Of a white sky, as volume/sky_occlusion.h has it.
+const GridKind& sky_occlusion_kind();
+const GridKind& sky_direction_kind();
 
 /// Lights of which a volume may have the visibility.
 inline constexpr int most_visibilities = 32;

@@ -1,10 +1,12 @@
 // `lpvbake bake --layers` and `lpvbake mix` from outside.
 #include "cli/run.h"
 #include "io/layers.h"
+#include "volume/grids.h"
 #include "volume/sh.h"
 
 #include <nlohmann/json.hpp>
 
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <random>
@@ -232,6 +234,64 @@ TEST_F(LayersCli, AnySkyComesOfATransfer) {
                               .out)["outputs"][0]["files"]
                   .size(),
               5u * 14u + 16u + 1u);
+}
+
+TEST_F(LayersCli, SkyOcclusionIsTheLightOfAWhiteSky) {
+    ASSERT_EQ(bake("-o t.vdb --sky '#ff8000,20' --layers transfer:0").status, 0);
+    ASSERT_EQ(run("mix t.vdb sky=0 --sky-occlusion -o unity.vdb").status, 0);
+    ASSERT_EQ(run("mix t.vdb sky=0 -o dark.vdb").status, 0);
+    ASSERT_EQ(run("mix t.vdb rest=0 sky=1:1:1,1 -o white.vdb").status, 0);
+    const Volume unity = read_volume(folder_ / "unity.vdb"),
+                 white = read_volume(folder_ / "white.vdb");
+    EXPECT_EQ(unity.sh, read_volume(folder_ / "dark.vdb").sh);
+    const auto numbers = volume::grids_of(unity, volume::sky_occlusion_kind());
+    const auto direction = volume::grids_of(unity, volume::sky_direction_kind());
+    ASSERT_EQ(numbers.size(), 4u);
+    ASSERT_EQ(direction.size(), 1u);
+    EXPECT_EQ(numbers[3].name(), "sky_occlusion_l1_x");
+    double brightest = 0.0;
+    for (std::size_t cell = 0; cell < white.grid.size(); ++cell) {
+        std::array<float, 4> grey{};
+        for (std::size_t k = 0; k < 4; ++k)
+            grey[k] = glm::dot(glm::vec3(0.2126f, 0.7152f, 0.0722f), white.sh[k][cell]);
+        // As Unity's EvalSHSkyOcclusion has it, the numbers in its order: 1, x, y, z.
+        const glm::vec3 n = glm::normalize(glm::vec3(0.3f, 0.8f, -0.4f));
+        const float occlusion = 0.28209479f * numbers[0].data[cell]
+                                + 0.48860251f
+                                      * (numbers[3].data[cell] * n.x + numbers[1].data[cell] * n.y
+                                         + numbers[2].data[cell] * n.z);
+        EXPECT_NEAR(occlusion, volume::sh_irradiance(grey, n) / std::numbers::pi_v<float>, 1e-5f);
+        brightest = std::max(brightest, double(numbers[0].data[cell]) * 0.28209479);
+        const glm::vec3 from(direction[0].data[3 * cell], direction[0].data[3 * cell + 1],
+                             direction[0].data[3 * cell + 2]);
+        const glm::vec3 band(grey[3], grey[1], grey[2]);
+        if (glm::length(band) > 0.0f) {
+            EXPECT_LT(glm::distance(from, glm::normalize(band)), 1e-4f);
+        } else {
+            EXPECT_EQ(from, glm::vec3(0.0f));
+        }
+    }
+    EXPECT_GT(brightest, 0.5);
+    EXPECT_LT(brightest, 1.0 + 1e-4);
+    // Its pictures hold the numbers of cells inside geometry, too.
+    const CliResult pictures =
+        run("mix t.vdb sky=0 --sky-occlusion -o u.exr --target unity --precision float");
+    ASSERT_EQ(pictures.status, 0) << pictures.err;
+    EXPECT_TRUE(exists("u_sky_occlusion.exr"));
+    EXPECT_TRUE(exists("u_sky_direction.exr"));
+    const Volume filled = read_volume(folder_ / "u.json");
+    const auto of_all = volume::grids_of(filled, volume::sky_occlusion_kind());
+    ASSERT_EQ(of_all.size(), 4u);
+    std::size_t more = 0;
+    for (std::size_t cell = 0; cell < white.grid.size(); ++cell)
+        if (unity.is_valid(cell))
+            EXPECT_NEAR(of_all[3].data[cell], numbers[3].data[cell], 1e-6f);
+        else
+            more += of_all[0].data[cell] != numbers[0].data[cell];
+    EXPECT_GT(more, 100u);
+    ASSERT_EQ(bake("-o plain.vdb --layers lights").status, 0);
+    expect_one_error(run("mix plain.vdb --sky-occlusion -o x.vdb"), "mix", ExitCode::usage,
+                     "transfer");
 }
 
 TEST_F(LayersCli, GroupsTakeWhatTheirPatternFits) {
