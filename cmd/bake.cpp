@@ -248,6 +248,7 @@ options::Action declare(options::Options& options) {
 void run_bake(BakeOptions o, const options::Options& options) {
     Origin origin{options.recorded(), output_settings(options), ""};
     check_options(o);
+    add_suns(o);
     o.load.boxes = volume_nodes(o);
     const readers::Reader reader = reader_of(*o.outputs.target, o.fit);
     tell("settings: " + origin.settings);
@@ -329,6 +330,8 @@ void run_bake(BakeOptions o, const options::Options& options) {
         if (!base.layers.empty())
             level.metadata["layers"] = io::text_of(entries_of(base.layers, ""));
     }
+    const std::optional<bake::HeldOut> suns =
+        held_out(base.layers, made.layers, made.set.levels.front().validity);
     for (volume::VolumeSet& layer : made.layers)
         for (Volume& level : layer.levels)
             level.metadata.insert(all.metadata.begin(), all.metadata.end());
@@ -342,9 +345,10 @@ void run_bake(BakeOptions o, const options::Options& options) {
     run.end_stage("write", counted(written.size(), "output"));
     device->check_validation();
     run.progress.end();
-    print_result(
-        o, device->info(),
-        {made.choice, std::move(written), &made.set.levels.front(), storage, made.verified}, run);
+    BakeResult result{made.choice, std::move(written), &made.set.levels.front(), storage,
+                      made.verified};
+    result.suns = suns;
+    print_result(o, device->info(), result, run);
 }
 
 options::Command bake_command() {

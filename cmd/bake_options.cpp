@@ -363,8 +363,9 @@ void add_layers_option(options::Options& options, BakeOptions& o) {
             "A volume of each part of the light beside that of all, from the same rays, for "
             "lpvbake mix: lights (each), emitters (each material), sky, sky:2 (and its modes up "
             "to that band), transfer (of any sky what is seen and what is reflected, up to band 2 "
-            "or that of transfer:N), NAME=GLOB (lights and emissive materials of such names, "
-            "together); several with commas, or repeated; see below")
+            "or that of transfer:N), suns:N@LAT,LON,MM-DD (N suns of that day, beside the scene's "
+            "lights), NAME=GLOB (lights and emissive materials of such names, together); several "
+            "with commas, or repeated; see below")
         .exclude({"at", "adaptive", "bytes", "rsm-samples", "direct"})
         .record(options::Recorded::if_changed);
 }
@@ -597,6 +598,14 @@ std::vector<volume::VolumeBox> volumes_of(const BakeOptions& o, const Scene& sce
     inputs.push_back(o.adjust);
     check_level_outputs(o.outputs.paths, inputs, places);
     return boxes;
+}
+
+void add_suns(BakeOptions& o) {
+    for (const std::vector<bake::LayerWish>& wishes : o.layers)
+        for (const bake::LayerWish& wish : wishes)
+            if (wish.kind == bake::LayerWish::Kind::suns)
+                std::ranges::move(bake::suns_along(wish.arc, wish.suns),
+                                  std::back_inserter(o.suns));
 }
 
 std::vector<bake::Layer> layers_of(const BakeOptions& o, const Scene& scene,

@@ -90,6 +90,9 @@ std::vector<volume::VolumeBox> volumes_of(const BakeOptions& o, const Scene& sce
 
 std::vector<volume::Place> places_of(const std::vector<volume::VolumeBox>& boxes);
 
+/// Adds the suns of --layers to those of --sun.
+void add_suns(BakeOptions& o);
+
 /// The layers that are asked for. Throws Error (argument).
 std::vector<bake::Layer> layers_of(const BakeOptions& o, const Scene& scene,
                                    const bake::BakeSettings& settings);

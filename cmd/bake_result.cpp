@@ -254,6 +254,9 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const Bak
             document["bricks"]["samples"] = result.bricks->samples;
             document["bricks"]["error"] = result.bricks->error;
         }
+        if (const auto& suns = result.suns)
+            document["suns_held_out"] = {
+                {"mean", suns->mean}, {"worst", suns->worst}, {"hour", suns->hour}};
         document["outputs"] = outputs_json(result.outputs);
         document["stages"] = stages_json(run.stages);
         document["warnings"] = run.progress.warnings();
@@ -271,6 +274,12 @@ void print_result(const BakeOptions& o, const gpu::DeviceInfo& device, const Bak
     print_total(seconds);
     if (result.verified)
         print_verified(*result.verified, reader);
+    if (const auto& suns = result.suns)
+        std::printf(
+            "suns          each is %s %% off what the two around it make of it in the mean, "
+            "at most %s %%, at %s; half-way between suns it is a quarter to a half of that\n",
+            two_digits(100 * suns->mean).c_str(), two_digits(100 * suns->worst).c_str(),
+            scene::clock_text(suns->hour).c_str());
     print_outputs(result.outputs);
 }
 } // namespace lpvbake::cmd

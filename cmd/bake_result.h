@@ -23,6 +23,7 @@ struct BakeResult {
     std::optional<bake::Storage> storage = {};
     std::optional<report::Verified> verified = {};
     const bake::BakedBricks* bricks = nullptr;
+    std::optional<bake::HeldOut> suns = {};
 };
 
 /// Of --dry-run.

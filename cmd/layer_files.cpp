@@ -5,13 +5,36 @@
 #include "io/levels.h"
 #include "lpvbake/error.h"
 #include "options/values.h"
+#include "text.h"
 
 #include <algorithm>
 #include <iterator>
+#include <limits>
 #include <optional>
 
 namespace lpvbake::cmd {
 namespace {
+
+/// "suns:12@48.1,11.6,06-21".
+bake::LayerWish parse_suns(const std::string& text) {
+    const std::size_t at = text.find('@');
+    const auto count = options::parse_number(text.substr(5, at == text.npos ? 0 : at - 5));
+    const std::vector<std::string> place =
+        options::split(at == text.npos ? "" : text.substr(at + 1), ',');
+    if (!count || *count != int(*count) || *count < 1 || *count > bake::most_suns
+        || place.size() != 3)
+        options::refuse(text,
+                        format("is not suns:N@LATITUDE,LONGITUDE,MONTH-DAY with 1 to %d suns, "
+                               "as suns:12@48.1,11.6,06-21",
+                               bake::most_suns));
+    bake::LayerWish wish{bake::LayerWish::Kind::suns};
+    const double none = std::numeric_limits<double>::quiet_NaN();
+    wish.arc = scene::parse_arc(text, options::parse_number(place[0]).value_or(none),
+                                options::parse_number(place[1]).value_or(none), place[2]);
+    wish.suns = int(*count);
+    scene::daylight(wish.arc);
+    return wish;
+}
 
 bake::LayerWish parse_layer(const std::string& text, const std::string& whole) {
     using Kind = bake::LayerWish::Kind;
@@ -32,15 +55,18 @@ bake::LayerWish parse_layer(const std::string& text, const std::string& whole) {
                                        + std::to_string(bake::most_mode_order));
         return {kind, {}, {}, int(*order)};
     }
+    if (text.starts_with("suns:"))
+        return parse_suns(text);
     const std::size_t equals = text.find('=');
     const std::string name = text.substr(0, equals);
     if (equals == std::string::npos || equals + 1 == text.size())
-        options::refuse(whole, "is none of lights, emitters, sky, sky:N, transfer, transfer:N and "
-                               "NAME=GLOB, with commas between them");
-    if (!bake::is_layer_name(name) || name == "sky" || name == "rest" || name.starts_with("sky_"))
+        options::refuse(whole, "is none of lights, emitters, sky, sky:N, transfer, transfer:N, "
+                               "suns:N@LAT,LON,MM-DD and NAME=GLOB, with commas between them");
+    if (!bake::is_layer_name(name) || name == "sky" || name == "rest" || name == "sun"
+        || name.starts_with("sky_"))
         options::refuse(whole, "has the name " + name
                                    + "; one has letters, digits, dots, dashes and underscores, and "
-                                     "sky and rest have a meaning of their own");
+                                     "sky, sun and rest have a meaning of their own");
     return {Kind::group, name, text.substr(equals + 1)};
 }
 
@@ -48,8 +74,13 @@ bake::LayerWish parse_layer(const std::string& text, const std::string& whole) {
 
 std::vector<bake::LayerWish> parse_layers(const std::string& text) {
     std::vector<bake::LayerWish> wishes;
-    for (const std::string& part : options::split(text, ','))
+    const std::vector<std::string> parts = options::split(text, ',');
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+        std::string part = parts[i];
+        for (int more = 0; more < 2 && part.starts_with("suns:") && i + 1 < parts.size(); ++more)
+            part += "," + parts[++i];
         wishes.push_back(parse_layer(part, text));
+    }
     return wishes;
 }
 
@@ -65,6 +96,9 @@ std::vector<io::LayerEntry> entries_of(std::span<const bake::Layer> layers, cons
                            {},
                            layer.emitters,
                            layer.light.sky != glm::vec3(0.0f)});
+        if (const auto& arc = layer.arc)
+            entries.back().sun = {arc->latitude, arc->longitude,
+                                  format("%02d-%02d", arc->month, arc->day), layer.hour};
         for (std::size_t i = 0; i < layer.light.lights.size(); ++i)
             if (layer.light.lights[i] != glm::vec3(0.0f))
                 entries.back().lights.push_back(i);
@@ -79,6 +113,21 @@ std::vector<volume::VolumeSet> sets_of(const volume::VolumeSet& set,
         for (std::size_t layer = 0; layer < sets.size(); ++layer)
             sets[layer].levels.push_back(std::move(of_level[layer]));
     return sets;
+}
+
+std::optional<bake::HeldOut> held_out(std::span<const bake::Layer> layers,
+                                      std::span<const volume::VolumeSet> sets,
+                                      const std::vector<float>& validity) {
+    std::vector<double> hours;
+    std::vector<const Volume*> fields;
+    std::optional<scene::SunArc> arc;
+    for (std::size_t i = 0; i < layers.size(); ++i)
+        if (layers[i].arc) {
+            arc = layers[i].arc;
+            hours.push_back(layers[i].hour);
+            fields.push_back(&sets[i].levels.front());
+        }
+    return arc ? bake::hold_out(*arc, hours, fields, validity) : std::nullopt;
 }
 
 void check_layer_outputs(const std::vector<std::string>& paths, std::span<const bake::Layer> layers,

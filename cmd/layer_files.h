@@ -5,6 +5,7 @@
 #include "io/layers.h"
 #include "scene_options.h"
 
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -22,6 +23,12 @@ std::vector<io::LayerEntry> entries_of(std::span<const bake::Layer> layers, cons
 /// The sets of levels that layers of levels are: `layers` has all of a level, and the set its form.
 std::vector<volume::VolumeSet> sets_of(const volume::VolumeSet& set,
                                        std::vector<std::vector<Volume>> layers);
+
+/// What the suns among the layers err between each other, in the first volume; none of fewer than
+/// three.
+std::optional<bake::HeldOut> held_out(std::span<const bake::Layer> layers,
+                                      std::span<const volume::VolumeSet> sets,
+                                      const std::vector<float>& validity);
 
 /// Throws Error (argument) for outputs that have no form for layers, or whose files, of so many
 /// levels or of these places, would be each other's or an input.

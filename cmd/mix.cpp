@@ -12,6 +12,7 @@
 #include "render/display.h"
 #include "report/describe.h"
 #include "scene/sky.h"
+#include "scene/sun_arc.h"
 #include "scene_options.h"
 #include "text.h"
 #include "volume/dilate.h"
@@ -48,7 +49,7 @@ struct MixOptions {
 Weight parse_weight(const std::string& text) {
     const std::size_t equals = text.find('=');
     if (equals == 0 || equals == std::string::npos || equals + 1 == text.size())
-        options::refuse(text, "is not NAME=WEIGHT, NAME=R,G,B, NAME=#RRGGBB or sky=SKY");
+        options::refuse(text, "is not NAME=WEIGHT, NAME=R,G,B, NAME=#RRGGBB, sky=SKY or sun=HH:MM");
     return {text.substr(0, equals), text.substr(equals + 1)};
 }
 
@@ -119,6 +120,48 @@ Sky sky_of(const std::string& text, TerminalProgress& progress) {
     return sky;
 }
 
+/// Hours of "19:30" or "19.5".
+std::optional<double> hour_of(const std::string& text) {
+    const std::size_t colon = text.find(':');
+    const auto hours = options::parse_number(text.substr(0, colon));
+    const auto minutes =
+        colon == text.npos ? std::optional(0.0) : options::parse_number(text.substr(colon + 1));
+    if (!hours || !minutes || *hours < 0 || *minutes < 0 || *minutes >= 60
+        || *hours + *minutes / 60 > 24)
+        return {};
+    return *hours + *minutes / 60;
+}
+
+/// Gives suns the weights of a time of the day.
+void set_sun(const MixOptions& o, const std::string& time, io::LayerSet& set) {
+    std::vector<io::LayerEntry*> suns;
+    std::vector<double> hours;
+    for (io::LayerEntry& layer : set.layers)
+        if (layer.sun) {
+            suns.push_back(&layer);
+            hours.push_back(layer.sun->hour);
+        }
+    if (suns.empty())
+        throw Error(ErrorKind::argument, "sun=" + time + ": " + o.file
+                                             + " has no suns of a day; bake it with --layers "
+                                               "suns:12@48.1,11.6,06-21");
+    const io::SunPlace& sun = *suns.front()->sun;
+    const scene::SunArc arc = scene::parse_arc(o.file, sun.latitude, sun.longitude, sun.date);
+    const auto hour = time == "off" ? std::optional(0.0) : hour_of(time);
+    if (!hour)
+        throw Error(ErrorKind::argument,
+                    "sun=" + time + ": is no time of the day, as 19:30, and not off");
+    for (std::size_t i = 0; i < hours.size(); ++i)
+        if (!(scene::sun_illuminance(scene::towards_sun(arc, hours[i]).y) > 0)
+            || (i > 0 && hours[i] <= hours[i - 1]))
+            throw Error(ErrorKind::invalid, o.file
+                                                + ": its suns do not follow each other over a day; "
+                                                  "bake the layers again");
+    const std::vector<double> weights = scene::key_weights(arc, hours, *hour);
+    for (std::size_t i = 0; i < suns.size(); ++i)
+        suns[i]->weight = glm::vec3(time == "off" ? 0.0 : weights[i]);
+}
+
 void set_weights(const MixOptions& o, TerminalProgress& progress, Mixture& mixture) {
     std::vector<io::LayerEntry>& layers = mixture.set.layers;
     for (const Weight& weight : o.weights) {
@@ -134,6 +177,10 @@ void set_weights(const MixOptions& o, TerminalProgress& progress, Mixture& mixtu
                     format("%s: its sun is spread over the sky, as all that is smaller than bands "
                            "up to %d show",
                            weight.value.c_str(), order));
+            continue;
+        }
+        if (weight.name == "sun") {
+            set_sun(o, weight.value, mixture.set);
             continue;
         }
         if (layer == layers.end()) {
@@ -330,8 +377,8 @@ options::Action declare(options::Options& options) {
     options.values(
         "weights", o.weights, "NAME=VALUE", parse_weight,
         "Weight of a layer: a number, R,G,B, or #RRGGBB (sRGB); or sky=SKY, a picture or "
-        "COLOUR,NITS as --sky of bake takes it, where layers transfer or modes are. All others "
-        "keep the weight of the scene");
+        "COLOUR,NITS as --sky of bake takes it, where layers transfer or modes are; or sun=HH:MM, "
+        "where there are suns of a day (off: none). All others keep the weight of the scene");
     options.flag(
         "--sky-occlusion", o.sky_occlusion,
         "Adds grids of how much of a white sky's light comes to a cell, as Unity's Adaptive "

@@ -10,6 +10,7 @@
 #include <glm/gtc/constants.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace lpvbake::bake {
@@ -128,6 +129,20 @@ void add_group(const Scene& scene, const LayerWish& wish, bool emitters, Left& l
     left.layers.push_back(std::move(group));
 }
 
+void add_suns(const Scene& scene, const LayerWish& wish, Left& left) {
+    const std::vector<double> hours = scene::key_hours(wish.arc, wish.suns);
+    const std::vector<Light> suns = suns_along(wish.arc, wish.suns);
+    for (std::size_t sun = 0; sun < suns.size(); ++sun)
+        for (std::size_t i = 0; i < scene.lights.size(); ++i)
+            if (left.has_light(i) && scene.lights[i].name == suns[sun].name
+                && scene.lights[i].direction == suns[sun].direction) {
+                Layer& layer = left.add(suns[sun].name, "sun");
+                layer.arc = wish.arc;
+                layer.hour = hours[sun];
+                left.give_light(i, layer);
+            }
+}
+
 void add_sky(const LayerWish& wish, Left& left) {
     if (!left.has_sky())
         throw Error(ErrorKind::argument,
@@ -172,6 +187,9 @@ std::vector<Layer> make_layers(const Scene& scene, std::span<const LayerWish> wi
     Left left(scene, emitters);
     using Kind = LayerWish::Kind;
     for (const LayerWish& wish : wishes)
+        if (wish.kind == Kind::suns)
+            add_suns(scene, wish, left);
+    for (const LayerWish& wish : wishes)
         if (wish.kind == Kind::group)
             add_group(scene, wish, emitters, left);
     for (const LayerWish& wish : wishes) {
@@ -186,7 +204,8 @@ std::vector<Layer> make_layers(const Scene& scene, std::span<const LayerWish> wi
                     left.give_emission(i, left.add(scene.materials[i].name, "emitter"));
         if (wish.kind == Kind::sky || wish.kind == Kind::transfer)
             add_sky(wish, left);
-        if (wish.kind != Kind::group && left.layers.size() == before)
+        if ((wish.kind == Kind::lights || wish.kind == Kind::emitters)
+            && left.layers.size() == before)
             throw Error(ErrorKind::argument,
                         wish.kind == Kind::lights
                             ? "`layers` lights: no punctual light is left"
@@ -200,6 +219,73 @@ std::vector<Layer> make_layers(const Scene& scene, std::span<const LayerWish> wi
                            "NAME=GLOB",
                            left.layers.size(), most_layers));
     return std::move(left.layers);
+}
+
+std::vector<Light> suns_along(const scene::SunArc& arc, int count) {
+    std::vector<Light> suns;
+    for (const double hour : scene::key_hours(arc, count)) {
+        const glm::dvec3 towards = scene::towards_sun(arc, hour);
+        Light& sun = suns.emplace_back();
+        sun.name = "sun_" + scene::clock_text(hour).erase(2, 1);
+        sun.intensity = scene::sun_illuminance(towards.y) / count;
+        sun.direction = -towards;
+    }
+    return suns;
+}
+
+namespace {
+
+/// Irradiance in all valid cells on faces along the axes, summed, of a sum of fields.
+double irradiance_of(std::span<const Volume* const> fields, std::span<const double> weights,
+                     const std::vector<float>& validity) {
+    double sum = 0.0;
+    std::array<float, volume::sh_count(volume::sh_max_order)> one;
+    const auto coefficients = std::span(one).first(fields.front()->sh.size());
+    for (std::size_t cell = 0; cell < fields.front()->sh.front().size(); ++cell) {
+        if (!validity.empty() && validity[cell] == 0.0f)
+            continue;
+        for (int channel = 0; channel < 3; ++channel) {
+            for (std::size_t k = 0; k < coefficients.size(); ++k) {
+                double value = 0.0;
+                for (std::size_t i = 0; i < fields.size(); ++i)
+                    value += weights[i] * double(fields[i]->sh[k][cell][channel]);
+                coefficients[k] = float(value);
+            }
+            for (int face = 0; face < 6; ++face) {
+                glm::vec3 normal(0.0f);
+                normal[face / 2] = face % 2 ? -1.0f : 1.0f;
+                sum += std::abs(double(volume::sh_irradiance(coefficients, normal)));
+            }
+        }
+    }
+    return sum;
+}
+
+} // namespace
+
+std::optional<HeldOut> hold_out(const scene::SunArc& arc, std::span<const double> hours,
+                                std::span<const Volume* const> fields,
+                                const std::vector<float>& validity) {
+    HeldOut found;
+    double off = 0.0, light = 0.0;
+    int count = 0;
+    for (std::size_t i = 1; i + 1 < fields.size(); i += 2, ++count) {
+        const double around[] = {hours[i - 1], hours[i + 1]}; // each as of a day of two suns
+        const std::vector<double> weights = scene::key_weights(arc, around, hours[i]);
+        const double error = irradiance_of(
+            fields.subspan(i - 1, 3), std::array{weights[0] / 2, -1.0, weights[1] / 2}, validity);
+        off += error;
+        light += irradiance_of(fields.subspan(i, 1), std::array{1.0}, validity);
+        if (error >= found.worst) {
+            found.worst = error;
+            found.hour = hours[i];
+        }
+    }
+    if (light == 0.0)
+        return {};
+    found.mean = off / light;
+    found.worst *= count / light;
+    return found;
 }
 
 std::vector<glm::vec3> project_sky(const Sky& sky, int order) {

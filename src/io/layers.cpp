@@ -43,6 +43,14 @@ std::string string_in(const std::string& path, const Json& json, const char* nam
     return *found;
 }
 
+double number_in(const std::string& path, const Json& json, const char* name) {
+    const auto found = json.is_object() ? json.find(name) : json.end();
+    if (!json.is_object() || found == json.end() || !found->is_number()
+        || !std::isfinite(found->get<double>()))
+        reject(path, std::string("has a sun without a number \"") + name + "\"");
+    return *found;
+}
+
 /// The path of a volume, or of the manifest of a set, that lies beside the manifest.
 std::string file_in(const std::string& path, const Json& json) {
     const std::string name = string_in(path, json, "file");
@@ -114,6 +122,11 @@ WriteReport::File write_layer_manifest(const std::string& path, const std::strin
                                 {"emitters", layer.emitters},
                                 {"sky", layer.sky},
                                 {"file", name_of(layer.file)}});
+        if (const auto& sun = layer.sun)
+            list.back()["sun"] = {{"latitude", sun->latitude},
+                                  {"longitude", sun->longitude},
+                                  {"date", sun->date},
+                                  {"hour", sun->hour}};
     }
     const Json manifest{
         {"format", format_name}, {"version", version}, {"file", name_of(file)}, {"layers", list}};
@@ -154,6 +167,9 @@ LayerSet read_layer_manifest(const std::string& path) {
                 reject(path, printable(layer.name) + " has no \"weight\" of three numbers");
             layer.weight[c] = number.get<float>();
         }
+        if (const auto sun = each.find("sun"); sun != each.end())
+            layer.sun = {number_in(path, *sun, "latitude"), number_in(path, *sun, "longitude"),
+                         string_in(path, *sun, "date"), number_in(path, *sun, "hour")};
         if (std::ranges::count(set.layers, layer.name, &LayerEntry::name) > 0)
             reject(path, "has two layers " + printable(layer.name));
         set.layers.push_back(std::move(layer));

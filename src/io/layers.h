@@ -5,12 +5,13 @@
 //
 //     {"format": "lpvbake layers", "version": 1,
 //      "file": of the volume of all light, beside the manifest, or the manifest of its set,
-//      "layers": [{"name", "kind": "light", "emitter", "group", "sky", "rest", "mode",
+//      "layers": [{"name", "kind": "light", "emitter", "group", "sun", "sky", "rest", "mode",
 //                  "visibility" (of order 4, whatever that of all light is) or "bounce",
 //                  "unit": what weight 1 is: "scene": as the scene has it; "nits",
 //                  "weight": [r, g, b]: the sum with these is all light,
 //                  "lights": its places in the metadata `lights` of that, "emitters": names of
 //                  its materials, "sky": whether it has the sky: what to dim of the direct light,
+//                  "sun": of a sun {"latitude", "longitude", "date": "06-21", "hour"},
 //                  "file": of the layer, as above}, ...]}
 #pragma once
 
@@ -18,10 +19,18 @@
 
 #include <glm/glm.hpp>
 
+#include <optional>
 #include <string>
 #include <vector>
 
 namespace lpvbake::io {
+
+/// When and where a layer's sun stands, as scene::SunArc has it.
+struct SunPlace {
+    double latitude = 0, longitude = 0; ///< degrees
+    std::string date;                   ///< "06-21"
+    double hour = 0;
+};
 
 struct LayerEntry {
     std::string name, kind, unit;
@@ -30,6 +39,7 @@ struct LayerEntry {
     std::vector<std::size_t> lights = {};
     std::vector<std::string> emitters = {};
     bool sky = false;
+    std::optional<SunPlace> sun = {};
 };
 
 struct LayerSet {

@@ -1,6 +1,8 @@
 // `lpvbake bake --layers` and `lpvbake mix` from outside.
 #include "cli/run.h"
 #include "io/layers.h"
+#include "scene/sun_arc.h"
+#include "volume/compare.h"
 #include "volume/grids.h"
 #include "volume/sh.h"
 
@@ -396,6 +398,51 @@ TEST_F(LayersCli, OfVolumesAreVolumesAndTurnWithThem) {
     }
 }
 
+TEST_F(LayersCli, SunsOfADayMakeTheSunOfATime) {
+    const std::string to = "bake \"$ROOM\" --resolution 12 --quality fast --solver gather -q "
+                           "--no-light bulb --no-emitters ";
+    const std::string suns = "--layers suns:9@48.1,11.6,06-21 --format json -o ";
+    const CliResult baked = run(to + suns + "a.vdb");
+    ASSERT_EQ(baked.status, 0) << baked.err;
+    const json manifest = json::parse(slurp(folder_ / "a.layers.json"));
+    ASSERT_EQ(manifest["layers"].size(), 9u);
+    EXPECT_EQ(manifest["layers"][4]["kind"], "sun");
+    EXPECT_EQ(manifest["layers"][4]["sun"]["date"], "06-21");
+    EXPECT_EQ(std::string(manifest["layers"][4]["name"]).substr(0, 5), "sun_1");
+
+    // At the time of a sun the volume is that of a bake under it.
+    const double hour = manifest["layers"][4]["sun"]["hour"];
+    const int minutes = int(std::lround(60 * hour));
+    const scene::SunArc arc{48.1, 11.6, 6, 21};
+    const auto bake_at = [&](double at, const std::string& name) {
+        const glm::dvec3 towards = scene::towards_sun(arc, at);
+        char sun[200];
+        std::snprintf(sun, sizeof sun, "--sun %.9g,%.9g,%.9g -o ",
+                      glm::degrees(std::atan2(towards.x, towards.z)),
+                      glm::degrees(std::asin(towards.y)), scene::sun_illuminance(towards.y));
+        ASSERT_EQ(run(to + sun + name).status, 0);
+    };
+    const auto error_of = [&](const std::string& name, const std::string& truth) {
+        const Volume a = read_volume(folder_ / name), b = read_volume(folder_ / truth);
+        return volume::compare(a, b, {}).relative_l1;
+    };
+    bake_at(hour, "noon.vdb");
+    ASSERT_EQ(run("mix a.vdb sun=" + std::to_string(minutes / 60) + ":"
+                  + std::to_string(minutes % 60) + " -o mixed.vdb")
+                  .status,
+              0);
+    EXPECT_LT(error_of("mixed.vdb", "noon.vdb"), 0.04);
+    ASSERT_EQ(run("mix a.vdb sun=off -o night.vdb").status, 0);
+    ASSERT_EQ(run("mix a.vdb sun=1:00 -o late.vdb").status, 0);
+    for (const char* name : {"night.vdb", "late.vdb"})
+        EXPECT_EQ(
+            read_volume(folder_ / name).sh[0],
+            std::vector<glm::vec3>(read_volume(folder_ / name).sh[0].size(), glm::vec3(0.0f)));
+    expect_one_error(run("mix a.vdb sun=25:00 -o b.vdb"), "25:00", ExitCode::usage, "19:30");
+
+    EXPECT_GT(json::parse(baked.out)["suns_held_out"]["mean"], 0.01);
+}
+
 TEST_F(LayersCli, OfPropagationSumUpToo) {
     const std::string bake =
         "bake \"$ROOM\" --resolution 16 --solver lpv --bounces inf -q -o a.exr "
@@ -421,6 +468,10 @@ TEST_F(LayersCli, WhatCannotBeIsRefusedByName) {
     };
     refused("--layers lamps", "is none of lights, emitters, sky");
     refused("--layers sky:3", "sky:N");
+    refused("--layers suns:99@48,11,06-21", "1 to 48 suns");
+    refused("--layers suns:12@48,11", "LATITUDE,LONGITUDE,MONTH-DAY");
+    refused("--layers suns:12@48,11,13-21", "as 48.1,11.6,06-21");
+    refused("--layers suns:12@80,11,12-21", "the sun does not rise");
     refused("--layers transfer:3 --sky '#ffffff,1'", "transfer:N");
     refused("--layers transfer", "there is no sky");
     refused("--layers transfer,sky:1 --sky '#ffffff,1'", "no sky that no layer has");

@@ -1,6 +1,7 @@
 // Bakes of layers of light, by all solvers: linear, and beside bakes that decide by their own
 // light.
 #include "bake/bake.h"
+#include "bake/layers.h"
 #include "gpu/device.h"
 #include "lit_layers.h"
 #include "volume/compare.h"
@@ -168,6 +169,51 @@ TEST_F(LayeredBakes, AreWithinTheStatedErrorBesideBakesThatDecideForThemselves) 
             EXPECT_LT(found.relative_l1, bake::expected_error(settings)) << setting.name << name;
             EXPECT_GT(found.relative_l1, 1e-5) << setting.name << name;
         }
+}
+
+TEST_F(LayeredBakes, OfSunsTellWhatTheyErrBetweenThem) {
+    // Nine suns of a day, and eight half-way between those, which are no keys.
+    const scene::SunArc arc{48.1, 11.6, 6, 21};
+    constexpr int count = 9;
+    Setting setting = yard();
+    setting.scene.lights = bake::suns_along(arc, count);
+    std::vector<double> hours = scene::key_hours(arc, count), middles;
+    for (std::size_t i = 0; i + 1 < hours.size(); ++i) {
+        middles.push_back(0.5 * (hours[i] + hours[i + 1]));
+        const glm::dvec3 towards = scene::towards_sun(arc, middles.back());
+        setting.scene.lights.push_back(
+            scenes::sun(-towards, scene::sun_illuminance(towards.y) / count));
+    }
+    const std::vector<bake::LayerWish> wishes{
+        {.kind = bake::LayerWish::Kind::suns, .arc = arc, .suns = count},
+        {.kind = bake::LayerWish::Kind::lights}};
+    std::vector<bake::Layer> layers = bake::make_layers(setting.scene, wishes, true);
+    ASSERT_EQ(layers.size(), 18u); // and the sky
+    EXPECT_EQ(layers[3].kind, "sun");
+    EXPECT_EQ(layers[3].hour, hours[3]);
+    const bake::BakedLevels baked = bake(setting, *bake::find_solver("gather"), layers);
+    std::vector<const Volume*> fields;
+    for (const Volume& field : baked.layers.front())
+        fields.push_back(&field);
+    const std::vector<float>& validity = baked.levels.front().validity;
+    const auto told = bake::hold_out(arc, hours, std::span(fields).first(count), validity);
+    ASSERT_TRUE(told);
+    EXPECT_GE(told->worst, told->mean);
+
+    // The truth half-way between all neighbours, as it is told of every other.
+    std::vector<const Volume*> both;
+    std::vector<double> times;
+    for (std::size_t i = 0; i < middles.size(); ++i) {
+        both.insert(both.end(), {fields[i], fields[count + i]});
+        times.insert(times.end(), {hours[i], middles[i]});
+    }
+    both.push_back(fields[count - 1]);
+    times.push_back(hours[count - 1]);
+    const auto truth = bake::hold_out(arc, times, both, validity);
+    ASSERT_TRUE(truth);
+    EXPECT_GT(truth->mean, 0.001);
+    EXPECT_LT(truth->mean, 0.6 * told->mean);
+    EXPECT_GT(truth->mean, 0.1 * told->mean);
 }
 
 } // namespace

@@ -26,7 +26,8 @@ OPTIONAL = [("bake", "fit"), ("convert", "fit"), ("bake", "verified"), ("bake", 
             ("bake", "levels"), ("bake_dry_run", "levels"), ("bake", "bricks"),
             ("bake_dry_run", "bricks"), ("bricks", "atlas"), ("bricks", "file"),
             ("bake", "volumes"), ("bake_dry_run", "volumes"),
-            ("bake", "layers"), ("bake_dry_run", "layers"), ("info_volume", "layers")]
+            ("bake", "layers"), ("bake", "suns_held_out"), ("layers", "sun"),
+            ("bake_dry_run", "layers"), ("info_volume", "layers")]
 TARGETS = ["generic", "unity", "threejs", "vrc", "bevy"]  # each packing once
 
 
@@ -102,7 +103,7 @@ class Documents(unittest.TestCase):
         cls.documents.append(("levels", "set.levels.json",
                               json.loads((cls.folder / "set.levels.json").read_text())))
         layers = [*bake, "-o", "layered.vdb", "--solver", "gather",
-                  "--layers", "lights,transfer:1", "--sky", "#ffffff,10"]
+                  "--layers", "lights,transfer:1,suns:3@48.1,11.6,06-21", "--sky", "#ffffff,10"]
         run("bake", *layers)
         run("bake_dry_run", *layers, "--dry-run")
         run("info_volume", "info", "layered.vdb")
