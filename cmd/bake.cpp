@@ -164,13 +164,15 @@ void run_at(const BakeOptions& o, const std::string& settings, const Scene& scen
     run.warn(baked.warnings);
     baked.lit.light.metadata["choice"] = choice.text;
     fill_metadata(o, scene, settings, baked.lit.light);
+    const std::vector<bake::Layer>& layers = choice.plan.settings.layers;
+    for (Volume& layer : baked.layers)
+        layer.metadata.insert(baked.lit.light.metadata.begin(), baked.lit.light.metadata.end());
+    if (!layers.empty())
+        baked.lit.light.metadata["layers"] = io::text_of(entries_of(layers, ""));
     run.begin_stage();
-    std::vector<Written> written;
     run.progress.begin("write", o.outputs.paths.size());
-    for (const std::string& path : o.outputs.paths) {
-        written.push_back({path, io::write_points(path, baked.lit).files});
-        tell("wrote " + path);
-    }
+    const std::vector<Written> written =
+        write_layers(o.outputs.paths, baked.lit, layers, baked.layers);
     run.end_stage("write", counted(written.size(), "output"));
     device.check_validation();
     run.progress.end();

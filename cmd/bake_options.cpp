@@ -366,7 +366,7 @@ void add_layers_option(options::Options& options, BakeOptions& o) {
             "or that of transfer:N), suns:N@LAT,LON,MM-DD (N suns of that day, beside the scene's "
             "lights), NAME=GLOB (lights and emissive materials of such names, together); several "
             "with commas, or repeated; see below")
-        .exclude({"at", "adaptive", "bytes", "rsm-samples", "direct"})
+        .exclude({"adaptive", "bytes", "rsm-samples", "direct"})
         .record(options::Recorded::if_changed);
 }
 

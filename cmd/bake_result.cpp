@@ -170,6 +170,10 @@ std::vector<Written> planned_outputs(const BakeOptions& o, const bake::BakePlan&
         Written& output = outputs.emplace_back(Written{path, {}});
         if (!o.at.empty()) {
             output.files.push_back({path, 0});
+            for (const bake::Layer& layer : plan.settings.layers)
+                output.files.push_back({io::layer_path(path, layer.name), 0});
+            if (!plan.settings.layers.empty())
+                output.files.push_back({io::layer_manifest_path(path), 0});
             continue;
         }
         if (plan.bricks) {

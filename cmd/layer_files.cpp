@@ -1,8 +1,10 @@
 #include "layer_files.h"
 
+#include "bake/points.h"
 #include "io/atomic_file.h"
 #include "io/glb.h"
 #include "io/levels.h"
+#include "io/points.h"
 #include "lpvbake/error.h"
 #include "options/values.h"
 #include "text.h"
@@ -186,6 +188,34 @@ std::vector<Written> write_layers(const OutputOptions& o, const std::vector<std:
     }
     for (Volume& level : set.levels)
         level.sh.clear();
+    return written;
+}
+
+std::vector<Written> write_layers(const std::vector<std::string>& paths, volume::LitPoints& lit,
+                                  std::span<const bake::Layer> layers,
+                                  std::vector<Volume>& fields) {
+    std::vector<Written> written;
+    for (const std::string& path : paths) {
+        Written& own = written.emplace_back(Written{path, {}});
+        const auto write = [&](const std::string& to) {
+            std::ranges::move(io::write_points(to, lit).files, std::back_inserter(own.files));
+        };
+        io::PublishTogether together;
+        write(path);
+        for (std::size_t i = 0; i < layers.size(); ++i) {
+            std::vector<glm::vec3> irradiance = lit.irradiance;
+            std::swap(lit.light, fields[i]);
+            bake::find_irradiance(lit);
+            write(io::layer_path(path, layers[i].name));
+            std::swap(lit.light, fields[i]);
+            lit.irradiance = std::move(irradiance);
+        }
+        if (!layers.empty())
+            own.files.push_back(
+                io::write_layer_manifest(path, path, entries_of(layers, path), own.files));
+        together.publish();
+        tell("wrote " + path);
+    }
     return written;
 }
 

@@ -4,6 +4,7 @@
 #include "bake/layers.h"
 #include "io/layers.h"
 #include "scene_options.h"
+#include "volume/points.h"
 
 #include <optional>
 #include <span>
@@ -41,5 +42,9 @@ void check_layer_outputs(const std::vector<std::string>& paths, std::span<const 
 std::vector<Written> write_layers(const OutputOptions& o, const std::vector<std::string>& paths,
                                   volume::VolumeSet& set, std::span<const bake::Layer> layers,
                                   std::vector<volume::VolumeSet>& sets, TerminalProgress& progress);
+
+/// The same of the light at points.
+std::vector<Written> write_layers(const std::vector<std::string>& paths, volume::LitPoints& lit,
+                                  std::span<const bake::Layer> layers, std::vector<Volume>& fields);
 
 } // namespace lpvbake::cmd

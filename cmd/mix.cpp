@@ -146,7 +146,22 @@ void set_sun(const MixOptions& o, const std::string& time, io::LayerSet& set) {
                                              + " has no suns of a day; bake it with --layers "
                                                "suns:12@48.1,11.6,06-21");
     const io::SunPlace& sun = *suns.front()->sun;
-    const scene::SunArc arc = scene::parse_arc(o.file, sun.latitude, sun.longitude, sun.date);
+    const auto damaged = [&] {
+        return Error(ErrorKind::invalid,
+                     o.file
+                         + ": its suns do not follow each other over a day of a "
+                           "place; bake the layers again");
+    };
+    for (const io::LayerEntry* layer : suns)
+        if (layer->sun->latitude != sun.latitude || layer->sun->longitude != sun.longitude
+            || layer->sun->date != sun.date)
+            throw damaged();
+    scene::SunArc arc;
+    try {
+        arc = scene::parse_arc(o.file, sun.latitude, sun.longitude, sun.date);
+    } catch (const Error&) {
+        throw damaged();
+    }
     const auto hour = time == "off" ? std::optional(0.0) : hour_of(time);
     if (!hour)
         throw Error(ErrorKind::argument,
@@ -154,9 +169,7 @@ void set_sun(const MixOptions& o, const std::string& time, io::LayerSet& set) {
     for (std::size_t i = 0; i < hours.size(); ++i)
         if (!(scene::sun_illuminance(scene::towards_sun(arc, hours[i]).y) > 0)
             || (i > 0 && hours[i] <= hours[i - 1]))
-            throw Error(ErrorKind::invalid, o.file
-                                                + ": its suns do not follow each other over a day; "
-                                                  "bake the layers again");
+            throw damaged();
     const std::vector<double> weights = scene::key_weights(arc, hours, *hour);
     for (std::size_t i = 0; i < suns.size(); ++i)
         suns[i]->weight = glm::vec3(time == "off" ? 0.0 : weights[i]);
@@ -220,7 +233,7 @@ void check_alike(const std::string& manifest, const io::LayerEntry& layer, const
     const int order = is_visibility(layer) ? volume::sh_max_order : whole.sh_order;
     if (whole.grid.dims != part.grid.dims || part.sh_order != order
         || fact(whole, "scene_hash") != fact(part, "scene_hash")
-        || fact(whole, "settings") != fact(part, "settings"))
+        || fact(whole, "settings") != fact(part, "settings") || fact(part, "layer") != layer.name)
         throw Error(ErrorKind::invalid,
                     manifest + ": " + layer.file
                         + " is of another bake than the volume; bake all layers together");
@@ -305,8 +318,9 @@ std::string manifest_of(const std::string& file) {
     return io::is_layer_manifest(file) ? file : io::layer_manifest_path(file);
 }
 
-/// Throws Error (argument) where an output would replace an input.
-void check_outputs(const MixOptions& o, const std::string& manifest, const io::LayerSet& set) {
+/// Throws Error (argument) where an output would replace an input. Returns the inputs.
+std::vector<std::string> check_outputs(const MixOptions& o, const std::string& manifest,
+                                       const io::LayerSet& set) {
     std::vector<std::string> inputs{manifest}, files{set.file};
     for (const io::LayerEntry& layer : set.layers)
         files.push_back(layer.file);
@@ -318,6 +332,7 @@ void check_outputs(const MixOptions& o, const std::string& manifest, const io::L
     check_files({}, inputs, o.outputs.paths);
     if (io::is_manifest(set.file))
         check_level_outputs(o.outputs.paths, inputs);
+    return inputs;
 }
 
 void run(const MixOptions& o) {
@@ -338,10 +353,12 @@ void run(const MixOptions& o) {
                                              + "); bake it with --layers");
         throw;
     }
-    check_outputs(o, manifest, set);
+    const std::vector<std::string> inputs = check_outputs(o, manifest, set);
     TerminalProgress progress(ProgressStyle::none);
     set_weights(o, progress, mixture);
     volume::VolumeSet mixed = mix(manifest, mixture);
+    if (!mixed.places.empty())
+        check_level_outputs(o.outputs.paths, inputs, mixed.places);
     if (o.sky_occlusion)
         add_sky_occlusion(o, manifest, mixture, mixed);
     for (Volume& level : mixed.levels)

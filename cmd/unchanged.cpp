@@ -36,14 +36,15 @@ void check_volume(const BakeOptions& o, const std::string& path, const Volume& v
 }
 
 /// Of the set that is written by the name `path`, and read by `file`.
-void check_set(const BakeOptions& o, const std::string& path, const std::string& file,
-               const std::string& hash) {
-    const volume::VolumeSet set = read_levels(file);
+volume::VolumeSet check_set(const BakeOptions& o, const std::string& path, const std::string& file,
+                            const std::string& hash) {
+    volume::VolumeSet set = read_levels(file);
     if (set.bricks)
         check_hash(file, set.levels.front(), hash); // metadata are of all bricks
     else
         for (std::size_t i = 0; i < set.levels.size(); ++i)
             check_volume(o, io::member_path(path, set.places, i), set.levels[i], hash);
+    return set;
 }
 
 void check_output(const BakeOptions& o, const std::string& path, const std::string& hash,
@@ -51,13 +52,21 @@ void check_output(const BakeOptions& o, const std::string& path, const std::stri
     const auto file_of = [&](const std::string& set) {
         return io::set_path(set, o.adaptive || levels ? 2 : 1, o.places());
     };
-    check_set(o, path, file_of(path), hash);
-    if (!o.layers.empty())
-        for (const io::LayerEntry& layer :
-             io::read_layer_manifest(io::layer_manifest_path(path)).layers) {
+    const volume::VolumeSet all = check_set(o, path, file_of(path), hash);
+    if (!o.layers.empty()) {
+        const std::string manifest = io::layer_manifest_path(path);
+        const std::vector<io::LayerEntry> layers = io::read_layer_manifest(manifest).layers;
+        const auto listed = all.levels.front().metadata.find("layers");
+        if (listed == all.levels.front().metadata.end() || listed->second != io::text_of(layers))
+            throw Error(ErrorKind::invalid, manifest + ": lists other layers");
+        for (const io::LayerEntry& layer : layers) {
             const std::string set = io::layer_path(path, layer.name);
-            check_set(o, set, file_of(set), hash);
+            for (const Volume& level : check_set(o, set, file_of(set), hash).levels)
+                if (const auto name = level.metadata.find("layer");
+                    name == level.metadata.end() || name->second != layer.name)
+                    throw Error(ErrorKind::invalid, set + ": is not the layer " + layer.name);
         }
+    }
 }
 
 /// Empty where all outputs are as the bake would write them.

@@ -164,21 +164,7 @@ void finish_layer(const BakePlan& plan, const Layer& layer, const Volume& whole,
     if (volume.grid.is_turned())
         volume::turn_directions(glm::mat3_cast(volume.grid.turn), volume);
     volume::adjust_intensity(plan.settings.adjust, volume);
-    volume.metadata = whole.metadata;
-    const auto any = [](const std::vector<glm::vec3>& weights) {
-        return std::ranges::any_of(weights, [](glm::vec3 w) { return w != glm::vec3(0.0f); });
-    };
-    volume::LightContent content = volume::content_of(
-        any(layer.light.lights), any(layer.light.emissions),
-        layer.light.sky != glm::vec3(0.0f) || layer.light.beyond, plan.settings.bounces);
-    if (layer.light.part == scene::LightLayer::Part::direct)
-        content.sky->last = 0;
-    if (layer.light.part == scene::LightLayer::Part::reflected)
-        content.sky = plan.settings.bounces == 0
-                          ? std::nullopt
-                          : std::optional(volume::Reflections{1, plan.settings.bounces});
-    volume::set_content(content, volume.metadata);
-    volume.metadata["layer"] = layer.name;
+    describe_layer(plan, layer, whole, volume);
 }
 
 /// The layers as they are in axes that world axes are turned into.

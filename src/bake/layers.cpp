@@ -36,6 +36,7 @@ public:
         std::string name = wanted;
         std::ranges::replace_if(
             name, [](char c) { return !is_of_file_names(c); }, '_');
+        name.resize(std::min<std::size_t>(name.size(), 48)); // with what makes it another's
         if (!is_layer_name(name))
             name = kind + std::string("_") + name;
         const auto taken = [&](const std::string& other) {

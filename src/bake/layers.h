@@ -49,13 +49,13 @@ struct Layer {
     double hour = 0;                        ///< the same
 };
 
-/// The layers that are wished for, groups first: a light has a part in the first that asks for it,
-/// and what none asks for is a layer "rest", so that their sum is the scene's light. Modes are
-/// "sky_0", "sky_1", ...: skies whose luminance is one of the harmonics, in the order of
+/// The layers that are wished for, suns first, then groups: a light has a part in the first that
+/// asks for it, and what none asks for is a layer "rest", so that their sum is the scene's light.
+/// Modes are "sky_0", "sky_1", ...: skies whose luminance is one of the harmonics, in the order of
 /// Volume::sh, nits; they have weight 0. So have "sky_visibility", what is seen of a sky of one
 /// nit, to sh_max_order, and "sky_bounce_0", ...: the light of modes without what is seen of them.
-/// `emitters`: whether emissive surfaces give light. Throws
-/// Error (argument) where a wish finds nothing, or there are more than most_layers.
+/// `emitters`: whether emissive surfaces give light. Throws Error (argument) where a wish finds
+/// nothing, or there are more than most_layers.
 std::vector<Layer> make_layers(const Scene& scene, std::span<const LayerWish> wishes,
                                bool emitters);
 

@@ -94,6 +94,24 @@ void describe_light(const Scene& scene, const BakePlan& plan, const gpu::Device&
     volume.metadata["tracer"] = visibility.tracer();
 }
 
+void describe_layer(const BakePlan& plan, const Layer& layer, const Volume& whole, Volume& volume) {
+    volume.metadata = whole.metadata;
+    const auto any = [](const std::vector<glm::vec3>& weights) {
+        return std::ranges::any_of(weights, [](glm::vec3 w) { return w != glm::vec3(0.0f); });
+    };
+    volume::LightContent content = volume::content_of(
+        any(layer.light.lights), any(layer.light.emissions),
+        layer.light.sky != glm::vec3(0.0f) || layer.light.beyond, plan.settings.bounces);
+    if (layer.light.part == scene::LightLayer::Part::direct)
+        content.sky->last = 0;
+    if (layer.light.part == scene::LightLayer::Part::reflected)
+        content.sky = plan.settings.bounces == 0
+                          ? std::nullopt
+                          : std::optional(volume::Reflections{1, plan.settings.bounces});
+    volume::set_content(content, volume.metadata);
+    volume.metadata["layer"] = layer.name;
+}
+
 void warn_of_dark(const Scene& scene, std::span<const Volume> volumes, solver::Stages& stages) {
     const auto is_dark = [](const Volume& volume) { return volume::total_energy(volume) == 0.0; };
     if (std::ranges::all_of(volumes, is_dark))

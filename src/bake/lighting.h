@@ -28,6 +28,9 @@ surface::LitSurfaces light_scene(const Scene& scene, const BakePlan& plan,
 void describe_light(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
                     const visibility::Visibility& visibility, Volume& volume);
 
+/// Adds to that of a layer what is told of the volume of all light, and which of it the layer has.
+void describe_layer(const BakePlan& plan, const Layer& layer, const Volume& whole, Volume& volume);
+
 /// Warns where none of the volumes of a bake holds light, and says why.
 void warn_of_dark(const Scene& scene, std::span<const Volume> volumes, solver::Stages& stages);
 

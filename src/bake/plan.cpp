@@ -489,7 +489,10 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                                          * (brick_bytes(solver.order())
                                             + volume::brick_samples * sample_bytes(solver.order()))
                        : settings.points > 0
-                           ? settings.points * volume::point_bytes(solver.order())
+                           ? settings.points
+                                 * (volume::point_bytes(solver.order())
+                                    + settings.layers.size()
+                                          * (4 + 12 * uint64_t(volume::sh_count(solver.order()))))
                            : all_cells
                                  * (solver::models::bytes::cell
                                     + 24 * uint64_t(volume::sh_count(solver.order()) + most_walls)

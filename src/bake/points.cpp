@@ -66,7 +66,8 @@ void look(const std::vector<glm::vec3>& places, const visibility::Visibility& vi
                + " inside geometry");
 }
 
-/// By the coefficients; 0 where that is negative.
+} // namespace
+
 void find_irradiance(volume::LitPoints& lit) {
     lit.irradiance.resize(lit.points.normals.size());
     tbb::parallel_for(std::size_t(0), lit.irradiance.size(), [&](std::size_t i) {
@@ -81,8 +82,6 @@ void find_irradiance(volume::LitPoints& lit) {
     });
 }
 
-} // namespace
-
 BakedPoints bake_points(const Scene& scene, const BakePlan& plan, volume::Points points,
                         const gpu::Device& device, Progress& progress) {
     BakedPoints baked;
@@ -96,13 +95,21 @@ BakedPoints bake_points(const Scene& scene, const BakePlan& plan, volume::Points
 
     const visibility::Visibility visibility = open_scene(scene, plan, stages);
     const std::vector<glm::vec3> places = places_of(lit.points, plan.frame, visibility);
-    const surface::LitSurfaces surfaces = light_scene(scene, plan, visibility, stages);
+    const std::vector<scene::LightLayer> layers = layers_in(plan);
+    const surface::LitSurfaces surfaces = light_scene(scene, plan, visibility, stages, layers);
     look(places, visibility, lit, stages);
-    solver->solve_at(places,
-                     {scene, device, plan.grid, plan.frame, visibility, &surfaces, plan.maps},
-                     stages, lit.light);
+    solver::Inputs inputs{scene, device, plan.grid, plan.frame, visibility, &surfaces, plan.maps};
+    inputs.layers = layers;
+    baked.layers.resize(layers.size());
+    for (Volume& layer : baked.layers)
+        layer.grid = lit.light.grid;
+    solver->solve_at(places, inputs, stages, lit.light, baked.layers);
     find_irradiance(lit);
     describe_light(scene, plan, device, visibility, lit.light);
+    for (std::size_t i = 0; i < layers.size(); ++i) {
+        baked.layers[i].validity = lit.light.validity;
+        describe_layer(plan, plan.settings.layers[i], lit.light, baked.layers[i]);
+    }
     baked.stages = stages.reports();
     return baked;
 }

@@ -8,6 +8,8 @@ namespace lpvbake::bake {
 
 struct BakedPoints {
     volume::LitPoints lit;
+    /// Of each of BakeSettings::layers what LitPoints::light is of all light.
+    std::vector<Volume> layers;
     std::vector<StageReport> stages;
     std::vector<std::string> warnings; ///< a line each
 };
@@ -20,5 +22,8 @@ struct BakedPoints {
 /// where it is; it is named), and as bake().
 BakedPoints bake_points(const Scene& scene, const BakePlan& plan, volume::Points points,
                         const gpu::Device& device, Progress& progress);
+
+/// Fills LitPoints::irradiance, by the coefficients; 0 where that is negative.
+void find_irradiance(volume::LitPoints& lit);
 
 } // namespace lpvbake::bake

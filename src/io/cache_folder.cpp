@@ -9,6 +9,7 @@
 #include <chrono>
 #include <filesystem>
 #include <ostream>
+#include <utility>
 
 namespace lpvbake::io {
 namespace fs = std::filesystem;
@@ -57,6 +58,7 @@ CacheFolder::CacheFolder(std::string folder, uint64_t most_bytes)
                     folder_ + ": cannot be made: " + error.message());
     if (!fs::is_directory(folder_))
         throw Error(ErrorKind::file, folder_ + ": is not a folder");
+    trim(); // what is there may be more
 }
 
 std::string CacheFolder::place_of(const std::string& key) const {
@@ -71,8 +73,11 @@ std::string CacheFolder::place_of(const std::string& key) const {
 std::optional<std::string> CacheFolder::load(const std::string& key) {
     const std::string path = place_of(key);
     std::error_code error;
-    if (!fs::exists(fs::symlink_status(path, error)))
+    const fs::file_status status = fs::symlink_status(path, error);
+    if (!fs::exists(status))
         return std::nullopt;
+    if (fs::is_regular_file(status) && fs::file_size(path, error) > most_bytes_ && !error)
+        return std::nullopt; // of a bake with a larger limit
     std::string file;
     try {
         file = read_file(path, most_bytes_);
@@ -92,8 +97,16 @@ std::optional<std::string> CacheFolder::load(const std::string& key) {
 
 void CacheFolder::store(const std::string& key, std::string_view value) {
     const Header header = header_of(key, value);
-    if (!writes_ || sizeof header + key.size() + value.size() > most_bytes_)
+    if (!writes_)
         return;
+    if (sizeof header + key.size() + value.size() > most_bytes_) {
+        if (!std::exchange(told_too_large_, true))
+            note(folder_
+                 + format(": %.3g MB are more than the cache may hold; what is as large is "
+                          "not kept",
+                          double(value.size()) / 1e6));
+        return;
+    }
     const std::string path = place_of(key);
     try {
         std::error_code error;

@@ -26,6 +26,7 @@ private:
 
     std::string folder_;
     uint64_t most_bytes_;
+    bool told_too_large_ = false;
     bool writes_ = true; ///< until it fails
 };
 

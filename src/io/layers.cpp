@@ -4,6 +4,7 @@
 #include "io/described.h"
 #include "io/io.h"
 #include "io/levels.h"
+#include "io/points.h"
 #include "lpvbake/error.h"
 #include "quoted.h"
 
@@ -54,7 +55,8 @@ double number_in(const std::string& path, const Json& json, const char* name) {
 /// The path of a volume, or of the manifest of a set, that lies beside the manifest.
 std::string file_in(const std::string& path, const Json& json) {
     const std::string name = string_in(path, json, "file");
-    if (name.find('/') != std::string::npos || !(readable_format(name) || is_manifest(name)))
+    if (name.find('/') != std::string::npos
+        || !(readable_format(name) || is_manifest(name) || is_lit_point_format(name)))
         reject(path, "lists " + printable(name) + ", which is no volume file beside it");
     return (fs::path(path).parent_path() / name).string();
 }

@@ -1,7 +1,7 @@
 // Files of layers of light: a volume of each beside that of all light, and a manifest.
 //
 // STEM.EXTENSION holds all light, STEM_layer_NAME.EXTENSION a layer; of levels and of places there
-// are sets of files by these names (io/levels.h). STEM.layers.json:
+// are sets of files by these names (io/levels.h), and of points files of them. STEM.layers.json:
 //
 //     {"format": "lpvbake layers", "version": 1,
 //      "file": of the volume of all light, beside the manifest, or the manifest of its set,

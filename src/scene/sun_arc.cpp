@@ -116,9 +116,17 @@ std::vector<double> key_weights(const SunArc& arc, std::span<const double> hours
         weights[std::size_t(key)] +=
             share * double(hours.size()) * lux_at(hour) / lux_at(hours[std::size_t(key)]);
     };
-    const std::ptrdiff_t last = std::ssize(hours) - 1, after = std::min(next, last);
-    const std::ptrdiff_t before = std::max<std::ptrdiff_t>(next - 1, 0);
-    const double from = hours[std::size_t(before)], to = hours[std::size_t(after)];
+    const std::ptrdiff_t last = std::ssize(hours) - 1;
+    std::ptrdiff_t before = next - 1, after = next;
+    double around = 0.0; // midnight lies between them
+    if (next == 0 || next > last) {
+        const bool sets = daylight(arc).set < 24.0;
+        before = sets && next == 0 ? 0 : last;
+        after = sets && next > last ? last : 0;
+        around = before == after ? 0.0 : 24.0;
+    }
+    const double from = hours[std::size_t(before)] - (next == 0 ? around : 0.0);
+    const double to = hours[std::size_t(after)] + (next > last ? around : 0.0);
     const double share = to > from ? (hour - from) / (to - from) : 0.0;
     add(before, 1.0 - share);
     if (after != before)

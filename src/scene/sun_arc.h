@@ -17,7 +17,7 @@ struct SunArc {
     int month = 6, day = 21;
 };
 
-/// Unit vector towards the sun at an hour of the clock; y is up, +X east, -Z north. To a quarter of
+/// Unit vector towards the sun at an hour of the clock; y is up, +X east, -Z north. To a third of
 /// a degree in this century: declination and equation of time by Spencer 1971 (Fourier series
 /// representation of the position of the sun), for a year of 365 days, without refraction.
 glm::dvec3 towards_sun(const SunArc& arc, double hour);
@@ -34,8 +34,8 @@ Daylight daylight(const SunArc& arc);
 /// 1984), at the mean distance of the sun.
 double sun_illuminance(double elevation_sine);
 
-/// "48.1,11.6,06-21". Throws Error (argument), beginning with `what`, where that is no place and
-/// day.
+/// Of degrees and a date, "06-21". Throws Error (argument), beginning with `what`, where those are no
+/// place and no day.
 SunArc parse_arc(const std::string& what, double latitude, double longitude,
                  const std::string& date);
 

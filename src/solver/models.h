@@ -45,7 +45,7 @@ inline constexpr double geometry_patch = 5e-7;
 inline constexpr double links_cell = 15e-6; ///< as validity_cell
 inline constexpr double inject = 0.01;
 inline constexpr double inject_patch = 1.3e-5; ///< that is lit; of 2026-11-29 (d0ef345)
-inline constexpr double propagate_layer = 1.4; ///< of a layer, of the propagation of all light
+inline constexpr double propagate_layer = 1.6; ///< of a layer, of the propagation of all light
 inline constexpr double sweep_layer = 0.9;     ///< of a layer, of the sweep of all light
 inline constexpr double propagate = 0.02;
 

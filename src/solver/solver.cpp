@@ -11,7 +11,8 @@ const Parameter* find_parameter(const SolverKind& kind, std::string_view name) {
     return found == kind.parameters.end() ? nullptr : &*found;
 }
 
-void Solver::solve_at(std::span<const glm::vec3>, const Inputs&, Stages&, Volume&) {
+void Solver::solve_at(std::span<const glm::vec3>, const Inputs&, Stages&, Volume&,
+                      std::span<Volume>) {
     throw Error(ErrorKind::failure, "the solver knows cells of grids alone");
 }
 

@@ -107,10 +107,10 @@ public:
     virtual void solve_layers(const Inputs& inputs, Stages& stages, Volume& volume,
                               std::span<Volume> layers);
     /// The same, but for the validity, which is there, at places (frame units) instead of the
-    /// grid's cells: the volume has a cell for each, in a row. Of a kind with SolverKind::at_places
-    /// alone.
+    /// grid's cells: the volume has a cell for each, in a row, and so has that of each layer, if
+    /// there are any. Of a kind with SolverKind::at_places alone.
     virtual void solve_at(std::span<const glm::vec3> places, const Inputs& inputs, Stages& stages,
-                          Volume& volume);
+                          Volume& volume, std::span<Volume> layers);
     /// The same at the places of blocks, of one step: the volume has a cell for each that is
     /// solved, in a row, and each stands in one block.
     virtual void solve_blocks(std::span<const Block> blocks, const Inputs& inputs, Stages& stages,

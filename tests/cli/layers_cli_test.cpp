@@ -378,6 +378,9 @@ TEST_F(LayersCli, OfVolumesAreVolumesAndTurnWithThem) {
     EXPECT_EQ(json::parse(slurp(folder_ / "a.layers.json"))["file"], "a.volumes.json");
     ASSERT_EQ(run("mix a.vdb -o same.vdb").status, 0);
     ASSERT_EQ(run("mix a.volumes.json sky=sky.pfm -o modes.vdb").status, 0);
+    for (const char* output : {"a.vdb", "a.exr", "a_layer_sky.vdb"})
+        expect_one_error(run(std::string("mix a.volumes.json -o ") + output), output,
+                         ExitCode::usage, "would replace the input");
     ASSERT_EQ(run(to + "-o b.vdb --layers transfer").status, 0);
     ASSERT_EQ(run("mix b.volumes.json sky=sky.pfm -o any.vdb").status, 0);
     for (const char* name : {"low", "high"}) {
@@ -443,6 +446,49 @@ TEST_F(LayersCli, SunsOfADayMakeTheSunOfATime) {
     EXPECT_GT(json::parse(baked.out)["suns_held_out"]["mean"], 0.01);
 }
 
+TEST_F(LayersCli, OfPointsAreFilesOfPoints) {
+    spill(folder_ / "at.json", R"({"points": [[0, 1, 0.5], [0.5, 0.5, 0.5], [0, 1, 0.5]],
+                                   "normals": [[0, 1, 0], [0, 0, 1], [0, 1, 0]]})");
+    const std::string to = "bake \"$ROOM\" --quality fast -q --at at.json --sky '#ffffff,5' ";
+    ASSERT_EQ(run(to + "-o plain.json").status, 0);
+    const std::string layered = to + "-o a.json --layers lights,emitters,transfer:0 ";
+    const json plan = json::parse(run(layered + "--dry-run --format json").out);
+    ASSERT_EQ(run(layered).status, 0);
+    ASSERT_EQ(plan["outputs"][0]["files"].size(), 7u); // all, lamps, sky, two of it, and the list
+    for (const json& file : plan["outputs"][0]["files"])
+        EXPECT_TRUE(exists(file["path"])) << file;
+    const auto points_of = [&](const std::string& name) {
+        return json::parse(slurp(folder_ / name))["points"];
+    };
+    const json all = points_of("a.json");
+    EXPECT_EQ(all, points_of("plain.json"));
+    double largest = 0.0, off = 0.0, irradiance_off = 0.0;
+    for (std::size_t i = 0; i < all.size(); ++i)
+        for (int c = 0; c < 3; ++c) {
+            std::vector<double> sums(all[i]["sh"].size(), 0.0);
+            double irradiance = 0.0;
+            for (const char* layer : {"bulb", "lamp", "sky"}) {
+                const json one = points_of(std::string("a_layer_") + layer + ".json")[i];
+                irradiance += double(one["irradiance"][c]);
+                for (std::size_t k = 0; k < sums.size(); ++k)
+                    sums[k] += double(one["sh"][k][c]);
+            }
+            for (std::size_t k = 0; k < sums.size(); ++k) {
+                off = std::max(off, std::abs(sums[k] - double(all[i]["sh"][k][c])));
+                largest = std::max(largest, std::abs(double(all[i]["sh"][k][c])));
+            }
+            irradiance_off =
+                std::max(irradiance_off, std::abs(irradiance - double(all[i]["irradiance"][c])));
+        }
+    EXPECT_GT(largest, 1.0);
+    EXPECT_LT(off, 1e-5 * largest);
+    EXPECT_LT(irradiance_off, 1e-4 * largest);
+    EXPECT_EQ(points_of("a_layer_bulb.json")[0], points_of("a_layer_bulb.json")[2]);
+    // A layer that is gone leaves no file.
+    ASSERT_EQ(run(to + "-o a.json --layers lights").status, 0);
+    EXPECT_FALSE(exists("a_layer_lamp.json"));
+}
+
 TEST_F(LayersCli, OfPropagationSumUpToo) {
     const std::string bake =
         "bake \"$ROOM\" --resolution 16 --solver lpv --bounces inf -q -o a.exr "
@@ -506,6 +552,16 @@ TEST_F(LayersCli, WhatCannotBeIsRefusedByName) {
     expect_one_error(run("mix a.vdb bulb=1 -o a_layer_bulb.vdb"), "mix", ExitCode::usage,
                      "would replace the input");
     expect_one_error(run("mix a.vdb bulb=1"), "mix", ExitCode::usage, "-o FILE");
+    // Another layer, or another list, in the place of one.
+    EXPECT_EQ(bake("-o a.vdb --layers lights --if-changed").out.substr(0, 9), "unchanged");
+    std::filesystem::copy_file(folder_ / "a_layer_rest.vdb", folder_ / "a_layer_bulb.vdb",
+                               std::filesystem::copy_options::overwrite_existing);
+    expect_one_error(run("mix a.vdb -o b.vdb"), "mix", ExitCode::invalid, "of another bake");
+    EXPECT_NE(bake("-o a.vdb --layers lights --if-changed").out.substr(0, 9), "unchanged");
+    json fewer = json::parse(slurp(folder_ / "a.layers.json"));
+    fewer["layers"].erase(1);
+    spill(folder_ / "a.layers.json", fewer.dump());
+    EXPECT_NE(bake("-o a.vdb --layers lights --if-changed").out.substr(0, 9), "unchanged");
     ASSERT_EQ(bake("-o plain.vdb").status, 0);
     expect_one_error(run("mix plain.vdb bulb=1 -o b.vdb"), "mix", ExitCode::file, "--layers");
     // A layer of another bake, and a damaged manifest.

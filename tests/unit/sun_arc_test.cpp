@@ -90,6 +90,19 @@ TEST(SunArc, WeightsMakeTheSunOfATime) {
     const std::vector<double> between = scene::key_weights(arc, hours, 0.5 * (hours[4] + hours[5]));
     EXPECT_NEAR(between[4] * lux_at(hours[4]), between[5] * lux_at(hours[5]), 1e-6);
     EXPECT_GT(between[4], 0.0);
+
+    // Where it does not set, the last and the first are beside each other.
+    const SunArc north{85.0, 0.0, 6, 21};
+    const std::vector<double> round = scene::key_hours(north, 6);
+    for (const double hour : {0.0, 24.0}) {
+        const std::vector<double> midnight = scene::key_weights(north, round, hour);
+        for (const std::size_t i : {std::size_t(0), std::size_t(5)}) {
+            const double own = scene::sun_illuminance(scene::towards_sun(north, round[i]).y);
+            const double then = scene::sun_illuminance(scene::towards_sun(north, hour).y);
+            EXPECT_NEAR(midnight[i] * own, 3.0 * then, 1e-9 * then);
+        }
+        EXPECT_EQ(midnight[1], 0.0);
+    }
 }
 
 } // namespace

@@ -228,11 +228,12 @@ GatherReport GatherProgram::with_senders(const Senders& senders,
 template <class Run>
 GatherReport GatherProgram::with_packets(const Senders& senders,
                                          const visibility::Visibility& visibility, Volume& volume,
-                                         const Run& run) const {
-    return with_senders(senders, visibility, volume, {},
+                                         const Layers& layers, const Run& run) const {
+    return with_senders(senders, visibility, volume, layers,
                         [&](const Surroundings& world, GatherReport& report, Laps& laps) {
                             PacketSolver solver(device_, settings_.order, surfaces_, local_size_,
-                                                list_bytes_, world, volume, {}, report, laps);
+                                                list_bytes_, world, volume, layers.volumes, report,
+                                                laps);
                             run(world, solver, report, laps);
                         });
 }
@@ -253,11 +254,11 @@ GatherReport GatherProgram::gather(const surface::LitSurfaces& surfaces, const S
 GatherReport GatherProgram::gather_at(std::span<const glm::vec3> places,
                                       const surface::LitSurfaces& surfaces, const Sky& sky,
                                       const visibility::Visibility& visibility, Volume& volume,
-                                      Progress& progress) const {
+                                      Progress& progress, const Layers& layers) const {
     return with_packets(
-        senders(surfaces, sky, visibility), visibility, volume,
+        senders(surfaces, sky, visibility, 0.0f, layers.light), visibility, volume, layers,
         [&](const Surroundings& world, PacketSolver& solver, GatherReport& report, Laps& laps) {
-            solve_places(places, world, solver, volume, progress, report, laps);
+            solve_places(places, world, solver, volume, layers.volumes, progress, report, laps);
         });
 }
 
@@ -267,7 +268,7 @@ GatherReport GatherProgram::gather_blocks(std::span<const Block> blocks,
                                           const visibility::Visibility& visibility, Volume& volume,
                                           Progress& progress) const {
     return with_packets(
-        senders, visibility, volume,
+        senders, visibility, volume, {},
         [&](const Surroundings& world, PacketSolver& solver, GatherReport& report, Laps& laps) {
             solve_blocks(blocks, surfaces.patches, world, solver, progress, report, laps);
         });

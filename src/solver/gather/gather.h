@@ -93,7 +93,7 @@ public:
     /// light depends, within the error, on which others there are, and never on their order.
     GatherReport gather_at(std::span<const glm::vec3> places, const surface::LitSurfaces& surfaces,
                            const Sky& sky, const visibility::Visibility& visibility, Volume& volume,
-                           Progress& progress) const;
+                           Progress& progress, const Layers& layers = {}) const;
 
     /// The same of the cells of blocks, which share what they see as a grid's do; the volume has a
     /// cell for each that is solved, in a row. The senders are of the surfaces.
@@ -112,7 +112,7 @@ private:
                               Volume& volume, const Layers& layers, const Run& run) const;
     template <class Run>
     GatherReport with_packets(const Senders& senders, const visibility::Visibility& visibility,
-                              Volume& volume, const Run& run) const;
+                              Volume& volume, const Layers& layers, const Run& run) const;
 
     const gpu::Device& device_;
     GatherSettings settings_;

@@ -142,10 +142,10 @@ public:
     }
 
     void solve_at(std::span<const glm::vec3> places, const Inputs& inputs, Stages& stages,
-                  Volume& volume) override {
+                  Volume& volume, std::span<Volume> layers) override {
         stages.begin("gather");
         end(program_.get().gather_at(places, *inputs.lit, inputs.scene.sky, inputs.visibility,
-                                     volume, stages.progress()),
+                                     volume, stages.progress(), {inputs.layers, layers}),
             "point", stages);
     }
 

@@ -71,11 +71,12 @@ using Bits = std::vector<uint64_t>;
 class Solving {
 public:
     Solving(std::span<const glm::vec3> places, const Surroundings& world, PacketSolver& solver,
-            Volume& volume, GatherReport& report, Laps& laps)
+            Volume& volume, std::span<Volume> layers, GatherReport& report, Laps& laps)
         : places_(places),
           world_(world),
           solver_(solver),
           volume_(volume),
+          layers_(layers),
           report_(report),
           laps_(laps) {}
 
@@ -88,12 +89,18 @@ public:
             const std::vector<Part> parts = next_parts(left);
             solve(parts, [&] { progress.advance(order.size() - left.size()); });
         }
-        for (const auto [place, first] : same)
-            for (std::vector<glm::vec3>& coefficient : volume_.sh)
-                coefficient[place] = coefficient[first];
+        copy(same, volume_);
+        for (Volume& layer : layers_)
+            copy(same, layer);
     }
 
 private:
+    static void copy(const std::vector<Same>& same, Volume& volume) {
+        for (const auto [place, first] : same)
+            for (std::vector<glm::vec3>& coefficient : volume.sh)
+                coefficient[place] = coefficient[first];
+    }
+
     /// Takes zones from those that are left: as many as one chunk of packets may have, whole; or a
     /// part of one that has more.
     std::vector<Part> next_parts(std::span<const Sorted>& left) {
@@ -175,6 +182,7 @@ private:
     const Surroundings& world_;
     PacketSolver& solver_;
     Volume& volume_;
+    std::span<Volume> layers_;
     GatherReport& report_;
     Laps& laps_;
     size_t zone_left_ = 0; ///< places of the first zone of those that are left
@@ -184,9 +192,9 @@ private:
 } // namespace
 
 void solve_places(std::span<const glm::vec3> places, const Surroundings& world,
-                  PacketSolver& solver, Volume& volume, Progress& progress, GatherReport& report,
-                  Laps& laps) {
-    Solving(places, world, solver, volume, report, laps).run(progress);
+                  PacketSolver& solver, Volume& volume, std::span<Volume> layers,
+                  Progress& progress, GatherReport& report, Laps& laps) {
+    Solving(places, world, solver, volume, layers, report, laps).run(progress);
 }
 
 } // namespace lpvbake::solver::gather
