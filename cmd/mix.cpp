@@ -318,9 +318,8 @@ std::string manifest_of(const std::string& file) {
     return io::is_layer_manifest(file) ? file : io::layer_manifest_path(file);
 }
 
-/// Throws Error (argument) where an output would replace an input. Returns the inputs.
-std::vector<std::string> check_outputs(const MixOptions& o, const std::string& manifest,
-                                       const io::LayerSet& set) {
+/// All files that are read, and the manifests that list them.
+std::vector<std::string> inputs_of(const std::string& manifest, const io::LayerSet& set) {
     std::vector<std::string> inputs{manifest}, files{set.file};
     for (const io::LayerEntry& layer : set.layers)
         files.push_back(layer.file);
@@ -329,9 +328,6 @@ std::vector<std::string> check_outputs(const MixOptions& o, const std::string& m
         if (io::is_manifest(file))
             std::ranges::move(io::level_files(file), std::back_inserter(inputs));
     }
-    check_files({}, inputs, o.outputs.paths);
-    if (io::is_manifest(set.file))
-        check_level_outputs(o.outputs.paths, inputs);
     return inputs;
 }
 
@@ -353,11 +349,12 @@ void run(const MixOptions& o) {
                                              + "); bake it with --layers");
         throw;
     }
-    const std::vector<std::string> inputs = check_outputs(o, manifest, set);
+    const std::vector<std::string> inputs = inputs_of(manifest, set);
+    check_files({}, inputs, o.outputs.paths);
     TerminalProgress progress(ProgressStyle::none);
     set_weights(o, progress, mixture);
     volume::VolumeSet mixed = mix(manifest, mixture);
-    if (!mixed.places.empty())
+    if (io::is_manifest(set.file))
         check_level_outputs(o.outputs.paths, inputs, mixed.places);
     if (o.sky_occlusion)
         add_sky_occlusion(o, manifest, mixture, mixed);
