@@ -68,7 +68,10 @@ struct Attempt {
     bake::Choice choice;
     volume::VolumeSet set; ///< mostly of one level
     std::optional<report::Verified> verified;
-    std::vector<volume::VolumeSet> layers;
+    LayerSets layers;
+
+    /// What the layers are the light of.
+    volume::VolumeSet& layered() { return layers.whole ? *layers.whole : set; }
 };
 
 /// Fills cells inside geometry; of layers by the walls of all light. Returns how many.
@@ -79,15 +82,17 @@ std::size_t dilate(int rings, Attempt& made) {
         volume.metadata["dilate"] = std::to_string(rings);
         return cells;
     };
-    for (std::size_t i = 0; i < made.set.levels.size(); ++i) {
-        Volume& level = made.set.levels[i];
+    for (Volume& level : made.set.levels)
         filled += fill(level);
-        for (volume::VolumeSet& layer : made.layers) {
-            layer.levels[i].walls.swap(level.walls);
+    if (made.layers.whole)
+        std::ranges::for_each(made.layers.whole->levels, fill);
+    for (volume::VolumeSet& layer : made.layers.sets)
+        for (std::size_t i = 0; i < layer.levels.size(); ++i) {
+            std::vector<std::vector<glm::vec3>>& walls = made.layered().levels[i].walls;
+            layer.levels[i].walls.swap(walls);
             fill(layer.levels[i]);
-            layer.levels[i].walls.swap(level.walls);
+            layer.levels[i].walls.swap(walls);
         }
-    }
     return filled;
 }
 
@@ -100,10 +105,14 @@ Attempt attempt(const BakeOptions& o, const Scene& scene, bake::Choice choice,
     run.warn(baked.warnings);
     made.set.levels = std::move(baked.levels);
     made.set.places = places_of(made.choice.plan.settings.volumes);
-    made.layers = sets_of(made.set, std::move(baked.layers));
+    if (baked.layers_whole) {
+        made.layers.whole.emplace();
+        made.layers.whole->levels.push_back(std::move(*baked.layers_whole));
+    }
+    made.layers.sets = sets_of(made.layered(), std::move(baked.layers));
     if (!made.set.places.empty()) {
         volume::order_by_priority(made.set);
-        std::ranges::for_each(made.layers, volume::order_by_priority);
+        std::ranges::for_each(made.layers.sets, volume::order_by_priority);
     }
     if (o.fit.dilate > 0) {
         run.begin_stage();
@@ -326,15 +335,18 @@ void run_bake(BakeOptions o, const options::Options& options) {
     if (storage)
         all.metadata["storage"] = storage->text;
     fill_metadata(o, scene, origin, all);
-    for (Volume& level : made.set.levels) {
+    const auto describe = [&](Volume& level) {
         level.metadata.insert(all.metadata.begin(), all.metadata.end());
         add_light(scene, level);
         if (!base.layers.empty())
             level.metadata["layers"] = io::text_of(entries_of(base.layers, ""));
-    }
+    };
+    std::ranges::for_each(made.set.levels, describe);
+    if (made.layers.whole)
+        std::ranges::for_each(made.layers.whole->levels, describe);
     const std::optional<bake::HeldOut> suns =
-        held_out(base.layers, made.layers, made.set.levels.front().validity);
-    for (volume::VolumeSet& layer : made.layers)
+        held_out(base.layers, made.layers.sets, made.layered().levels.front().validity);
+    for (volume::VolumeSet& layer : made.layers.sets)
         for (Volume& level : layer.levels)
             level.metadata.insert(all.metadata.begin(), all.metadata.end());
 

@@ -368,6 +368,13 @@ void add_layers_option(options::Options& options, BakeOptions& o) {
             "with commas, or repeated; see below")
         .exclude({"adaptive", "bytes", "rsm-samples", "direct"})
         .record(options::Recorded::if_changed);
+    options
+        .number("--layers-level", o.layers_level, 0, bake::most_layers_level,
+                "Layers, and what lpvbake mix makes of them, have cells 2^N times as large as the "
+                "volume's: an eighth of the time and bytes for 1, a 64th for 2")
+        .need("layers")
+        .exclude({"at", "level", "levels", "volume", "volumes"})
+        .record(options::Recorded::if_changed);
 }
 
 void add_adjust_option(options::Options& options, BakeOptions& o) {
@@ -617,7 +624,7 @@ std::vector<bake::Layer> layers_of(const BakeOptions& o, const Scene& scene,
     if (!layers.empty())
         check_layer_outputs(o.outputs.paths, layers,
                             std::max<std::size_t>(settings.levels.size(), 1),
-                            places_of(settings.volumes), inputs_of(o, o));
+                            places_of(settings.volumes), inputs_of(o, o), o.layers_level > 0);
     const Precision precision = o.outputs.storage().precision;
     if (std::ranges::any_of(layers, [](const bake::Layer& layer) { return layer.unit == "nits"; })
         && precision != Precision::full && precision != Precision::half)
@@ -648,6 +655,7 @@ bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& read
     if (fits(o.outputs, o.fit))
         settings.fit = &reader;
     settings.dering = o.outputs.storage().dering;
+    settings.layers_level = o.layers_level;
     settings.isa = o.isa;
     settings.direct = o.direct.value_or(bake::DirectSettings());
     settings.direct.beams = o.beams;

@@ -60,6 +60,7 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::optional<glm::dvec2> adaptive; ///< finest and coarsest cells of bricks, metres
     std::optional<uint64_t> max_size;   ///< of bricks, bytes
     std::vector<std::vector<bake::LayerWish>> layers;
+    int layers_level = 0;
     bool if_changed = false;
     std::string cache; ///< folder; empty: nothing is kept
     uint64_t cache_bytes = io::CacheFolder::usual_bytes;

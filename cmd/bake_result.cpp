@@ -58,6 +58,8 @@ report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
     }
     if (const auto& layers = choice.plan.settings.layers; !layers.empty())
         document["layers"] = report::Json::parse(io::text_of(entries_of(layers, "")));
+    if (const auto& own = choice.plan.layers_grid)
+        document["layers_grid"] = report::grid_json(*own);
     if (const auto& bricks = choice.plan.bricks) {
         for (int level = 0; level < bricks->levels.count; ++level)
             document["levels"].push_back(report::grid_json(bricks->levels.lattice(level)));
@@ -194,6 +196,8 @@ std::vector<Written> planned_outputs(const BakeOptions& o, const bake::BakePlan&
         };
         add_set(path, bake::grids_of(plan));
         const std::vector<bake::Layer>& layers = plan.settings.layers;
+        if (plan.layers_grid)
+            add_set(io::layers_whole_path(path), bake::grids_of(plan));
         for (const bake::Layer& layer : layers)
             add_set(io::layer_path(path, layer.name), bake::grids_of(plan, layer));
         if (!layers.empty())

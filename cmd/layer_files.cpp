@@ -134,7 +134,7 @@ std::optional<bake::HeldOut> held_out(std::span<const bake::Layer> layers,
 
 void check_layer_outputs(const std::vector<std::string>& paths, std::span<const bake::Layer> layers,
                          std::size_t levels, const std::vector<volume::Place>& places,
-                         const std::vector<std::string>& inputs) {
+                         const std::vector<std::string>& inputs, bool own_grid) {
     std::vector<std::string> all, manifests;
     for (const std::string& path : paths) {
         if (io::volume_format(path) == &io::glb_format)
@@ -142,6 +142,8 @@ void check_layer_outputs(const std::vector<std::string>& paths, std::span<const 
                                                  + ": a .glb has room for one light volume, not "
                                                    "for layers; write another kind of file");
         std::vector<std::string> sets{path};
+        if (own_grid)
+            sets.push_back(io::layers_whole_path(path));
         for (const bake::Layer& layer : layers)
             sets.push_back(io::layer_path(path, layer.name));
         for (const std::string& set : sets)
@@ -158,8 +160,9 @@ void check_layer_outputs(const std::vector<std::string>& paths, std::span<const 
 
 std::vector<Written> write_layers(const OutputOptions& o, const std::vector<std::string>& paths,
                                   volume::VolumeSet& set, std::span<const bake::Layer> layers,
-                                  std::vector<volume::VolumeSet>& sets,
-                                  TerminalProgress& progress) {
+                                  LayerSets& made, TerminalProgress& progress) {
+    std::vector<volume::VolumeSet>& sets = made.sets;
+    const volume::VolumeSet& around = made.whole ? *made.whole : set;
     const std::size_t levels = set.levels.size();
     const bool placed = !set.places.empty();
     std::vector<Written> written;
@@ -174,13 +177,18 @@ std::vector<Written> write_layers(const OutputOptions& o, const std::vector<std:
         io::PublishTogether together; // the old layers or the new ones, the manifest last
         volume::VolumeSet whole = set;
         own.packing = write(path, whole);
+        const std::string all = made.whole ? io::layers_whole_path(path) : path;
+        if (made.whole) {
+            whole = *made.whole;
+            write(all, whole);
+        }
         for (std::size_t i = 0; i < sets.size(); ++i) {
             volume::VolumeSet layer = last ? std::move(sets[i]) : sets[i];
             for (std::size_t level = 0; level < levels; ++level)
-                layer.levels[level].walls = set.levels[level].walls;
+                layer.levels[level].walls = around.levels[level].walls;
             write(io::layer_path(path, layers[i].name), layer);
         }
-        own.files.push_back(io::write_layer_manifest(path, io::set_path(path, levels, placed),
+        own.files.push_back(io::write_layer_manifest(path, io::set_path(all, levels, placed),
                                                      entries_of(layers, path, levels, placed),
                                                      own.files));
         together.publish();

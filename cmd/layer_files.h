@@ -35,13 +35,19 @@ std::optional<bake::HeldOut> held_out(std::span<const bake::Layer> layers,
 /// levels or of these places, would be each other's or an input.
 void check_layer_outputs(const std::vector<std::string>& paths, std::span<const bake::Layer> layers,
                          std::size_t levels, const std::vector<volume::Place>& places,
-                         const std::vector<std::string>& inputs);
+                         const std::vector<std::string>& inputs, bool own_grid);
+
+/// Layers of a set, and all light in their cells where those are not the set's.
+struct LayerSets {
+    std::vector<volume::VolumeSet> sets;
+    std::optional<volume::VolumeSet> whole;
+};
 
 /// Writes the set, its layers and a manifest to all paths, together, as write_levels; layers get
 /// the walls of all light. All grids are gone then.
 std::vector<Written> write_layers(const OutputOptions& o, const std::vector<std::string>& paths,
                                   volume::VolumeSet& set, std::span<const bake::Layer> layers,
-                                  std::vector<volume::VolumeSet>& sets, TerminalProgress& progress);
+                                  LayerSets& made, TerminalProgress& progress);
 
 /// The same of the light at points.
 std::vector<Written> write_layers(const std::vector<std::string>& paths, volume::LitPoints& lit,

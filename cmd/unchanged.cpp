@@ -59,6 +59,10 @@ void check_output(const BakeOptions& o, const std::string& path, const std::stri
         const auto listed = all.levels.front().metadata.find("layers");
         if (listed == all.levels.front().metadata.end() || listed->second != io::text_of(layers))
             throw Error(ErrorKind::invalid, manifest + ": lists other layers");
+        if (o.layers_level > 0) {
+            const std::string whole = io::layers_whole_path(path);
+            check_set(o, whole, whole, hash);
+        }
         for (const io::LayerEntry& layer : layers) {
             const std::string set = io::layer_path(path, layer.name);
             for (const Volume& level : check_set(o, set, file_of(set), hash).levels)

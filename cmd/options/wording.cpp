@@ -29,6 +29,7 @@ constexpr Wording table[] = {
     {"`isa`", "--isa"},
     {"`iterations`", "--iterations"},
     {"`layers`", "--layers"},
+    {"`layers_level`", "--layers-level"},
     {"`level`", "--level"},
     {"`levels`", "--levels"},
     {"`lights_only`", "--lights-only"},

@@ -200,15 +200,15 @@ struct TurnedScene {
 
 /// In which order grids are solved: of coupled ones the outermost first; else those of one turn one
 /// after the other.
-std::vector<std::size_t> order_of(const std::vector<Grid>& grids, bool coupled) {
+std::vector<std::size_t> order_of(const std::vector<Solved>& grids, bool coupled) {
     std::vector<std::size_t> order(grids.size());
     std::iota(order.begin(), order.end(), std::size_t(0));
     if (coupled)
         std::ranges::reverse(order);
     else
         std::ranges::stable_sort(order, {}, [&](std::size_t i) {
-            const glm::dquat& turn = grids[i].turn;
-            return std::tuple(grids[i].is_turned(), turn.x, turn.y, turn.z, turn.w);
+            const glm::dquat& turn = grids[i].grid.turn;
+            return std::tuple(grids[i].grid.is_turned(), turn.x, turn.y, turn.z, turn.w);
         });
     return order;
 }
@@ -222,13 +222,13 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
     solver::Stages stages(progress, baked.warnings, scene.path, plan.settings.cache);
 
     const solver::SolverKind& kind = plan.settings.solver.kind();
-    const std::vector<Grid> grids = grids_in(plan);
-    warn_of_empty(plan.settings.adjust, grids, stages);
-    const bool coupled = kind.nesting == solver::Nesting::coupled && grids.size() > 1;
+    warn_of_empty(plan.settings.adjust, grids_in(plan), stages);
+    const std::vector<Solved> grids = solved_in(plan);
+    const bool coupled = kind.nesting == solver::Nesting::coupled && !plan.coarser.empty();
     const std::vector<std::size_t> order = order_of(grids, coupled);
     std::vector<std::unique_ptr<solver::Solver>> solvers(grids.size());
     const auto make = [&](std::size_t l) {
-        solvers[l] = kind.make(device, grids[l], plan.settings.solver);
+        solvers[l] = kind.make(device, grids[l].grid, plan.settings.solver);
     };
     // It is compiled while surfaces are lit; what each has on the device is there one at a time.
     for (const std::size_t l : order)
@@ -243,28 +243,29 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
     std::optional<Surfaces> unmoved;
     if (!plan.settings.volumes.empty())
         unmoved = surfaces;
-    const solver::Inputs whole{scene,      device, grids.front(), plan.frame,
-                               visibility, lit,    plan.maps,     plan.settings.adjust};
+    const solver::Inputs whole{scene,      device, plan.grid, plan.frame,
+                               visibility, lit,    plan.maps, plan.settings.adjust};
     std::unique_ptr<TurnedScene> turned; // that of the box before
 
     baked.levels.resize(grids.size());
     baked.layers.resize(grids.size());
     for (const std::size_t l : order) {
+        const Grid& grid = grids[l].grid;
         if (!solvers[l])
             make(l);
-        if (grids[l].is_turned() && !(turned && turned->turn == grids[l].turn)) {
+        if (grid.is_turned() && !(turned && turned->turn == grid.turn)) {
             stages.set_of("");
             stages.begin("turn");
             turned.reset();
-            turned = std::make_unique<TurnedScene>(world, plan, grids[l].turn);
+            turned = std::make_unique<TurnedScene>(world, plan, grid.turn);
             stages.end("the scene into a box's axes");
         }
         if (const std::string of = of_level(l, plan); !of.empty())
             stages.set_of(of);
-        const Level level(grids[l].is_turned() ? turned->axes : world, grids[l], plan.frame);
+        const Level level(grid.is_turned() ? turned->axes : world, grid, plan.frame);
         if (unmoved)
             surfaces = *unmoved;
-        if (grids[l].is_turned())
+        if (grid.is_turned())
             surfaces.lit = surface::turned(std::move(surfaces.lit), glm::mat3(turned->back()),
                                            turned->visibility);
         if (!coupled)
@@ -279,10 +280,10 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
             inputs.around = std::span(solvers).subspan(l + 1);
         }
         std::vector<Volume>& layers = baked.layers[l];
-        layers.resize(level.axes.layers.size());
+        layers.resize(grids[l].layers);
         for (Volume& layer : layers)
             layer.grid = level.upright;
-        inputs.layers = level.axes.layers;
+        inputs.layers = std::span(level.axes.layers).first(layers.size());
         inputs.cache = level.cache(plan);
         if (layers.empty())
             solvers[l]->solve(inputs, stages, volume);
@@ -293,6 +294,11 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
         finish_level(scene, plan, device, level, surfaces, stages, volume);
         for (std::size_t layer = 0; layer < layers.size(); ++layer)
             finish_layer(plan, plan.settings.layers[layer], volume, layers[layer]);
+    }
+    if (plan.layers_grid) {
+        baked.layers_whole = std::move(baked.levels.back());
+        baked.levels.pop_back();
+        baked.layers.erase(baked.layers.begin(), baked.layers.end() - 1);
     }
     warn_of_dark(scene, baked.levels, stages);
     baked.stages = stages.reports();

@@ -17,8 +17,10 @@ namespace lpvbake::bake {
 
 struct BakedLevels {
     std::vector<Volume> levels; ///< as grids_in has them
-    /// Of each level BakeSettings::layers; walls are those of the level.
+    /// Of each level BakeSettings::layers; walls are those of the level. Where they have a grid of
+    /// their own they are of that alone, and this is all light in it.
     std::vector<std::vector<Volume>> layers;
+    std::optional<Volume> layers_whole = {};
     std::vector<StageReport> stages;
     std::vector<std::string> warnings; ///< a line each
 };

@@ -46,11 +46,12 @@ void warn_of_empty_bounds(const SceneFacts& scene, std::vector<std::string>& war
 /// The largest resolution at which the same box fits the device.
 int largest_resolution(const Bounds& box, const BakeSettings& settings, uint64_t memory) {
     const solver::SolverSettings& solver = settings.solver;
+    const std::size_t layers = settings.layers_level > 0 ? 0 : settings.layers.size();
     int fits = 0;
     for (int low = 3, high = 2048; low <= high;) {
         const int middle = (low + high) / 2;
         const Grid grid = volume::fit_grid(box.lo, box.hi, {middle, 0.0, settings.grid.margin});
-        if (solver.kind().device_bytes(grid, solver, settings.layers.size()) <= memory) {
+        if (solver.kind().device_bytes(grid, solver, layers) <= memory) {
             fits = middle;
             low = middle + 1;
         } else {
@@ -165,6 +166,21 @@ void warn_of_boxes_apart(const SceneFacts& scene, BakePlan& plan) {
                                                           + " does not meet the scene's surfaces"));
 }
 
+/// Throws Error (argument) where there is nothing left of the grid.
+Grid layers_grid(const Grid& grid, int level) {
+    Grid coarse = grid;
+    const int times = 1 << level;
+    coarse.cell *= times;
+    coarse.dims = (grid.dims + times - 1) / times;
+    if (std::max({coarse.dims.x, coarse.dims.y, coarse.dims.z}) < 3)
+        throw Error(ErrorKind::argument,
+                    format("`layers_level` %d: %s leaves the layers one of %d x %d x %d; use a "
+                           "lower one",
+                           level, dims_text(grid.dims).c_str(), coarse.dims.x, coarse.dims.y,
+                           coarse.dims.z));
+    return coarse;
+}
+
 void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan) {
     const BakeSettings& settings = plan.settings;
     const solver::SolverSettings& solver = settings.solver;
@@ -188,15 +204,20 @@ void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan)
         plan.grid = volume::fit_grid(box.lo, box.hi, settings.grid);
         plan.frame = scene::frame_of(plan.grid);
     }
-    for (const Grid& grid : grids_in(plan)) {
-        plan.device_bytes = std::max(
-            plan.device_bytes, solver.kind().device_bytes(grid, solver, settings.layers.size()));
-        if (plan.device_bytes > device.memory && several)
+    if (settings.layers_level > 0)
+        plan.layers_grid = layers_grid(plan.grid, settings.layers_level);
+    for (const auto& [grid, layers] : solved_in(plan)) {
+        plan.device_bytes =
+            std::max(plan.device_bytes, solver.kind().device_bytes(grid, solver, layers));
+        const bool of_layers = layers > 0 && plan.layers_grid;
+        if (plan.device_bytes > device.memory && (several || of_layers))
             throw Error(ErrorKind::memory,
                         dims_text(grid.dims)
                             + format(" needs %.1f GiB of %s's %.1f GiB; %s",
                                      double(plan.device_bytes) / 0x1p30, device.name.c_str(),
-                                     double(device.memory) / 0x1p30, less_of_levels(settings)));
+                                     double(device.memory) / 0x1p30,
+                                     of_layers ? "give the layers a higher `layers_level`"
+                                               : less_of_levels(settings)));
     }
     if (plan.device_bytes > device.memory)
         throw Error(ErrorKind::memory,
@@ -430,7 +451,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     const surface::PatchCount surfaces =
         surface::count_patches(scene.surfaces, plan.frame, 1.0f, scene.cuts.get());
     const double patches = surfaces.patches;
-    const std::vector<Grid> grids = grids_in(plan);
+    const std::vector<Solved> grids = solved_in(plan);
     plan_light(scene, plan);
     plan.stages.push_back({"visibility", seconds::visibility_triangle * double(plan.triangles),
                            counted(plan.triangles, "triangle")});
@@ -440,13 +461,13 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
         plan.stages.push_back(
             {"around", seconds::look_place * double(settings.points),
              format("%d rays from every point, to backs and to the sky", visibility::looks)});
-    uint64_t solver_bytes = 0, all_cells = 0;
+    uint64_t solver_bytes = 0, all_cells = 0, layered_cells = 0;
     for (std::size_t level = 0; level < grids.size(); ++level) {
-        const Grid& grid = grids[level];
-        solver::Cost cost = solver.kind().cost({grid, patches, plan.lit, plan.maps, places_of(plan),
-                                                plan.bricks.has_value(), device.type != "cpu",
-                                                settings.layers.size()},
-                                               solver);
+        const auto& [grid, layers] = grids[level];
+        solver::Cost cost =
+            solver.kind().cost({grid, patches, plan.lit, plan.maps, places_of(plan),
+                                plan.bricks.has_value(), device.type != "cpu", layers},
+                               solver);
         if (plan.bricks)
             cost.stages.push_back(
                 {"walls", seconds::brick_place * double(places_of(plan)),
@@ -470,6 +491,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                            ? solver_bytes + cost.host_bytes
                            : std::max(solver_bytes, cost.host_bytes);
         all_cells += grid.size();
+        layered_cells += layers > 0 ? grid.size() : 0;
     }
     if (!settings.fit && settings.points == 0)
         skip(plan, "fit", "the field is wanted, not a program's picture of it");
@@ -485,18 +507,19 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                        + solver::models::bytes::fixed + solver_bytes;
     if (plan.bricks)
         plan.bricks->other_bytes = plan.host_bytes;
-    plan.host_bytes += plan.bricks ? plan.bricks->expected
-                                         * (brick_bytes(solver.order())
-                                            + volume::brick_samples * sample_bytes(solver.order()))
-                       : settings.points > 0
-                           ? settings.points
-                                 * (volume::point_bytes(solver.order())
-                                    + settings.layers.size()
-                                          * (4 + 12 * uint64_t(volume::sh_count(solver.order()))))
-                           : all_cells
-                                 * (solver::models::bytes::cell
-                                    + 24 * uint64_t(volume::sh_count(solver.order()) + most_walls)
-                                    + layer_bytes(settings));
+    plan.host_bytes +=
+        plan.bricks ? plan.bricks->expected
+                          * (brick_bytes(solver.order())
+                             + volume::brick_samples * sample_bytes(solver.order()))
+        : settings.points > 0
+            ? settings.points
+                  * (volume::point_bytes(solver.order())
+                     + settings.layers.size()
+                           * (4 + 12 * uint64_t(volume::sh_count(solver.order()))))
+            : all_cells
+                      * (solver::models::bytes::cell
+                         + 24 * uint64_t(volume::sh_count(solver.order()) + most_walls))
+                  + layered_cells * layer_bytes(settings);
     check_host_memory(plan);
     return plan;
 }
@@ -504,6 +527,8 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
 std::string of_level(std::size_t level, const BakePlan& plan) {
     if (!plan.settings.volumes.empty())
         return "volume " + plan.settings.volumes[level].place.name + ": ";
+    if (plan.layers_grid && level > 0)
+        return "layers: ";
     return plan.coarser.empty() ? "" : format("level %zu: ", level);
 }
 
@@ -511,6 +536,16 @@ std::vector<Grid> grids_in(const BakePlan& plan) {
     std::vector<Grid> grids{plan.grid};
     grids.insert(grids.end(), plan.coarser.begin(), plan.coarser.end());
     return grids;
+}
+
+std::vector<Solved> solved_in(const BakePlan& plan) {
+    const std::size_t layers = plan.settings.layers.size();
+    std::vector<Solved> solved;
+    for (const Grid& grid : grids_in(plan))
+        solved.push_back({grid, plan.layers_grid ? 0 : layers});
+    if (plan.layers_grid)
+        solved.push_back({*plan.layers_grid, layers});
+    return solved;
 }
 
 Volume grids_of(const BakePlan& plan) {

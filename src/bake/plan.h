@@ -31,6 +31,7 @@ struct BakePlan {
     BakeSettings settings;           ///< its volumes in the order of grids_in
     Grid grid;                       ///< of several the finest
     std::vector<Grid> coarser;       ///< the levels around it, or volumes beside it; mostly none
+    std::optional<Grid> layers_grid; ///< of BakeSettings::layers_level; none: layers are in those
     std::optional<BrickPlan> bricks; ///< instead; the grid is all of the finest level
     scene::Frame frame;              ///< the grid's, with the boxes of the others
     int lights = 0;                  ///< punctual ones
@@ -54,6 +55,13 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
 
 /// The grid and those around it, finest first.
 std::vector<Grid> grids_in(const BakePlan& plan);
+
+/// What is solved: those, and last the layers' own grid where there is one.
+struct Solved {
+    Grid grid;
+    std::size_t layers; ///< all of them, or none
+};
+std::vector<Solved> solved_in(const BakePlan& plan);
 
 /// Begins what is told of one of several: "level 1: ", "volume hall: ".
 std::string of_level(std::size_t level, const BakePlan& plan);

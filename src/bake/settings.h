@@ -40,6 +40,8 @@ struct DirectSettings {
     bool any() const { return visibility || sh; }
 };
 
+inline constexpr int most_layers_level = 4;
+
 /// Defaults are those of the program: sn, order 2, all reflections.
 struct BakeSettings {
     BakeSettings() : BakeSettings(*solver_kinds().front()) {}
@@ -68,7 +70,8 @@ struct BakeSettings {
     /// Of the light, by a solver that has SolverKind::layers, in grids, levels or volumes of what
     /// is not fitted.
     std::vector<Layer> layers;
-    uint64_t points = 0; ///< that are given instead of the grid's cells (bake/points.h); 0: none
+    int layers_level = 0; ///< in cells 2^N times as large, of one grid; 0: in those of the volume
+    uint64_t points = 0;  ///< that are given instead of the grid's cells (bake/points.h); 0: none
     visibility::Isa isa = visibility::Isa::automatic; ///< that rays are traced with
     cache::Cache* cache = nullptr; ///< keeps what the next bake may need as well; null: nothing
 };

@@ -28,6 +28,10 @@ constexpr std::size_t most_entries = 1024;
 std::string named(const std::string& stem, const std::string& layer) {
     return stem + "_layer_" + layer;
 }
+/// The same of all light in their own cells.
+std::string whole(const std::string& stem) {
+    return stem + "_layers";
+}
 
 Json json_of(const LayerEntry& layer) {
     return {{"name", layer.name},
@@ -77,15 +81,20 @@ std::vector<std::string> files_of(const std::string& file) {
 /// written anew.
 std::vector<std::string> left_over(const std::string& manifest,
                                    const std::vector<WriteReport::File>& written) {
+    const std::string stem = manifest.substr(0, manifest.size() - std::string(end_of_name).size());
     std::vector<std::string> over;
+    const auto add = [&](const std::string& set, const std::string& ours) {
+        if (set_stem(set) == ours)
+            std::ranges::copy_if(
+                files_of(set), std::back_inserter(over), [&](const std::string& file) {
+                    return std::ranges::count(written, file, &WriteReport::File::path) == 0;
+                });
+    };
     try {
         const LayerSet former = read_layer_manifest(manifest);
+        add(former.file, whole(stem));
         for (const LayerEntry& layer : former.layers)
-            if (set_stem(layer.file) == named(set_stem(former.file), layer.name)) // is ours
-                std::ranges::copy_if(
-                    files_of(layer.file), std::back_inserter(over), [&](const std::string& file) {
-                        return std::ranges::count(written, file, &WriteReport::File::path) == 0;
-                    });
+            add(layer.file, named(stem, layer.name));
     } catch (const Error&) { // it is replaced whatever it holds
     }
     return over;
@@ -96,6 +105,11 @@ std::vector<std::string> left_over(const std::string& manifest,
 std::string layer_path(const std::string& path, const std::string& name) {
     const std::string stem = set_stem(path);
     return named(stem, name) + path.substr(stem.size());
+}
+
+std::string layers_whole_path(const std::string& path) {
+    const std::string stem = set_stem(path);
+    return whole(stem) + path.substr(stem.size());
 }
 
 std::string layer_manifest_path(const std::string& path) {

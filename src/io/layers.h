@@ -1,11 +1,13 @@
 // Files of layers of light: a volume of each beside that of all light, and a manifest.
 //
 // STEM.EXTENSION holds all light, STEM_layer_NAME.EXTENSION a layer; of levels and of places there
-// are sets of files by these names (io/levels.h), and of points files of them. STEM.layers.json:
+// are sets of files by these names (io/levels.h), and of points files of them. Where layers have
+// larger cells, STEM_layers.EXTENSION holds all light in those. STEM.layers.json:
 //
 //     {"format": "lpvbake layers", "version": 1,
-//      "file": of the volume of all light, beside the manifest, or the manifest of its set,
-//      "layers": [{"name", "kind": "light", "emitter", "group", "sun", "sky", "rest", "mode",
+//      "file": of the volume of all light in the same cells, beside the manifest, or the manifest
+//      of its set, "layers": [{"name", "kind": "light", "emitter", "group", "sun", "sky", "rest",
+//      "mode",
 //                  "visibility" (of order 4, whatever that of all light is) or "bounce",
 //                  "unit": what weight 1 is: "scene": as the scene has it; "nits",
 //                  "weight": [r, g, b]: the sum with these is all light,
@@ -48,6 +50,8 @@ struct LayerSet {
 };
 
 std::string layer_path(const std::string& path, const std::string& name);
+/// Of all light in the cells of layers whose cells are not those of the volume.
+std::string layers_whole_path(const std::string& path);
 /// Of the volume, or set, of this name.
 std::string layer_manifest_path(const std::string& path);
 /// By the end of its name.

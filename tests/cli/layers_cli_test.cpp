@@ -350,6 +350,68 @@ TEST_F(LayersCli, OfLevelsAreLevels) {
     ASSERT_EQ(run("mix a.vdb -o same.vdb").status, 0);
 }
 
+TEST_F(LayersCli, MayHaveLargerCells) {
+    ASSERT_EQ(bake("-o plain.vdb").status, 0);
+    const std::string options = "-o a.vdb --layers lights,emitters --layers-level 1";
+    const json plan = json::parse(bake(options + " --dry-run --format json").out);
+    const CliResult baked = bake(options + " --format json");
+    ASSERT_EQ(baked.status, 0) << baked.err;
+    for (const json& told : {plan, json::parse(baked.out)}) {
+        EXPECT_EQ(told["outputs"][0]["files"].size(), 5u);
+        for (const json& file : told["outputs"][0]["files"])
+            EXPECT_TRUE(exists(file["path"])) << file;
+        EXPECT_EQ(told["layers_grid"]["cell"], 2 * told["grid"]["cell"].get<double>());
+    }
+    const Volume all = read_volume(folder_ / "a.vdb"),
+                 whole = read_volume(folder_ / "a_layers.vdb");
+    EXPECT_EQ(all.sh, read_volume(folder_ / "plain.vdb").sh);
+    EXPECT_EQ(whole.grid.dims, (all.grid.dims + 1) / 2);
+    EXPECT_EQ(whole.grid.origin, all.grid.origin);
+    EXPECT_EQ(json::parse(slurp(folder_ / "a.layers.json"))["file"], "a_layers.vdb");
+    EXPECT_EQ(read_volume(folder_ / "a_layer_bulb.vdb").walls, whole.walls);
+    ASSERT_EQ(run("mix a.vdb -o same.vdb").status, 0);
+    const Volume same = read_volume(folder_ / "same.vdb");
+    EXPECT_LT(difference(same, whole), 1e-5);
+    EXPECT_EQ(same.walls, whole.walls);
+
+    // Where all around is air, it is the light of the eight small cells in each.
+    double sum = 0.0, error = 0.0;
+    for (std::size_t cell = 0; cell < whole.grid.size(); ++cell) {
+        const glm::ivec3 at = whole.grid.cell_at(cell), first = 2 * at;
+        glm::vec3 mean(0.0f);
+        int valid = 0;
+        for (int i = 0; i < 8; ++i) {
+            const glm::ivec3 part = first + glm::ivec3(i & 1, i / 2 & 1, i / 4);
+            if (!all.grid.contains(part))
+                continue;
+            const std::size_t fine = all.grid.index(part);
+            mean += all.sh[0][fine] / 8.0f;
+            valid += all.validity[fine] == 1.0f;
+        }
+        if (valid < 8 || whole.validity[cell] < 1.0f)
+            continue;
+        sum += double(mean.y);
+        error += std::abs(double(mean.y) - double(whole.sh[0][cell].y));
+    }
+    EXPECT_GT(sum, 0.0);
+    EXPECT_LT(error, 0.05 * sum);
+
+    EXPECT_EQ(bake(options + " --if-changed").out.substr(0, 9), "unchanged");
+    ASSERT_EQ(bake("-o a.vdb --layers lights,emitters").status, 0);
+    EXPECT_FALSE(exists("a_layers.vdb"));
+    for (const char* solver : {"sn", "lpv"}) {
+        ASSERT_EQ(run(std::string("bake \"$ROOM\" --resolution 12 -q --solver ") + solver
+                      + " -o b.vdb --layers lights --layers-level 2")
+                      .status,
+                  0);
+        ASSERT_EQ(run("mix b.vdb -o same.vdb").status, 0);
+        EXPECT_LT(
+            difference(read_volume(folder_ / "same.vdb"), read_volume(folder_ / "b_layers.vdb")),
+            1e-5)
+            << solver;
+    }
+}
+
 /// A picture of a sky of 10 + 8 x nits towards +x: binary PFM, from the bottom.
 std::string sky_from_one_side() {
     constexpr int columns = 256, rows = 128;
@@ -535,6 +597,10 @@ TEST_F(LayersCli, WhatCannotBeIsRefusedByName) {
                      "--layers of several volumes is an option of sn or gather");
     refused("--layers lights --adaptive 0.1..0.2", "--adaptive");
     refused("--layers lights --direct sh", "--direct");
+    refused("--layers-level 1", "--layers");
+    refused("--layers lights --layers-level 5", "--layers-level");
+    refused("--layers lights --layers-level 3", "use a lower one");
+    refused("--layers lights --layers-level 1 --level -1,0,-1,1,2,1:0.2", "--level");
     refused("--layers lights --fit surfaces", "--fit none");
     refused("--layers lights --dering on", "--dering off");
     expect_one_error(run("bake \"$ROOM\" --resolution 8 -o b.ktx2 --layers sky:1 --sky '#ffffff,1' "

@@ -26,7 +26,8 @@ OPTIONAL = [("bake", "fit"), ("convert", "fit"), ("bake", "verified"), ("bake", 
             ("bake", "levels"), ("bake_dry_run", "levels"), ("bake", "bricks"),
             ("bake_dry_run", "bricks"), ("bricks", "atlas"), ("bricks", "file"),
             ("bake", "volumes"), ("bake_dry_run", "volumes"),
-            ("bake", "layers"), ("bake", "suns_held_out"), ("layers", "sun"),
+            ("bake", "layers"), ("bake", "layers_grid"), ("bake_dry_run", "layers_grid"),
+            ("bake", "suns_held_out"), ("layers", "sun"),
             ("bake_dry_run", "layers"), ("info_volume", "layers")]
 TARGETS = ["generic", "unity", "threejs", "vrc", "bevy"]  # each packing once
 
@@ -107,6 +108,8 @@ class Documents(unittest.TestCase):
         run("bake", *layers)
         run("bake_dry_run", *layers, "--dry-run")
         run("info_volume", "info", "layered.vdb")
+        run("bake", *layers, "--layers-level", "1")
+        run("bake_dry_run", *layers, "--layers-level", "1", "--dry-run")
         run("mix", "mix", "layered.vdb", "sky=0.6:0.8:1,5", "-o", "mixed.vdb")
         cls.documents.append(("layers", "layered.layers.json",
                               json.loads((cls.folder / "layered.layers.json").read_text())))
