@@ -100,6 +100,7 @@ Attempt attempt(const BakeOptions& o, const Scene& scene, bake::Choice choice,
                 const readers::Reader& reader, const gpu::Device& device, Run& run) {
     Attempt made{std::move(choice), {}, {}, {}};
     tell("choice: " + made.choice.text);
+    run.progress.expect(made.choice.plan.stages);
     bake::BakedLevels baked = bake::bake_levels(scene, made.choice.plan, device, run.progress);
     run.stages.insert(run.stages.end(), baked.stages.begin(), baked.stages.end());
     run.warn(baked.warnings);
@@ -167,6 +168,7 @@ Attempt bake_until(const BakeOptions& o, const Scene& scene, const bake::SceneFa
 /// Bakes at points, writes and tells of it.
 void run_at(const BakeOptions& o, const std::string& settings, const Scene& scene,
             volume::Points points, const bake::Choice& choice, gpu::Device& device, Run& run) {
+    run.progress.expect(choice.plan.stages);
     bake::BakedPoints baked =
         bake::bake_points(scene, choice.plan, std::move(points), device, run.progress);
     run.stages.insert(run.stages.end(), baked.stages.begin(), baked.stages.end());
@@ -192,6 +194,7 @@ void run_at(const BakeOptions& o, const std::string& settings, const Scene& scen
 void run_bricks(const BakeOptions& o, const Origin& origin, const Scene& scene,
                 const bake::Choice& choice, gpu::Device& device, Run& run) {
     tell("choice: " + choice.text);
+    run.progress.expect(choice.plan.stages);
     bake::BakedBricks baked = bake::bake_bricks(scene, choice.plan, device, run.progress);
     run.stages.insert(run.stages.end(), baked.stages.begin(), baked.stages.end());
     run.warn(baked.warnings);
@@ -270,6 +273,8 @@ void run_bake(BakeOptions o, const options::Options& options) {
     if (!o.at.empty())
         points = io::read_points(o.at);
     base.points = points.positions.size();
+    if (o.if_missing && !is_missing(o, run))
+        return;
     auto opening = std::async(o.if_changed ? std::launch::deferred : in_background(), [&o] {
         return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
     });
@@ -284,6 +289,8 @@ void run_bake(BakeOptions o, const options::Options& options) {
     base.levels = levels_of(o, scene);
     if (o.at.empty())
         origin.hash = bake_hash(o, options, scene, packed);
+    if (!o.dry_run)
+        write_depfile(o, scene);
     if (o.if_changed && !needs_bake(o, origin.hash, !base.levels.empty(), run))
         return;
     stop_if_signalled();

@@ -449,6 +449,15 @@ void add_bake_options(options::Options& options, BakeOptions& o) {
         .flag("--if-changed", o.if_changed,
               "Leave outputs that inputs, options and version would bake again as they are")
         .exclude({"at"});
+    options
+        .flag("--if-missing", o.if_missing,
+              "Leave outputs that are there, whole, as they are, of whatever inputs and options; "
+              "the scene is not read then")
+        .exclude({"at", "if-changed"});
+    options
+        .text("--depfile", o.depfile, "FILE",
+              "Write a rule for Make and Ninja of the outputs and all files that were read")
+        .keep_to_one_run();
     options.text(
         "--cache", o.cache, "FOLDER",
         "Keep there what geometry alone decides, and take it from there: where only lights "

@@ -62,7 +62,9 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::vector<std::vector<bake::LayerWish>> layers;
     int layers_level = 0;
     bool if_changed = false;
-    std::string cache; ///< folder; empty: nothing is kept
+    bool if_missing = false;
+    std::string depfile; ///< empty: none
+    std::string cache;   ///< folder; empty: nothing is kept
     uint64_t cache_bytes = io::CacheFolder::usual_bytes;
     bool told = true; ///< the result is printed
 

@@ -11,6 +11,7 @@
 #include "verification.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 
 namespace lpvbake::cmd {
@@ -134,6 +135,19 @@ std::string time_text(const bake::BakePlan& plan, const gpu::DeviceInfo& device)
            + (device.type == "cpu" ? "" : " and " + device.name);
 }
 
+/// What a scheduler may be asked for: a quarter more memory than is expected, and, for loading,
+/// writing and slower machines, three times the time and a minute.
+struct Hints {
+    uint64_t memory_mib = 0, minutes = 0;
+};
+
+Hints hints_of(const bake::BakePlan& plan, const gpu::DeviceInfo& device) {
+    const uint64_t bytes = plan.host_bytes + (device.type == "cpu" ? plan.device_bytes : 0);
+    constexpr uint64_t step = 64;
+    return {(uint64_t(1.25 * double(bytes)) / (step << 20) + 1) * step,
+            uint64_t(std::ceil(3 * plan.seconds / 60)) + 1};
+}
+
 void print_head(const gpu::DeviceInfo& device, const bake::Choice& choice,
                 const std::optional<bake::Storage>& storage) {
     std::printf("device        %s\n", device.name.c_str());
@@ -223,6 +237,10 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const bake:
             document["skipped"].push_back(
                 {{"name", skipped.name}, {"why", options::in_options(skipped.why)}});
         document["rsm"] = {{"maps", plan.maps.count}, {"size", plan.maps.size}};
+        const Hints hints = hints_of(plan, device);
+        document["hints"] = {{"memory_mib", hints.memory_mib},
+                             {"minutes", hints.minutes},
+                             {"threads", plan.threads}};
         document["device_bytes"] = plan.device_bytes;
         document["host_bytes"] = plan.host_bytes;
         print_json(document);
@@ -234,6 +252,10 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const bake:
                 bytes_text(plan.device_bytes).c_str(), bytes_text(plan.host_bytes).c_str());
     std::printf("time          about %s, without loading and writing\n",
                 time_text(plan, device).c_str());
+    const Hints hints = hints_of(plan, device);
+    std::printf("hints         --mem=%lluM --time=%llu --cpus-per-task=%d (Slurm)\n",
+                (unsigned long long)hints.memory_mib, (unsigned long long)hints.minutes,
+                plan.threads);
     print_stages(plan.stages);
     for (const solver::SkippedStage& skipped : plan.skipped)
         std::printf("skipped       %s: %s\n", skipped.name.c_str(),

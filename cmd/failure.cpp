@@ -64,6 +64,7 @@ int fail_by(const std::exception_ptr& thrown, const options::Asked& asked) {
     const std::string text = on_one_line(options::in_options(failure.text));
     const ExitCodeMeaning& row = meaning_of(failure.kind);
     std::fprintf(stderr, "lpvbake: error: %s\n", text.c_str());
+    tell_failure(text);
     if (asked.json && !is_json_printed()) {
         const std::string file = file_of(failure, asked.values);
         print_json({{"command",
@@ -74,7 +75,8 @@ int fail_by(const std::exception_ptr& thrown, const options::Asked& asked) {
                       {"exit_code", int(row.code)},
                       {"message", text},
                       {"file", file.empty() ? report::Json(nullptr) : report::Json(file)},
-                      {"retry", row.again}}}});
+                      {"retry", row.retry == Retry::again || row.retry == Retry::more_memory},
+                      {"retry_how", retry_names[std::size_t(row.retry)]}}}});
         std::cout.flush(); // nothing else comes
     }
     return int(row.code);

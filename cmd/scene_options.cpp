@@ -428,13 +428,17 @@ void add_run_options(options::Options& options, RunOptions& o) {
     options.number("--threads", o.threads, 0, 1024,
                    "CPU threads; 0: as many as the process may use, by affinity and control group");
     add_format_option(options, o.format);
-    options.choice("--progress", o.progress,
-                   options::Choices<ProgressStyle>{{"auto", ProgressStyle::automatic},
-                                                   {"bar", ProgressStyle::bar},
-                                                   {"plain", ProgressStyle::plain},
-                                                   {"none", ProgressStyle::none}},
-                   "On standard error; plain: lines of scene, stage, per cent and time; auto: a "
-                   "bar on a terminal");
+    options.choice(
+        "--progress", o.progress,
+        options::Choices<ProgressStyle>{{"auto", ProgressStyle::automatic},
+                                        {"bar", ProgressStyle::bar},
+                                        {"plain", ProgressStyle::plain},
+                                        {"percent", ProgressStyle::percent},
+                                        {"openjd", ProgressStyle::openjd},
+                                        {"none", ProgressStyle::none}},
+        "On standard error; plain: lines of scene, stage, per cent and time; percent: of "
+        "the whole, at most a line a second; openjd: the same as Open Job Description "
+        "has it; auto: a bar on a terminal");
     options
         .texts("--config", o.configs, "FILE",
                "TOML file of options: keys before the first header are for all commands, those in "

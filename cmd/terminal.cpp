@@ -1,5 +1,6 @@
 #include "terminal.h"
 
+#include "exit_code.h"
 #include "options/wording.h"
 
 #include <algorithm>
@@ -17,9 +18,24 @@ namespace {
 
 volatile std::sig_atomic_t noted_signal = 0;
 
+constexpr unsigned patience = 1; ///< seconds after SIGTERM
+
+extern "C" void end_terminated(int) {
+    constexpr char text[] = "lpvbake: error: terminated\n";
+    [[maybe_unused]] const ssize_t ignored = write(STDERR_FILENO, text, sizeof text - 1);
+    _exit(int(ExitCode::terminated));
+}
+
 extern "C" void note_signal(int signal) {
     noted_signal = signal;
+    if (signal == SIGTERM)
+        alarm(patience);
 }
+
+/// What of a bake is expected to be the writing.
+constexpr double write_share = 0.05;
+
+bool in_openjd = false; ///< a TerminalProgress has this style
 
 } // namespace
 
@@ -29,6 +45,7 @@ void watch_signals() {
     // The handler serves once: a second signal does what it always did. Slow system calls go on.
     action.sa_flags = int(SA_RESETHAND) | SA_RESTART;
     sigemptyset(&action.sa_mask);
+    std::signal(SIGALRM, end_terminated);
     for (int signal : {SIGINT, SIGTERM}) {
         struct sigaction present = {};
         sigaction(signal, nullptr, &present);
@@ -47,6 +64,7 @@ void stop_if_signalled() {
 ErrorKind forget_signal() {
     const bool terminated = noted_signal == SIGTERM;
     noted_signal = 0;
+    alarm(0);
     return terminated ? ErrorKind::terminated : ErrorKind::interrupted;
 }
 
@@ -75,9 +93,15 @@ void tell(const std::string& text) {
         std::fprintf(stderr, "lpvbake: %s\n", on_one_line(text).c_str());
 }
 
+void tell_failure(const std::string& text) {
+    if (in_openjd)
+        std::fprintf(stderr, "openjd_fail: %s\n", text.c_str());
+}
+
 TerminalProgress::TerminalProgress(ProgressStyle style, const std::string& subject)
     : style_(verbosity.quiet ? ProgressStyle::none : style),
       subject_(subject) {
+    in_openjd = style_ == ProgressStyle::openjd;
     if (style_ != ProgressStyle::automatic)
         return;
     if (verbosity.verbose) { // its lines and a bar would part each other
@@ -91,14 +115,26 @@ TerminalProgress::TerminalProgress(ProgressStyle style, const std::string& subje
                                         : ProgressStyle::plain;
 }
 
+void TerminalProgress::expect(const std::vector<StageReport>& stages) {
+    expected_ = stages;
+    at_ = 0;
+    done_before_ = shown_;
+}
+
 void TerminalProgress::begin(std::string_view stage, uint64_t steps) {
     stop_if_signalled();
     end_stage();
     stage_ = stage;
     steps_ = steps;
     begun_ = Clock::now();
-    if (style_ != ProgressStyle::none)
+    const auto next = std::find_if(expected_.begin() + std::ptrdiff_t(at_), expected_.end(),
+                                   [&](const StageReport& each) { return each.name == stage_; });
+    if (next != expected_.end())
+        at_ = std::size_t(next - expected_.begin());
+    if (style_ == ProgressStyle::bar || style_ == ProgressStyle::plain)
         draw(0);
+    else
+        advance(0);
 }
 
 void TerminalProgress::advance(uint64_t done) {
@@ -113,8 +149,42 @@ void TerminalProgress::draw(uint64_t done) {
     const double share = steps_ == 0 ? 0 : std::min(1.0, double(done) / double(steps_));
     if (style_ == ProgressStyle::plain)
         draw_line(share);
-    else
+    else if (style_ == ProgressStyle::bar)
         draw_bar(share);
+    else
+        draw_whole(whole(share));
+}
+
+double TerminalProgress::whole(double share) const {
+    if (expected_.empty())
+        return share;
+    const auto seconds = [&](std::size_t end) {
+        double sum = 0.0;
+        for (std::size_t i = 0; i < end; ++i)
+            sum += expected_[i].seconds;
+        return sum;
+    };
+    const double all = seconds(expected_.size());
+    double done = all;
+    if (stage_ != "write") {
+        done = seconds(at_);
+        if (at_ < expected_.size() && expected_[at_].name == stage_)
+            done += share * expected_[at_].seconds;
+    }
+    const double solved = all > 0.0 ? done / all : 1.0;
+    const double of_write = stage_ == "write" ? write_share * share : 0.0;
+    return std::max(shown_, done_before_
+                                + (1.0 - done_before_) * ((1.0 - write_share) * solved + of_write));
+}
+
+void TerminalProgress::draw_whole(double share) {
+    shown_ = expected_.empty() ? 0.0 : share;
+    const int percent = int(std::floor(100 * share));
+    if (style_ == ProgressStyle::percent)
+        std::fprintf(stderr, "%d\n", percent);
+    else
+        std::fprintf(stderr, "openjd_progress: %d\nopenjd_status: %s\n", percent,
+                     on_one_line(stage_).c_str());
 }
 
 void TerminalProgress::draw_bar(double share) {
@@ -148,6 +218,8 @@ void TerminalProgress::end_stage() {
 void TerminalProgress::end() {
     end_stage();
     erase();
+    if (style_ == ProgressStyle::percent || style_ == ProgressStyle::openjd)
+        draw_whole(1);
 }
 
 void TerminalProgress::erase() {

@@ -11,7 +11,8 @@
 namespace lpvbake::cmd {
 
 /// From now on SIGINT and SIGTERM are noted instead of ending the process at once; the second
-/// SIGINT, or the second SIGTERM, ends it.
+/// SIGINT, or the second SIGTERM, ends it. A second after SIGTERM it ends in any case, with what
+/// that means: a farm does not wait longer.
 void watch_signals();
 
 /// Throws Error (interrupted, terminated) once a signal was noted.
@@ -41,18 +42,25 @@ void print_warning(const std::string& text);
 void tell(const std::string& text);
 
 /// How progress is shown on standard error; automatic is a bar on a terminal and nothing elsewhere.
-enum class ProgressStyle { automatic, bar, plain, none };
+enum class ProgressStyle { automatic, bar, plain, percent, openjd, none };
+
+/// A line of Open Job Description (openjd_fail) where progress is shown in its form.
+void tell_failure(const std::string& text);
 
 /// Draws a bar with the stage's share and remaining time at most ten times a second, or prints
 /// lines "lpvbake: room.gltf: gather 40 %, 2.1 s": subject, stage, share, time since the program's
-/// start; one as a stage begins and ends, between them at most one a second. Also where a bake
-/// learns of signals.
+/// start; one as a stage begins and ends, between them at most one a second. Or at most one a
+/// second of how much of all that is expected is done: "40", or "openjd_progress: 40" beside
+/// "openjd_status: gather" (OpenJobDescription/openjd-specifications, How Jobs Are Run). Also where
+/// a bake learns of signals.
 class TerminalProgress : public Progress {
 public:
     explicit TerminalProgress(ProgressStyle style, const std::string& subject = "");
     ~TerminalProgress() override { erase(); }
     /// Whose stages the next ones are.
     void set_subject(const std::string& subject) { subject_ = subject; }
+    /// What is going to run, and how long it is expected to take.
+    void expect(const std::vector<StageReport>& stages);
     void begin(std::string_view stage, uint64_t steps) override;
     void advance(uint64_t done) override;
     /// Takes the bar away.
@@ -67,7 +75,10 @@ private:
     void draw(uint64_t done);
     void draw_bar(double share);
     void draw_line(double share) const;
+    void draw_whole(double share);
     void end_stage();
+    /// How much of all that is expected is done, where the stage has done a share.
+    double whole(double share) const;
 
     using Clock = std::chrono::steady_clock;
     ProgressStyle style_;
@@ -78,6 +89,10 @@ private:
     Clock::time_point begun_{};
     Clock::time_point drawn_{};
     bool visible_ = false;
+    std::vector<StageReport> expected_;
+    std::size_t at_ = 0;       ///< of those the first that may come next
+    double done_before_ = 0.0; ///< as whole(), when the plan came
+    double shown_ = 0.0;
     std::vector<std::string> warnings_;
 };
 

@@ -1,5 +1,6 @@
 #include "unchanged.h"
 
+#include "io/atomic_file.h"
 #include "io/layers.h"
 #include "io/levels.h"
 #include "lpvbake/error.h"
@@ -16,9 +17,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr const char* any_hash = "";
+
 void check_hash(const std::string& path, const Volume& volume, const std::string& hash) {
     const auto fact = volume.metadata.find("bake_hash");
-    if (fact == volume.metadata.end() || fact->second != hash)
+    if (fact == volume.metadata.end() || (hash != any_hash && fact->second != hash))
         throw Error(ErrorKind::invalid, path + ": is of other inputs, options or version");
 }
 
@@ -75,8 +78,6 @@ void check_output(const BakeOptions& o, const std::string& path, const std::stri
 
 /// Empty where all outputs are as the bake would write them.
 std::optional<std::string> why_bake(const BakeOptions& o, const std::string& hash, bool levels) {
-    if (hash.empty())
-        return "the scene or a file of boxes can be read but once";
     try {
         for (const std::string& path : o.outputs.paths)
             check_output(o, path, hash, levels);
@@ -86,7 +87,7 @@ std::optional<std::string> why_bake(const BakeOptions& o, const std::string& has
     return {};
 }
 
-void print_unchanged(const BakeOptions& o, const Run& run) {
+void print_unchanged(const BakeOptions& o, const char* why, const Run& run) {
     if (o.format == Format::json) {
         print_json({{"command", "bake"},
                     {"version", LPVBAKE_VERSION},
@@ -100,8 +101,7 @@ void print_unchanged(const BakeOptions& o, const Run& run) {
     std::string paths;
     for (const std::string& path : o.outputs.paths)
         paths += (paths.empty() ? "" : ", ") + path;
-    std::printf("unchanged     %s: inputs, options and version are those of the bake\n",
-                paths.c_str());
+    std::printf("unchanged     %s: %s\n", paths.c_str(), why);
 }
 
 } // namespace
@@ -136,13 +136,63 @@ std::string bake_hash(const BakeOptions& o, const options::Options& options, con
 }
 
 bool needs_bake(const BakeOptions& o, const std::string& hash, bool levels, Run& run) {
-    if (const std::optional<std::string> reason = why_bake(o, hash, levels)) {
+    const std::optional<std::string> reason =
+        hash.empty() ? "the scene or a file of boxes can be read but once"
+                     : why_bake(o, hash, levels);
+    if (reason) {
         tell("bakes: " + *reason);
         return true;
     }
     run.progress.end();
-    print_unchanged(o, run);
+    print_unchanged(o, "inputs, options and version are those of the bake", run);
     return false;
+}
+
+bool is_missing(const BakeOptions& o, Run& run) {
+    if (const std::optional<std::string> reason = why_bake(o, any_hash, o.nests())) {
+        tell("bakes: " + *reason);
+        return true;
+    }
+    run.progress.end();
+    print_unchanged(o, "are there, whole", run);
+    return false;
+}
+
+void write_depfile(const BakeOptions& o, const Scene& scene) {
+    if (o.depfile.empty())
+        return;
+    std::vector<std::string> inputs = inputs_of(o, o);
+    inputs.insert(inputs.end(), scene.file.beside.begin(), scene.file.beside.end());
+    inputs.push_back(o.adjust);
+    inputs.push_back(o.at);
+    if (has_volume_file(o))
+        inputs.push_back(o.volumes);
+    std::string text;
+    const auto add = [&](const std::string& path) {
+        for (const char c : path) {
+            if (c == '\n')
+                throw Error(ErrorKind::argument,
+                            "--depfile: a path with a line end has no form in it");
+            if (c == ' ' || c == '#')
+                text += '\\';
+            text += c == '$' ? "$$" : std::string(1, c);
+        }
+    };
+    for (const std::string& path : o.outputs.paths) {
+        text += text.empty() ? "" : " ";
+        add(o.places() ? io::set_path(path, 2, true) : path);
+    }
+    text += ":";
+    std::ranges::sort(inputs);
+    for (const std::string& input : inputs)
+        if (!input.empty() && input != "-" && (&input == inputs.data() || input != *(&input - 1))) {
+            text += " \\\n  ";
+            add(input);
+        }
+    io::AtomicFile file(o.depfile);
+    file.write(text + "\n");
+    file.seal();
+    file.publish();
 }
 
 } // namespace lpvbake::cmd

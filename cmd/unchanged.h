@@ -1,4 +1,5 @@
-// bake --if-changed: whether outputs are those that a bake would write.
+// bake for build systems: whether outputs are those that a bake would write, and what they depend
+// on.
 #pragma once
 
 #include "bake_options.h"
@@ -23,5 +24,13 @@ std::string bake_hash(const BakeOptions& o, const options::Options& options, con
 /// True where an output is not there, cannot be read whole, or has another hash; else tells that
 /// there is nothing to do. `levels`: whether there are nested grids.
 bool needs_bake(const BakeOptions& o, const std::string& hash, bool levels, Run& run);
+
+/// The same of --if-missing: true where an output is not there, cannot be read whole, or is no
+/// bake's.
+bool is_missing(const BakeOptions& o, Run& run);
+
+/// Writes --depfile, if it is asked for: a rule of Make of the outputs and all files that were
+/// read. Throws Error (file, io; argument: a path has no form in it).
+void write_depfile(const BakeOptions& o, const Scene& scene);
 
 } // namespace lpvbake::cmd

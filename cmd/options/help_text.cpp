@@ -105,11 +105,12 @@ std::string overview_text(const Commands& commands, std::size_t width) {
     text +=
         "\nlpvbake help COMMAND, or COMMAND --help, explains a command, lpvbake help json what is "
         "printed\nas JSON; -V, --version is the version.\n\n"
-        "Exit codes (*: the same command may do another time):\n";
+        "Exit codes, and whether the same command may do another time:\n";
     for (const ExitCodeMeaning& row : exit_codes) {
-        char code[16];
-        std::snprintf(code, sizeof code, "  %3d%c ", int(row.code), row.again ? '*' : ' ');
-        text.append(code).append(wrapped(row.meaning, width - 7, std::string(7, ' '))) += '\n';
+        char code[32];
+        const char* retry = row.error ? retry_names[std::size_t(row.retry)] : "";
+        std::snprintf(code, sizeof code, "  %3d  %-16s  ", int(row.code), retry);
+        text.append(code).append(wrapped(row.meaning, width - 25, std::string(25, ' '))) += '\n';
     }
     return text;
 }

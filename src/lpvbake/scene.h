@@ -139,6 +139,8 @@ struct SceneFile {
         std::optional<double> cell, priority, falloff; ///< numbers of these names in its extras
     };
     std::string generator; ///< the program that wrote it
+    std::vector<std::string>
+        beside; ///< absolute paths of the files beside it that were read, sorted
     std::vector<std::string> extensions_used;
     std::vector<std::string> extensions_required;
     std::vector<std::string> scenes; ///< names, by index; empty where there is none

@@ -206,9 +206,10 @@ TEST_F(Cli, HelpNamesEveryExitCodeAndCommand) {
     EXPECT_EQ(result.status, 0);
     EXPECT_EQ(result.err, "");
     for (const cmd::ExitCodeMeaning& row : cmd::exit_codes)
-        EXPECT_NE(result.out.find(std::to_string(int(row.code)) + (row.again ? "* " : "  ")
-                                  + row.meaning),
-                  std::string::npos)
+        EXPECT_TRUE(std::regex_search(
+            result.out, std::regex("\n +" + std::to_string(int(row.code)) + " +"
+                                   + (row.error ? cmd::retry_names[std::size_t(row.retry)] : "")
+                                   + " +" + std::string(row.meaning).substr(0, 10))))
             << int(row.code);
     for (const char* command : {"bake", "reference", "info", "render", "verify", "diff", "convert",
                                 "report", "devices", "help"}) {
@@ -1201,12 +1202,14 @@ TEST_F(Cli, ErrorsAreJsonWhereResultsAre) {
         EXPECT_EQ("lpvbake: error: " + error["message"].get<std::string>() + "\n", result.err);
         EXPECT_EQ(error["file"], *c.file ? json(c.file) : json(nullptr)) << document;
         EXPECT_EQ(error["retry"], false);
+        EXPECT_EQ(error["retry_how"], error["kind"] == "file" ? "once" : "never");
     }
     const json lost = json::parse(run({"devices", "--format", "json"},
                                       {{"VK_DRIVER_FILES", "/none"}, {"VK_ICD_FILENAMES", "/none"}})
                                       .out);
     EXPECT_EQ(lost["error"]["kind"], "device");
     EXPECT_EQ(lost["error"]["retry"], true);
+    EXPECT_EQ(lost["error"]["retry_how"], "again");
     // A result that is there already is the only document.
     ASSERT_EQ(run({"reference", "room.gltf", "-o", "a.vdb", "--resolution=4", "--rays=64"}).status,
               0);

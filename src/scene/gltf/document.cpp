@@ -405,7 +405,10 @@ std::vector<unsigned char> Document::file_beside(const std::string& uri, const s
                     place + ": " + in_quotes(uri)
                         + " is a file beside the scene, and standard input has none; embed it, as "
                           "a .glb does");
-    return read_file(resolve_uri(*folder, uri, place, allow_external), place, most);
+    const std::filesystem::path path = resolve_uri(*folder, uri, place, allow_external);
+    std::vector<unsigned char> bytes = read_file(path, place, most);
+    beside.push_back(path.string());
+    return bytes;
 }
 
 const View& Document::view(int index) const {

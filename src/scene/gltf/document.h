@@ -10,6 +10,8 @@
 #include "scene/gltf/tinygltf.h"
 #include "scene/gltf/warnings.h"
 
+#include <tbb/concurrent_vector.h>
+
 #include <filesystem>
 #include <functional>
 #include <optional>
@@ -72,7 +74,8 @@ struct Document {
     /// A view that has its bytes. Throws Error: why it has none.
     const View& view(int index) const;
 
-    std::vector<std::vector<unsigned char>> storage; ///< that views point into
+    std::vector<std::vector<unsigned char>> storage;         ///< that views point into
+    mutable tbb::concurrent_vector<std::string> beside = {}; ///< paths of the files that were read
 };
 
 /// "array[index]".

@@ -8,6 +8,8 @@
 #include "scene/gltf/meshes.h"
 #include "scene/gltf/nodes.h"
 
+#include <set>
+
 namespace lpvbake::scene::gltf {
 namespace {
 
@@ -101,6 +103,8 @@ Scene load(const std::string& path, const LoadSettings& settings) {
     scene.file.boxes = std::move(graph.boxes);
     scene.lights = std::move(graph.lights);
     scene.cameras = std::move(graph.cameras);
+    std::set<std::string> beside(document.beside.begin(), document.beside.end());
+    scene.file.beside.assign(beside.begin(), beside.end());
     scene.clamped_materials = count_clamped(scene, mean_texels);
     scene.warnings = document.warnings.lines();
     if (settings.strict)
