@@ -304,7 +304,7 @@ void add_level_options(options::Options& options, BakeOptions& o) {
         .record(options::Recorded::if_changed);
 }
 
-/// "visibility", "sh" or both.
+/// Some of "visibility", "channels" and "sh".
 bake::DirectSettings parse_direct(const std::string& text) {
     bake::DirectSettings direct;
     for (const std::string& part : options::split(text, ','))
@@ -312,28 +312,33 @@ bake::DirectSettings parse_direct(const std::string& text) {
             direct.visibility = true;
         else if (part == "sh")
             direct.sh = true;
+        else if (part == "channels")
+            direct.channels = true;
         else
-            options::refuse(part, "is neither visibility nor sh");
+            options::refuse(part, "is none of visibility, channels and sh");
     return direct;
 }
 
 void add_direct_options(options::Options& options, BakeOptions& o) {
     options
-        .value("--direct", o.direct, "visibility,sh", parse_direct,
-               "Keep what punctual lights send straight to cells in grids beside the field: "
-               "visibility: the share of each that arrives; sh: their light; see below")
+        .value(
+            "--direct", o.direct, "visibility,channels,sh", parse_direct,
+            "Keep what punctual lights send straight to cells in grids beside the field: "
+            "visibility: the share of each that arrives; channels: the same, four lights a cell; "
+            "sh: their light; see below")
         .exclude({"at", "adaptive"})
         .record(options::Recorded::if_changed);
     options
         .number("--beams", o.beams, 1, 64,
-                "Beams of --direct along an edge of a cell; twice as many halve the error at "
+                "Beams of --direct and --static along an edge of a cell; twice as many halve the "
+                "error at "
                 "shadows' edges, and take four times as long")
-        .need("direct")
         .record(options::Recorded::if_changed);
     options
-        .number("--sun-angle", o.sun_angle, 0, 90,
-                "Degrees across the disc of directional lights, for --direct; the sun's is 0.53")
-        .need("direct")
+        .number(
+            "--sun-angle", o.sun_angle, 0, 90,
+            "Degrees across the disc of directional lights, for --direct and --static; the sun's "
+            "is 0.53")
         .record(options::Recorded::if_changed);
 }
 
@@ -409,6 +414,7 @@ void add_bake_options(options::Options& options, BakeOptions& o) {
     add_direct_options(options, o);
     add_layers_option(options, o);
     add_light_options(options, o);
+    add_static_option(options, o);
     add_solver_options(options, o);
     add_output_options(options, o.outputs);
     options
@@ -499,6 +505,9 @@ void check_options(const BakeOptions& o) {
             ErrorKind::argument,
             "--layers: a volume that is fitted, or without negative irradiance, is no sum "
             "of its layers; add --fit none --dering off, and fit what mix makes by convert");
+    if ((o.beams != bake::DirectSettings().beams || o.sun_angle != 0) && !o.direct
+        && o.statics.empty())
+        throw Error(ErrorKind::argument, "--beams and --sun-angle are of --direct and --static");
     if (!o.adjust.empty())
         check_files({o.adjust}, {}, o.outputs.paths);
     if (has_volume_file(o))

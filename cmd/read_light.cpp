@@ -6,8 +6,13 @@
 #include "lpvbake/error.h"
 #include "lpvbake/file.h"
 #include "options/file.h"
+#include "quoted.h"
 #include "scene/scene_hash.h"
 #include "volume/dilate.h"
+
+#include <nlohmann/json.hpp>
+
+#include <algorithm>
 
 namespace lpvbake::cmd {
 namespace {
@@ -72,6 +77,19 @@ reference::PathRules rules_of(const Volume& volume) {
     const std::string* bounces = fact_in(volume, "bounces");
     return {bounces ? options::parse_bounces(*bounces).most : std::nullopt,
             holds(volume, &volume::LightContent::emitters)};
+}
+
+void make_static(const std::string& path, const Volume& volume, Scene& scene) {
+    const std::string* list = fact_in(volume, "static_lights");
+    if (!list)
+        return;
+    const nlohmann::json names = nlohmann::json::parse(*list, nullptr, false);
+    if (!names.is_array()
+        || !std::ranges::all_of(names, [](auto& name) { return name.is_string(); }))
+        throw Error(ErrorKind::invalid,
+                    path + ": its static_lights are no JSON list of names: " + printable(*list));
+    for (Light& light : scene.lights)
+        light.is_static |= std::ranges::count(names, nlohmann::json(light.name)) > 0;
 }
 
 std::optional<std::string> mismatch(const std::string& path, const Volume& volume,

@@ -28,6 +28,9 @@ void check_order(const std::string& scene, const std::string& volume, const char
 bool holds(const Volume& volume, std::optional<volume::Reflections> volume::LightContent::*source);
 /// Which light the volume holds, as its metadata say; all where they do not.
 reference::PathRules rules_of(const Volume& volume);
+/// Makes those lights of the scene static whose direct light the volume holds. Throws Error
+/// (invalid) where the volume's list of them is none.
+void make_static(const std::string& path, const Volume& volume, Scene& scene);
 /// A warning where the hash that the volume of this name has is not the scene's.
 std::optional<std::string> mismatch(const std::string& path, const Volume& volume,
                                     const Scene& scene);

@@ -167,6 +167,7 @@ options::Action declare(options::Options& options) {
         .keep_to_one_run();
     add_grid_options(options, o);
     add_light_options(options, o);
+    add_static_option(options, o);
 
     options.group("Paths");
     options

@@ -425,7 +425,8 @@ void run(const RenderOptions& o) {
     const volume::VolumeSet levels = read_levels(o.volume);
     const Volume& volume = levels.levels.front();
     const readers::Reader sampler = sampler_for(o.sampler, volume);
-    const Scene scene = run.load();
+    Scene scene = run.load();
+    make_static(o.volume, volume, scene);
     if (scene::triangle_count(scene) == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to draw");
     warn_of_mismatch(o, scene, levels, run.progress);

@@ -221,6 +221,14 @@ void add_light_options(options::Options& options, SceneOptions& o) {
         .record();
 }
 
+void add_static_option(options::Options& options, SceneOptions& o) {
+    options
+        .texts("--static", o.statics, "NAMES",
+               "Punctual lights whose names fit a pattern, such as 'Lamp*', are static: the field "
+               "holds their direct light, too, and programs do not add it; may be repeated")
+        .record(options::Recorded::if_changed);
+}
+
 GivenLights command_line_lights(const SceneOptions& o) {
     GivenLights given{o.suns, {}};
     std::ranges::copy(o.points, std::back_inserter(given.lights));
@@ -262,6 +270,7 @@ Scene load_scene(const SceneOptions& o, const GivenLights& given) {
     else if (const Sky* sky = std::get_if<Sky>(&o.sky))
         scene.sky = *sky;
     scale_lights(o.light_scales, scene);
+    make_static(o.statics, scene);
     if (o.default_light && scene.lights.empty() && !scene::has_sky(scene)
         && (o.no_emitters || !scene::has_emitters(scene))) {
         scene.sky = default_sky;

@@ -49,6 +49,7 @@ struct SceneOptions {
     std::vector<Light> suns, points;
     std::vector<std::string> light_files;
     std::vector<LightScale> light_scales;
+    std::vector<std::string> statics; ///< patterns of names
     SkyOption sky;
     double sky_rotation = 0;
     bool no_scene_lights = false;
@@ -72,6 +73,9 @@ void add_grid_options(options::Options& options, SceneOptions& o);
 void add_scene_option(options::Options& options, SceneOptions& o);
 /// Begins with add_load_options.
 void add_light_options(options::Options& options, SceneOptions& o);
+
+/// --static, after add_light_options.
+void add_static_option(options::Options& options, SceneOptions& o);
 
 /// Lights of options and files, and what there is to say of the files.
 struct GivenLights {

@@ -56,6 +56,21 @@ void scale_lights(const std::vector<LightScale>& scales, Scene& scene) {
     std::erase_if(scene.lights, [](const Light& light) { return light.intensity == 0; });
 }
 
+void make_static(const std::vector<std::string>& patterns, Scene& scene) {
+    for (const std::string& names : patterns) {
+        std::vector<std::string> known;
+        bool found = false;
+        for (Light& light : scene.lights) {
+            known.push_back(light.name);
+            const bool fits = scene::fits_pattern(light.name, names);
+            light.is_static |= fits;
+            found |= fits;
+        }
+        if (!found)
+            fail_to_find(scene.path + ": --static: no light", names, std::move(known));
+    }
+}
+
 Bounds box_of_nodes(const std::string& names, const char* option, const Scene& scene) {
     const std::vector<Bounds> boxes = scene::instance_boxes(scene);
     std::vector<Bounds> found;

@@ -20,6 +20,9 @@ LightScale parse_light_scale(const std::string& text);
 /// Lights, and emissive materials. Throws Error (argument) for a pattern that none fits.
 void scale_lights(const std::vector<LightScale>& scales, Scene& scene);
 
+/// Makes lights of such names static. Throws Error (argument) for a pattern that none fits.
+void make_static(const std::vector<std::string>& patterns, Scene& scene);
+
 /// The box of the nodes whose names fit, with all below them. Throws Error (argument) where none
 /// does, of that option.
 Bounds box_of_nodes(const std::string& names, const char* option, const Scene& scene);

@@ -181,6 +181,7 @@ options::Action declare(options::Options& options) {
                        "ones beside each other");
     add_scene_option(options, o);
     add_light_options(options, o);
+    add_static_option(options, o);
 
     options.group("Measure");
     options.number("--points", o.settings.points, 2, 1e6,

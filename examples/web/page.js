@@ -137,7 +137,8 @@ export async function present(load) {
 }
 
 /// The lights of the bake: type, color, intensity (lux, candela), position, direction, spot, range.
-export const lightsOf = ({ metadata }) => JSON.parse(metadata.lights ?? '[]');
+export const lightsOf = ({ metadata }) =>
+    JSON.parse(metadata.lights ?? '[]').filter(light => !light.static); // the volume has the light of those
 
 /// The mean of the sky that was baked, nits.
 export const skyOf = ({ metadata }) => (metadata.sky ?? '0,0,0').split(',').map(Number);

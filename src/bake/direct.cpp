@@ -8,12 +8,17 @@
 #include <nlohmann/json.hpp>
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
+#include <bit>
+#include <optional>
+
 namespace lpvbake::bake {
 namespace {
 
-/// Sums coefficients onto the volume's.
-void add_light(const std::vector<std::vector<glm::vec3>>& sh, Volume& volume) {
-    const std::vector<volume::GridView> grids = volume::grids_of(volume, volume::direct_kind());
+/// Sums coefficients onto grids.
+void add_light(const std::vector<std::vector<glm::vec3>>& sh, const GridKind& kind,
+               Volume& volume) {
+    const std::vector<volume::GridView> grids = volume::grids_of(volume, kind);
     tbb::parallel_for(std::size_t(0), grids.size(), [&](std::size_t k) {
         const std::span<float> values = grids[k].values();
         for (std::size_t cell = 0; cell < sh[k].size(); ++cell)
@@ -22,41 +27,100 @@ void add_light(const std::vector<std::vector<glm::vec3>>& sh, Volume& volume) {
     });
 }
 
+/// Four grids, each of lights that reach no cell in common.
+class ShadowChannels {
+public:
+    explicit ShadowChannels(Volume& volume)
+        : names_(4, nlohmann::json::array()),
+          taken_(volume.grid.size()) {
+        volume::set_grids(volume, kind_, 4);
+        grids_ = volume::grids_of(volume, kind_);
+    }
+
+    /// Into the first channel whose lights reach other cells. False where there is none.
+    bool add(const Light& source, const medium::DirectLight& light) {
+        unsigned taken = 0;
+        for (std::size_t cell = 0; cell < taken_.size(); ++cell)
+            taken |= light.reached[cell] * taken_[cell];
+        const int channel = std::countr_one(taken);
+        if (channel >= 4)
+            return false;
+        const std::span<float> values = grids_[std::size_t(channel)].values();
+        for (std::size_t cell = 0; cell < taken_.size(); ++cell)
+            if (light.reached[cell]) {
+                taken_[cell] = uint8_t(taken_[cell] | 1u << channel);
+                values[cell] = light.visibility[cell];
+            }
+        names_[std::size_t(channel)].push_back(source.name);
+        return true;
+    }
+    std::string names() const {
+        return nlohmann::json(names_).dump(-1, ' ', false,
+                                           nlohmann::json::error_handler_t::replace);
+    }
+
+private:
+    const GridKind& kind_ = volume::kind_named("shadow");
+    std::vector<nlohmann::json> names_; ///< of a channel
+    std::vector<uint8_t> taken_;        ///< channels of a cell, bits
+    std::vector<volume::GridView> grids_;
+};
+
 } // namespace
+
+uint64_t beamed_lights(std::span<const Light> lights, const DirectSettings& settings) {
+    return uint64_t(std::ranges::count_if(
+        lights, [&](const Light& light) { return settings.any() || light.is_static; }));
+}
 
 void add_direct(const Scene& scene, const BakePlan& plan, const visibility::Visibility& visibility,
                 const scene::Frame& frame, solver::Stages& stages, Volume& volume) {
     const DirectSettings& settings = plan.settings.direct;
-    if (!settings.any() || scene.lights.empty())
+    const uint64_t count = beamed_lights(scene.lights, settings);
+    if (count == 0)
         return;
-    stages.begin("beams", scene.lights.size());
+    stages.begin("beams", count);
     medium::BeamSettings beams;
     beams.per_cell = settings.beams;
     beams.sun_angle = settings.sun_angle;
-    beams.order = settings.sh ? volume.sh_order : 0;
     if (settings.sh)
         volume::set_grids(volume, volume::direct_kind(), volume::sh_count(volume.sh_order));
     if (settings.visibility)
         volume::set_grids(volume, volume::visibility_kind(), int(scene.lights.size()));
+    std::optional<ShadowChannels> channels;
+    if (settings.channels)
+        channels.emplace(volume);
     nlohmann::json names = nlohmann::json::array();
     uint64_t sent = 0;
     for (std::size_t i = 0; i < scene.lights.size(); ++i) {
+        const Light& source = scene.lights[i];
+        if (!settings.any() && !source.is_static)
+            continue;
+        beams.order = settings.sh || source.is_static ? volume.sh_order : 0;
         const medium::DirectLight light =
-            medium::direct_light(scene.lights[i], visibility, frame, volume.walls, beams);
+            medium::direct_light(source, visibility, frame, volume.walls, beams);
         sent += light.beams;
-        names.push_back(scene.lights[i].name);
-        if (settings.sh)
-            add_light(light.sh, volume);
+        names.push_back(source.name);
+        if (source.is_static)
+            add_light(light.sh, volume::light_kind(), volume);
+        else if (settings.sh)
+            add_light(light.sh, volume::direct_kind(), volume);
         if (settings.visibility)
             std::ranges::copy(
                 light.visibility,
                 volume::grids_of(volume, volume::visibility_kind())[i].values().begin());
+        if (channels && !source.is_static && !channels->add(source, light))
+            stages.warn("the light \"" + source.name
+                        + "\" has no channel: it reaches cells that lights of all four reach; give "
+                          "lights a range, or make it `static`");
         stages.progress().advance(1);
     }
+    if (channels)
+        volume.metadata["shadow_channels"] = channels->names();
     if (settings.visibility)
         volume.metadata["visibility"] =
             names.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-    stages.end(counted(scene.lights.size(), "light") + ", " + counted(sent, "beam"));
+    stages.end(counted(count, "light") + ", " + counted(sent, "beam"));
 }
 
 } // namespace lpvbake::bake

@@ -85,9 +85,12 @@ surface::LitSurfaces light_scene(const Scene& scene, const BakePlan& plan,
 void describe_light(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
                     const visibility::Visibility& visibility, Volume& volume) {
     volume.metadata["solver"] = plan.settings.solver.kind().name;
-    volume::set_content(volume::content_of(!scene.lights.empty(), plan.emitters,
-                                           scene::has_sky(scene), plan.settings.bounces),
-                        volume.metadata);
+    volume::LightContent content = volume::content_of(!scene.lights.empty(), plan.emitters,
+                                                      scene::has_sky(scene), plan.settings.bounces);
+    const std::vector<std::string> statics = scene::static_names(scene);
+    volume::add_statics(statics, statics.size() == scene.lights.size(), plan.settings.bounces,
+                        content);
+    volume::set_content(content, volume.metadata);
     volume.metadata["bounces"] =
         plan.settings.bounces ? std::to_string(*plan.settings.bounces) : "inf";
     volume.metadata["device"] = device.info().name;

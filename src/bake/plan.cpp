@@ -1,6 +1,7 @@
 #include "bake/plan.h"
 
 #include "background.h"
+#include "bake/direct.h"
 #include "bake/surface_fit.h"
 #include "lpvbake/error.h"
 #include "machine.h"
@@ -317,10 +318,10 @@ void plan_maps(const SceneFacts& scene, int size, BakePlan& plan) {
 /// Beams through a grid, and what they sum.
 void plan_direct(const SceneFacts& scene, const Grid& grid, const std::string& of, BakePlan& plan) {
     const DirectSettings& direct = plan.settings.direct;
-    if (!direct.any())
-        return;
-    if (scene.lights.empty()) {
-        skip(plan, "beams", "no punctual light");
+    const uint64_t count = beamed_lights(scene.lights, direct);
+    if (count == 0) {
+        if (direct.any())
+            skip(plan, "beams", "no punctual light");
         return;
     }
     const glm::dvec3 dims(grid.dims);
@@ -328,16 +329,18 @@ void plan_direct(const SceneFacts& scene, const Grid& grid, const std::string& o
     const double area = double(direct.beams) * direct.beams * face;
     double beams = 0;
     for (const Light& light : scene.lights)
-        beams += light.type == LightType::directional ? 1.5 * area : 6 * area;
+        if (direct.any() || light.is_static)
+            beams += light.type == LightType::directional ? 1.5 * area : 6 * area;
     plan.stages.push_back(
         {"beams",
          seconds::beam * beams + seconds::beam_cell * beams * std::cbrt(double(grid.size())),
-         of + format("about %.2g beams of ", beams) + counted(scene.lights.size(), "light")});
+         of + format("about %.2g beams of ", beams) + counted(count, "light")});
     const auto coefficients =
-        uint64_t(direct.sh ? volume::sh_count(plan.settings.solver.order()) : 1);
+        uint64_t(direct.sh || !direct.any() ? volume::sh_count(plan.settings.solver.order()) : 1);
     plan.host_bytes += grid.size()
                        * (solver::models::bytes::beams_cell + 24 * coefficients
-                          + 4 * uint64_t(direct.visibility ? scene.lights.size() : 0));
+                          + 4 * uint64_t(direct.visibility ? scene.lights.size() : 0)
+                          + (direct.channels ? 17 : 0));
 }
 
 /// Points of surfaces, rays from each, and the solution.
@@ -432,9 +435,14 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                         + format(": %zu lights, but a volume has the visibility of %d at most; "
                                  "keep `direct` sh alone, or fewer lights",
                                  scene.lights.size(), volume::most_visibilities));
+    if (beamed_lights(scene.lights, {}) > 0
+        && (settings.points > 0 || settings.adaptive || !settings.layers.empty()))
+        throw Error(ErrorKind::argument,
+                    "`static` is of grids and levels, not of `at`, `adaptive` and `layers`");
     scene::check_light_arrives(scene.path, {.punctual = !scene.lights.empty(),
                                             .emitters = plan.emitters,
                                             .sky = scene.sky,
+                                            .statics = beamed_lights(scene.lights, {}) > 0,
                                             .bounces = settings.bounces});
     fit(scene, device, plan);
     warn_of_far_lights(scene, plan.warnings);
@@ -562,6 +570,8 @@ Volume grids_of(const BakePlan& plan) {
         volume::set_grids(grids, volume::direct_kind(), volume::sh_count(grids.sh_order));
     if (plan.settings.direct.visibility && plan.lights > 0)
         volume::set_grids(grids, volume::visibility_kind(), plan.lights);
+    if (plan.settings.direct.channels && plan.lights > 0)
+        volume::set_grids(grids, volume::kind_named("shadow"), 4);
     return grids;
 }
 

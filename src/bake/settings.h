@@ -30,14 +30,16 @@ struct AdaptiveSettings {
     int number_bytes = 4;         ///< of a number
 };
 
-/// What is kept of the light that punctual lights send straight to cells, apart from the field.
+/// What is kept of the light that punctual lights send straight to cells, apart from the field;
+/// that of static ones is in the field.
 struct DirectSettings {
     bool visibility = false; ///< a grid a light
     bool sh = false;         ///< that of all lights together, to the field's order
+    bool channels = false;   ///< `visibility` in four grids, shadow_0 to shadow_3
     int beams = 4;           ///< medium::BeamSettings::per_cell
     double sun_angle = 0;    ///< medium::BeamSettings::sun_angle
 
-    bool any() const { return visibility || sh; }
+    bool any() const { return visibility || sh || channels; }
 };
 
 inline constexpr int most_layers_level = 4;

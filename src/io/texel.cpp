@@ -123,13 +123,14 @@ size_t TexelForm::size(glm::ivec3 dims) const {
 
 const TexelForm& form_of(const Texture& texture, Precision precision) {
     const bool is_light = texture.kind == &volume::light_kind(),
-               is_plain = texture.is_plain_colour();
+               is_plain = texture.is_plain_colour(),
+               is_shadow = texture.kind == &volume::kind_named("shadow");
     Coding coding = precision == Precision::full ? Coding::full : Coding::half;
     if (precision == Precision::bc6h && (is_light || is_plain))
         coding = is_light ? Coding::bc7 : Coding::bc6h;
     else if (is_plain && (precision == Precision::rgb9e5 || precision == Precision::unorm8))
         coding = Coding::rgb9e5;
-    else if (is_light && precision == Precision::unorm8)
+    else if ((is_light || is_shadow) && precision == Precision::unorm8)
         coding = Coding::unorm8;
     return *std::ranges::find_if(forms, [&](const TexelForm& form) {
         return form.coding == coding

@@ -93,6 +93,7 @@ struct Light {
     double range = 0.0;             ///< metres; 0: unlimited
     double inner_cone = 0.0;        ///< radians from the axis
     double outer_cone = 0.785398163397448; ///< radians from the axis
+    bool is_static = false; ///< the field holds its direct light, too, so that nobody adds it
 };
 
 /// A perspective camera in world space, looking along -Z of its frame.

@@ -444,6 +444,7 @@ private:
         made.beams = beams_;
         made.steps = steps_;
         made.visibility.resize(grid_.size());
+        made.reached.resize(grid_.size());
         made.sh.assign(count, std::vector<glm::vec3>(grid_.size(), glm::vec3(0.0f)));
         std::vector<double> sun(count);
         if (parallel_)
@@ -453,6 +454,7 @@ private:
             for (std::size_t i = 0; i < 3; ++i) {
                 const std::size_t at = channels_ * cell + (channels_ == 3 ? i : 0);
                 const double lit = double(lit_[at]), all = lit + double(dark_[at]);
+                made.reached[cell] |= all > 0;
                 seen[int(i)] = all > 0 ? lit / all : 0;
                 arrives[int(i)] = !shaped_  ? seen[int(i)]
                                   : all > 0 ? double(shaped_sums_[at]) / all
@@ -514,6 +516,34 @@ DirectLight direct_light(const Light& light, const visibility::Visibility& visib
                          const scene::Frame& frame, std::span<const std::vector<glm::vec3>> walls,
                          const BeamSettings& settings) {
     return Beams(light, visibility, frame, walls, settings).light();
+}
+
+glm::vec3 static_illuminance(std::span<const Light> lights,
+                             const visibility::Visibility& visibility, const scene::Frame& frame,
+                             glm::vec3 point, glm::vec3 n) {
+    glm::dvec3 sum(0.0);
+    for (const Light& light : lights) {
+        if (!light.is_static)
+            continue;
+        glm::dvec3 way = -light.direction;
+        double share = light.intensity, end = HUGE_VAL;
+        if (light.type != LightType::directional) {
+            const glm::dvec3 at = frame.from_world(light.position);
+            way = at - glm::dvec3(point);
+            const double length = glm::length(way), metres = length * frame.unit;
+            if (!(metres > 0))
+                continue;
+            end = std::max(0.0, 1 - double(visibility::same_place(glm::vec3(at))) / length);
+            share *= scene::range_window(light, metres) / (metres * metres);
+            if (light.type == LightType::spot)
+                share *= scene::Cone(light)(-way / length);
+        }
+        share *= glm::dot(glm::dvec3(n), glm::normalize(way));
+        if (share > 0)
+            sum += share * glm::dvec3(light.color)
+                   * glm::dvec3(visibility.filter({point, glm::vec3(way), 0.0f, float(end)}));
+    }
+    return glm::vec3(sum);
 }
 
 } // namespace lpvbake::medium

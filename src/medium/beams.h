@@ -24,6 +24,7 @@ struct DirectLight {
     std::vector<float> visibility;
     /// sh[k][cell]: incident luminance as Volume::sh has it, nits; a mean over the cell.
     std::vector<std::vector<glm::vec3>> sh;
+    std::vector<uint8_t> reached; ///< 1 where it would arrive if nothing stood in its way
     uint64_t beams = 0;
     uint64_t steps = 0; ///< cells that beams went through
 };
@@ -41,5 +42,11 @@ struct DirectLight {
 DirectLight direct_light(const Light& light, const visibility::Visibility& visibility,
                          const scene::Frame& frame, std::span<const std::vector<glm::vec3>> walls,
                          const BeamSettings& settings);
+
+/// Illuminance (lux, RGB) of the static lights among these on a surface at `point` (frame units, a
+/// hair off it) with unit normal n, shadows included.
+glm::vec3 static_illuminance(std::span<const Light> lights,
+                             const visibility::Visibility& visibility, const scene::Frame& frame,
+                             glm::vec3 point, glm::vec3 n);
 
 } // namespace lpvbake::medium

@@ -54,6 +54,8 @@ Fog::Fog(const Scene& scene, const visibility::Visibility& visibility, const sce
       scatter_(medium.scatter * frame.unit),
       extinct_(medium.extinction() * frame.unit) {
     for (const Light& light : scene.lights) {
+        if (light.is_static && levels) // the field has its light
+            continue;
         Source source{light, light.intensity * glm::dvec3(light.color), {}, {}, {}, {}};
         source.direction = glm::normalize(light.direction);
         if (light.type != LightType::directional)

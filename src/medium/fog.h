@@ -23,7 +23,7 @@ struct FogSettings {
 /// it is scattered, and from there to the eye; not on its way to surfaces, nor that of the field.
 class Fog {
 public:
-    /// Refers to its arguments. `levels` may be null.
+    /// Refers to its arguments. `levels` may be null; else they hold the light of static lights.
     Fog(const Scene& scene, const visibility::Visibility& visibility, const scene::Frame& frame,
         const volume::Levels* levels, const Medium& medium, const FogSettings& settings);
 

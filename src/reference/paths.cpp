@@ -37,7 +37,10 @@ Paths::Paths(const Scene& scene, const visibility::Visibility& visibility,
         sources_.push_back({light.type, glm::dvec3(light.color) * light.intensity,
                             frame.from_world(light.position), light.direction, light.range,
                             std::cos(std::min(light.inner_cone, light.outer_cone)),
-                            std::cos(light.outer_cone)});
+                            std::cos(light.outer_cone), light.is_static});
+    for (size_t i = 0; i < sources_.size(); ++i)
+        if (sources_[i].is_static)
+            statics_.push_back(i);
     const auto find = [&](std::optional<LitPieces>& pieces, LitPieces::Light light) {
         pieces.emplace(scene, visibility, frame, light);
         if (pieces->empty())
@@ -49,26 +52,33 @@ Paths::Paths(const Scene& scene, const visibility::Visibility& visibility,
         find(spots_, LitPieces::Light::spots);
 }
 
-glm::dvec3 Paths::illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays) const {
+Paths::LightWay Paths::way_to(const PunctualLight& source, glm::dvec3 point) const {
+    LightWay found{-across_ * source.direction, 1.0, 1.0};
+    if (source.type == LightType::directional)
+        return found;
+    found.way = source.position - point;
+    const double metres = glm::length(found.way) * unit_;
+    if (!(metres > 0.0))
+        return {};
+    found.end = std::max(0.0, 1.0 - ray_offset(source.position) / glm::length(found.way));
+    found.share = 1.0 / (metres * metres);
+    if (source.range > 0.0)
+        found.share *= std::clamp(1.0 - std::pow(metres / source.range, 4.0), 0.0, 1.0);
+    if (source.type == LightType::spot) {
+        const double cosine = -glm::dot(found.way, source.direction) / glm::length(found.way);
+        found.share *= spot_ramp(cosine, source.cos_inner, source.cos_outer);
+    }
+    return found;
+}
+
+glm::dvec3 Paths::illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays, Lights which) const {
     glm::dvec3 sum{0.0};
     for (const PunctualLight& source : sources_) {
-        glm::dvec3 way = -across_ * source.direction;
-        double share = 1.0; // of `color` on a surface that faces the light
-        double end = 1.0;   // of the shadow ray: before a surface that the light lies on
-        if (source.type != LightType::directional) {
-            way = source.position - point;
-            const double metres = glm::length(way) * unit_;
-            if (!(metres > 0.0))
-                continue;
-            end = std::max(0.0, 1.0 - ray_offset(source.position) / glm::length(way));
-            share = 1.0 / (metres * metres);
-            if (source.range > 0.0)
-                share *= std::clamp(1.0 - std::pow(metres / source.range, 4.0), 0.0, 1.0);
-            if (source.type == LightType::spot) {
-                const double cosine = -glm::dot(way, source.direction) / glm::length(way);
-                share *= spot_ramp(cosine, source.cos_inner, source.cos_outer);
-            }
-        }
+        if (which != Lights::all && source.is_static != (which == Lights::statics))
+            continue;
+        auto [way, share, end] = way_to(source, point);
+        if (!(share > 0.0))
+            continue;
         share *= glm::dot(n, way) / glm::length(way);
         if (!(share > 0.0))
             continue;
@@ -77,6 +87,23 @@ glm::dvec3 Paths::illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays) co
         sum += share * glm::dvec3(visibility_.filter(shadow)) * source.color;
     }
     return sum;
+}
+
+Paths::Glimpse Paths::seen_light(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const {
+    if (statics_.empty())
+        return {};
+    const double count = double(statics_.size());
+    const std::size_t drawn =
+        statics_.size() == 1 ? 0
+                             : std::min(statics_.size() - 1, std::size_t(sampler.plain() * count));
+    const PunctualLight& source = sources_[statics_[drawn]];
+    const auto [way, share, end] = way_to(source, glm::dvec3(origin));
+    if (!(share > 0.0))
+        return {};
+    ++rays;
+    const glm::dvec3 passes(visibility_.filter({origin, glm::vec3(way), 0.0f, float(end)}));
+    // Of the mean over the sphere.
+    return {glm::normalize(way), count * share / (4.0 * glm::pi<double>()) * passes * source.color};
 }
 
 glm::dvec3 Paths::emission(const visibility::Hit& hit) const {
@@ -207,11 +234,12 @@ glm::dvec3 Paths::aim_at_spot(glm::vec3 origin, const Lobe& lobe, PathSampler& s
            * bounce.albedo / glm::pi<double>() * illuminance(bounce.point, bounce.n, rays);
 }
 
-std::array<Paths::Glimpse, 3> Paths::arriving(glm::vec3 origin, PathSampler& sampler,
+std::array<Paths::Glimpse, 4> Paths::arriving(glm::vec3 origin, PathSampler& sampler,
                                               uint64_t& rays) const {
     const Glimpse path = trace(origin, {}, sampler, rays);
     const Glimpse emitter = aim(origin, {}, 0, sampler, rays);
-    return {path, emitter, aim_at_sky(origin, {}, 0, sampler, rays)};
+    const Glimpse sky = aim_at_sky(origin, {}, 0, sampler, rays);
+    return {path, emitter, sky, seen_light(origin, sampler, rays)};
 }
 
 glm::dvec3 Paths::irradiance(glm::vec3 origin, glm::dvec3 n, PathSampler& sampler,
@@ -220,7 +248,8 @@ glm::dvec3 Paths::irradiance(glm::vec3 origin, glm::dvec3 n, PathSampler& sample
     glm::dvec3 sum = trace(origin, lobe, sampler, rays).luminance;
     sum += aim(origin, lobe, 0, sampler, rays).luminance;
     sum += aim_at_sky(origin, lobe, 0, sampler, rays).luminance;
-    return glm::pi<double>() * sum;
+    sum *= glm::pi<double>();
+    return statics_.empty() ? sum : sum + illuminance(glm::dvec3(origin), n, rays, Lights::statics);
 }
 
 Paths::Glimpse Paths::trace(glm::vec3 origin, Lobe lobe, PathSampler& sampler,

@@ -37,7 +37,8 @@ public:
         glm::dvec3 direction{0.0, 1.0, 0.0};
         glm::dvec3 luminance{0.0}; ///< nits, RGB, weighted
     };
-    /// An unbiased estimate of the light that arrives at `origin` (frame units), of punctual lights
+    /// An unbiased estimate of the light that arrives at `origin` (frame units), of static lights
+    /// (by one of them, drawn evenly) and of punctual lights
     /// after one reflection to PathRules::bounces and of emitters and the sky after none to
     /// PathRules::bounces, in parts: the mean over the sphere of luminance times f(direction) is
     /// the expectation of the sum of g.luminance f(g.direction). Surfaces reflect as Lambert. At
@@ -48,16 +49,18 @@ public:
     /// likes. The first ray of a path goes one time of two where photons of the punctual lights
     /// fell. Adds the rays it took to `rays`.
     /// Throws Error (invalid) where a path does not end: a closed scene of albedo 1.
-    std::array<Glimpse, 3> arriving(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const;
+    std::array<Glimpse, 4> arriving(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const;
 
     /// An unbiased estimate of the irradiance (lux, RGB) that a surface at `origin` (frame units,
     /// off the surface: see off_surface) with unit normal n gets from the light of arriving().
     glm::dvec3 irradiance(glm::vec3 origin, glm::dvec3 n, PathSampler& sampler,
                           uint64_t& rays) const;
 
-    /// Illuminance (lux, RGB) of all punctual lights on a surface at `point` (as above) with unit
+    enum class Lights { all, statics, others };
+    /// Illuminance (lux, RGB) of punctual lights on a surface at `point` (as above) with unit
     /// normal n, shadows included.
-    glm::dvec3 illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays) const;
+    glm::dvec3 illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays,
+                           Lights which = Lights::all) const;
 
     /// What a surface emits (nits) where a ray meets it, of the share alpha that is there.
     glm::dvec3 emission(const visibility::Hit& hit) const;
@@ -70,7 +73,17 @@ private:
         glm::dvec3 position, direction;
         double range; ///< metres; 0: unlimited
         double cos_inner, cos_outer;
+        bool is_static;
     };
+    /// The way from a point to a light, and what arrives if nothing stands in it.
+    struct LightWay {
+        glm::dvec3 way;     ///< of any length
+        double share = 0.0; ///< of PunctualLight::color on a surface that faces the light
+        double end = 1.0;   ///< of the shadow ray: before a surface that the light lies on
+    };
+    LightWay way_to(const PunctualLight& source, glm::dvec3 point) const;
+    /// Of one static light.
+    Glimpse seen_light(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const;
 
     /// How rays leave a place: evenly, or by the cosine over a surface of normal n.
     struct Lobe {
@@ -119,6 +132,7 @@ private:
     double unit_;
     double across_; ///< longer than the way from any surface out of the scene, frame units
     std::vector<PunctualLight> sources_;
+    std::vector<std::size_t> statics_; ///< which of those
     Emitters emitters_;
     std::optional<LitPieces> lit_;   ///< the first ray goes there; unless it is empty
     std::optional<LitPieces> spots_; ///< further rays do; unless it is empty

@@ -385,6 +385,7 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
                                {.punctual = !scene.lights.empty(),
                                 .emitters = settings.paths.emitters && scene::has_emitters(scene),
                                 .sky = scene::has_sky(scene),
+                                .statics = !scene::static_names(scene).empty(),
                                 .bounces = settings.paths.bounces});
     check_memory(grid, settings);
 
@@ -426,10 +427,13 @@ Reference make_reference(const Scene& scene, const Grid& grid, const ReferenceSe
         {"noise", short_number(field.noise)},
         {"tracer", visibility.tracer()},
     };
-    volume::set_content(volume::content_of(!scene.lights.empty(),
-                                           settings.paths.emitters && scene::has_emitters(scene),
-                                           scene::has_sky(scene), settings.paths.bounces),
-                        volume.metadata);
+    volume::LightContent content = volume::content_of(
+        !scene.lights.empty(), settings.paths.emitters && scene::has_emitters(scene),
+        scene::has_sky(scene), settings.paths.bounces);
+    const std::vector<std::string> statics = scene::static_names(scene);
+    volume::add_statics(statics, statics.size() == scene.lights.size(), settings.paths.bounces,
+                        content);
+    volume::set_content(content, volume.metadata);
     if (settings.probes > 0)
         volume.metadata["probes"] = std::to_string(cells.size());
     reference.error = volume;

@@ -40,7 +40,8 @@ glm::dvec3 colour_of(Show show, const SurfacePoint& p, const reference::Paths& p
     if (show != Show::direct)
         irradiance += indirect();
     if (show != Show::indirect) {
-        irradiance += paths.illuminance(reference::off_surface(p.point, p.normal), p.smooth, rays);
+        irradiance += paths.illuminance(reference::off_surface(p.point, p.normal), p.smooth, rays,
+                                        reference::Paths::Lights::others);
         colour += paths.emission(p.hit);
     }
     return colour + p.albedo / glm::pi<double>() * irradiance;

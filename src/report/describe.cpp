@@ -81,6 +81,8 @@ Json lights_json(const Scene& scene) {
         if (light.type == LightType::spot)
             entry["spot"] = {{"innerConeAngle", light.inner_cone},
                              {"outerConeAngle", light.outer_cone}};
+        if (light.is_static)
+            entry["static"] = true;
         list.push_back(entry);
     }
     return list;

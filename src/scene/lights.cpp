@@ -48,7 +48,7 @@ std::string why_dark(const Scene& scene) {
 }
 
 void check_light_arrives(const std::string& place, const LightSources& sources) {
-    if (sources.emitters || sources.sky)
+    if (sources.emitters || sources.sky || sources.statics)
         return;
     if (!sources.punctual)
         throw Error(ErrorKind::invalid,

@@ -24,6 +24,7 @@ struct LightSources {
     bool punctual = false;      ///< some point, spot or directional light; reflected alone
     bool emitters = false;      ///< some emissive surface; direct and reflected
     bool sky = false;           ///< the same
+    bool statics = false;       ///< some static light; direct and reflected
     std::optional<int> bounces; ///< reflections at most; none: all
 };
 

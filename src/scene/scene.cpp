@@ -145,6 +145,14 @@ uint64_t triangle_count(const Scene& scene) {
     return count;
 }
 
+std::vector<std::string> static_names(const Scene& scene) {
+    std::vector<std::string> names;
+    for (const Light& light : scene.lights)
+        if (light.is_static)
+            names.push_back(light.name);
+    return names;
+}
+
 bool has_sky(const Scene& scene) {
     return scene.sky.map ? !scene.sky.map->cumulative.empty()
                          : scene.sky.luminance != glm::vec3(0.0f);

@@ -40,6 +40,9 @@ bool has_emitters(const Scene& scene);
 /// True if any placed surface is not black to light that falls on it.
 bool has_reflectors(const Scene& scene);
 
+/// Names of the lights that are static.
+std::vector<std::string> static_names(const Scene& scene);
+
 /// True if the sky is not black.
 bool has_sky(const Scene& scene);
 

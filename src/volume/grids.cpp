@@ -40,6 +40,11 @@ constexpr GridKind visibility{.name = "visibility",
                               .most = most_visibilities,
                               .quantity = {"share of a light that arrives", "1"},
                               .subtracted = true};
+constexpr GridKind shadow{.name = "shadow",
+                          .fewest = 4,
+                          .most = 4,
+                          .quantity = {"share that arrives of the lights of a channel", "1"},
+                          .subtracted = true};
 constexpr GridKind sky_occlusion{.name = "sky_occlusion",
                                  .turning = Turning::harmonics,
                                  .fewest = 4,
@@ -50,8 +55,9 @@ constexpr GridKind sky_direction{.name = "sky_direction",
                                  .channels = "xyz",
                                  .turning = Turning::vector,
                                  .quantity = {"direction of the light of a white sky", "1"}};
-constexpr const GridKind* kinds[] = {&light,  &occlusion,  &validity,      &wall,
-                                     &direct, &visibility, &sky_occlusion, &sky_direction};
+constexpr const GridKind* kinds[] = {&light,  &occlusion,     &validity,
+                                     &wall,   &direct,        &visibility,
+                                     &shadow, &sky_occlusion, &sky_direction};
 
 constexpr const char* coefficient_names[] = {
     "l0",    "l1_y",  "l1_z",  "l1_x",  "l2_xy", "l2_yz", "l2_z2", "l2_xz", "l2_x2y2",
@@ -116,6 +122,11 @@ std::vector<BasicGridView<Float>> all_grids(AnyVolume& volume) {
 
 GridKinds grid_kinds() {
     return kinds;
+}
+
+const GridKind& kind_named(const char* name) {
+    return **std::ranges::find(kinds, std::string(name),
+                               [](const GridKind* kind) { return std::string(kind->name); });
 }
 
 const GridKind& light_kind() {

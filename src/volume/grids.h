@@ -55,9 +55,12 @@ namespace lpvbake::volume {
 
 using GridKinds = std::span<const GridKind* const>;
 
-/// sh (light), occlusion, validity, wall, direct, visibility, sky_occlusion, sky_direction: in the
-/// order in which files and lists have them.
+/// sh (light), occlusion, validity, wall, direct, visibility, shadow, sky_occlusion, sky_direction,
+/// in the order in which files and lists have them.
 GridKinds grid_kinds();
+
+/// The row of that name, which there must be.
+const GridKind& kind_named(const char* name);
 
 /// The row of Volume::sh.
 const GridKind& light_kind();

@@ -1,6 +1,7 @@
 #include "volume/light_content.h"
 
 #include <charconv>
+#include <cstdio>
 #include <string_view>
 
 namespace lpvbake::volume {
@@ -13,6 +14,7 @@ struct Fact {
 constexpr Fact facts[] = {{"punctual_reflections", &LightContent::punctual},
                           {"emitter_reflections", &LightContent::emitters},
                           {"sky_reflections", &LightContent::sky}};
+constexpr const char* statics_key = "static_lights";
 
 std::string text_of(const std::optional<Reflections>& reflections) {
     if (!reflections)
@@ -80,13 +82,35 @@ LightContent content_of(bool punctual, bool emitters, bool sky, std::optional<in
     return content;
 }
 
+void add_statics(std::span<const std::string> names, bool all, std::optional<int> bounces,
+                 LightContent& content) {
+    if (names.empty())
+        return;
+    for (const std::string& name : names) {
+        content.statics += content.statics.empty() ? "[" : ",";
+        content.statics += '"';
+        for (const char c : name) {
+            char escaped[8] = {c};
+            if (static_cast<unsigned char>(c) < 0x20 || c == '"' || c == '\\')
+                std::snprintf(escaped, sizeof escaped, "\\u%04x", static_cast<unsigned>(c));
+            content.statics += escaped;
+        }
+        content.statics += '"';
+    }
+    content.statics += ']';
+    if (all)
+        content.punctual = {0, bounces};
+}
+
 std::string sentence_of(const LightContent& content) {
     std::string sentence;
     const auto add = [&](const std::string& part) {
         sentence += (sentence.empty() ? "" : "; ") + part;
     };
     if (content.punctual)
-        add(after("punctual lights", *content.punctual));
+        add(direct_and("punctual lights", *content.punctual));
+    if (!content.statics.empty() && !(content.punctual && content.punctual->first == 0))
+        add("static lights direct");
     if (content.emitters && content.emitters == content.sky) {
         add(direct_and("emitters and sky", *content.sky));
         return sentence;
@@ -102,6 +126,9 @@ void set_content(const LightContent& content, std::map<std::string, std::string>
     metadata["content"] = sentence_of(content);
     for (const Fact& fact : facts)
         metadata[fact.key] = text_of(content.*fact.value);
+    metadata.erase(statics_key);
+    if (!content.statics.empty())
+        metadata[statics_key] = content.statics;
 }
 
 std::optional<LightContent> content_in(const std::map<std::string, std::string>& metadata) {
@@ -110,6 +137,8 @@ std::optional<LightContent> content_in(const std::map<std::string, std::string>&
         if (const auto found = metadata.find(fact.key);
             found == metadata.end() || !parse(found->second, content.*fact.value))
             return {};
+    if (const auto statics = metadata.find(statics_key); statics != metadata.end())
+        content.statics = statics->second;
     return content;
 }
 

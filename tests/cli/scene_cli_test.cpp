@@ -296,11 +296,60 @@ TEST_F(SceneCli, DirectLightIsKeptBesideTheField) {
             for (std::size_t i = 0; i < a.others[kind].grids[k].size(); ++i)
                 EXPECT_NEAR(a.others[kind].grids[k][i], b.others[kind].grids[k][i], 1e-3);
     EXPECT_GT(std::abs(a.others[0].grids[1][3 * 100]), 1.0f);
+    // Four lights in a texture, by bytes.
+    run("bake " + box
+        + "-o c.vdb -o c.ktx2 -o c.dds --precision unorm8 --resolution 6 "
+          "--direct channels");
+    const Volume exact = read_volume(folder_ / "c.vdb");
+    EXPECT_EQ(exact.metadata.at("shadow_channels"), R"([["sun"],["point"],[],[]])");
+    for (const char* file : {"c.ktx2", "c.dds"}) {
+        const Volume bytes = read_volume(folder_ / file);
+        ASSERT_EQ(bytes.others.size(), 1u);
+        for (std::size_t k = 0; k < 4; ++k)
+            for (std::size_t i = 0; i < exact.grid.size(); ++i)
+                EXPECT_NEAR(bytes.others[0].grids[k][i], exact.others[0].grids[k][i],
+                            0.5 / 255 + 1e-6);
+    }
+    EXPECT_EQ(std::filesystem::file_size(folder_ / "c_shadow.dds"), 148 + 4 * exact.grid.size());
     expect_error("bake " + box + "-o a.vdb --direct shadows", cmd::ExitCode::usage,
-                 "is neither visibility nor sh");
+                 "is none of visibility, channels and sh");
     expect_error("bake " + box + "-o a.vdb --sun-angle 1", cmd::ExitCode::usage, "--direct");
     expect_error("bake " + box + "-o a.vdb --direct sh --adaptive 0.1..0.2", cmd::ExitCode::usage,
                  "--adaptive");
+}
+
+TEST_F(SceneCli, LightsThatAreStaticAreInTheFieldAndLitOnce) {
+    spill(folder_ / "lights.json", json{{"lights",
+                                         {{{"type", "point"},
+                                           {"name", "Lamp 1"},
+                                           {"intensity", 60},
+                                           {"translation", {0, 1.6, 0.3}}}}}}
+                                       .dump());
+    const std::string box = LPVBAKE_EXAMPLES "/cornell_box.gltf --no-scene-lights "
+                                             "--lights lights.json ";
+    run("bake " + box + "-o fixed.vdb --resolution 16 --static 'Lamp*' --beams 2");
+    run("bake " + box + "-o plain.vdb --resolution 16");
+    EXPECT_EQ(read_volume(folder_ / "fixed.vdb").metadata.at("static_lights"), "[\"Lamp 1\"]");
+    // Of the picture as a whole: what is read of cells and what rays find at surfaces.
+    const auto mean = [&](const std::string& volume, const std::string& show) {
+        return run_json("render " + box + volume + " -o a.png --size 48x48 --samples 1 --show "
+                        + show)["mean_luminance"]
+            .get<double>();
+    };
+    EXPECT_NEAR(mean("fixed.vdb", "final"), mean("plain.vdb", "final"),
+                0.15 * mean("plain.vdb", "final"));
+    EXPECT_GT(mean("fixed.vdb", "indirect"), 1.3 * mean("plain.vdb", "indirect"));
+    EXPECT_LT(mean("fixed.vdb", "direct"), 0.1 * mean("plain.vdb", "direct"));
+    // What measures it takes them from it.
+    run("reference -o truth.vdb --like fixed.vdb --rays 64 " LPVBAKE_EXAMPLES "/cornell_box.gltf");
+    EXPECT_EQ(read_volume(folder_ / "truth.vdb").metadata.at("static_lights"), "[\"Lamp 1\"]");
+    const json verified =
+        run_json("verify fixed.vdb " LPVBAKE_EXAMPLES "/cornell_box.gltf --points 64");
+    EXPECT_LT(verified["verified"]["cells"]["error"], 0.2);
+    expect_error("bake " + box + "-o a.vdb --static Sun", cmd::ExitCode::usage,
+                 "--static: no light of the name 'Sun'; there are 'Lamp 1'");
+    expect_error("bake " + box + "-o a.vdb --static '*' --adaptive 0.1..0.2", cmd::ExitCode::usage,
+                 "not of --at, --adaptive");
 }
 
 } // namespace

@@ -33,11 +33,14 @@ protected:
         const auto is_beams = [](const StageReport& stage) { return stage.name == "beams"; };
         EXPECT_EQ(std::ranges::count_if(plan.stages, is_beams),
                   std::ranges::count_if(baked.stages, is_beams));
+        warnings_ = baked.warnings;
         return std::move(baked.volume);
     }
     std::span<const float> grid(const Volume& volume, const GridKind& kind, std::size_t k) {
         return volume::grids_of(volume, kind)[k].values();
     }
+
+    std::vector<std::string> warnings_;
 
 private:
     Volume planned_;
@@ -81,6 +84,41 @@ TEST_F(BakedDirect, LightsAddUpAndEachHasItsVisibility) {
     for (std::size_t i = 0; i < 3 * all.grid.size(); ++i)
         EXPECT_EQ(grid(twice, volume::direct_kind(), 0)[i],
                   2 * grid(all, volume::direct_kind(), 0)[i]);
+}
+
+TEST_F(BakedDirect, LightsThatReachNoCellInCommonShareAChannel) {
+    Scene scene = scenes::cornell_box();
+    const auto lamp = [&](const char* name, glm::dvec3 at, double range) {
+        scene.lights.push_back(scenes::point_light(at, 20));
+        scene.lights.back().name = name;
+        scene.lights.back().range = range;
+    };
+    lamp("left", {-0.7, 1.5, 0.6}, 0.5);
+    lamp("all", {0.1, 1.7, 0.3}, 0);
+    lamp("right", {0.7, 1.5, 0.6}, 0.5);
+    lamp("middle", {0.2, 1.5, 0.6}, 0.4);
+    scene.lights.push_back(scenes::sun({0.1, -1, -0.5}, 100));
+    scene.lights.back().name = "sun";
+    scene.lights.push_back(scenes::sun({0.2, -1, -0.4}, 100));
+    scene.lights.back().name = "late";
+    const Volume volume = run(scene, "gather", {.visibility = true, .channels = true});
+    EXPECT_EQ(volume.metadata.at("shadow_channels"),
+              R"([["left","right"],["all"],["middle"],["sun"]])");
+    EXPECT_EQ(std::ranges::count_if(
+                  warnings_,
+                  [](const std::string& w) { return w.find("\"late\" has no channel") != w.npos; }),
+              1);
+    const auto shadow = [&](std::size_t k) {
+        return grid(volume, volume::kind_named("shadow"), k);
+    };
+    const auto seen = [&](std::size_t k) { return grid(volume, volume::visibility_kind(), k); };
+    EXPECT_TRUE(std::ranges::equal(shadow(1), seen(1)));
+    EXPECT_TRUE(std::ranges::equal(shadow(3), seen(4)));
+    EXPECT_GT(*std::ranges::max_element(seen(0)), 0.0f);
+    for (std::size_t i = 0; i < volume.grid.size(); ++i) {
+        EXPECT_EQ(shadow(0)[i], std::max(seen(0)[i], seen(2)[i]));
+        EXPECT_EQ(std::min(seen(0)[i], seen(2)[i]), 0.0f);
+    }
 }
 
 TEST_F(BakedDirect, WhatHasNoLightsHasNone) {

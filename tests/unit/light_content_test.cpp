@@ -44,6 +44,25 @@ TEST(LightContent, ComesBackFromMetadata) {
     EXPECT_EQ(metadata["sky_reflections"], "none");
 }
 
+TEST(LightContent, NamesStaticLights) {
+    volume::LightContent content = volume::content_of(true, false, false, 2);
+    const std::vector<std::string> names{"lamp", "a\"b"};
+    volume::add_statics({}, false, 2, content);
+    EXPECT_EQ(content, volume::content_of(true, false, false, 2));
+    volume::add_statics(names, false, 2, content);
+    EXPECT_EQ(volume::sentence_of(content),
+              "punctual lights after 1 to 2 reflections; static lights direct");
+    std::map<std::string, std::string> metadata;
+    volume::set_content(content, metadata);
+    EXPECT_EQ(metadata["static_lights"], "[\"lamp\",\"a\\u0022b\"]");
+    EXPECT_EQ(volume::content_in(metadata), content);
+    volume::LightContent all = volume::content_of(true, false, false, 0);
+    volume::add_statics(names, true, 0, all);
+    EXPECT_EQ(volume::sentence_of(all), "punctual lights direct");
+    volume::set_content(volume::content_of(true, false, false, 2), metadata);
+    EXPECT_FALSE(metadata.contains("static_lights"));
+}
+
 TEST(LightContent, IsUnknownUnlessAllFactsAreThere) {
     EXPECT_FALSE(volume::content_in({}));
     EXPECT_FALSE(

@@ -1,0 +1,181 @@
+// Static lights: their direct light in the field, beside paths that have it too.
+#include "bake/bake.h"
+#include "gpu/device.h"
+#include "reference/reference.h"
+#include "scenes.h"
+#include "volume/grids.h"
+#include "volume/light_content.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace lpvbake {
+namespace {
+
+constexpr double cell = 0.125;
+
+class StaticLights : public testing::DeviceTest {
+protected:
+    Volume bake(const Scene& scene, const bake::DirectSettings& direct = {}) {
+        bake::BakeSettings settings(*bake::find_solver("gather"));
+        settings.bounds = Bounds{{-1, 0, -1}, {1, 2, 1}};
+        settings.grid.cell = cell;
+        settings.grid.margin = 0;
+        settings.direct = direct;
+        const bake::BakePlan plan = bake::plan_bake(bake::survey(scene), settings, device().info());
+        Progress silent;
+        return std::move(bake::bake(scene, plan, device(), silent).volume);
+    }
+    /// By the same paths whatever is static.
+    reference::Reference traced(const Scene& scene, const Grid& grid) {
+        reference::ReferenceSettings settings;
+        settings.paths.bounces = std::nullopt;
+        settings.sh_order = 2;
+        settings.probes = 500;
+        settings.rays = scene.lights.size() > 1 ? 1024 : 64; // of several one is drawn
+        Progress silent;
+        return reference::make_reference(scene, grid, settings, silent);
+    }
+    static Scene with_static(Scene scene, bool is_static = true) {
+        for (Light& light : scene.lights)
+            light.is_static = is_static;
+        return scene;
+    }
+    static std::vector<Scene> scenes_of_all_kinds() {
+        const Scene box = scenes::cornell_box();
+        std::vector<Scene> all(5, box);
+        all[0].lights = {scenes::sun({0.4, -0.6, -0.7}, 900)};
+        all[1].lights = {scenes::point_light({0.1, 1.9, 0.2}, 70, {1.0f, 0.8f, 0.5f})};
+        all[2].lights = {scenes::spot_light({0.0, 1.8, 0.9}, {0, -0.7, -1}, 300, 0.3, 0.5)};
+        all[3].lights = {scenes::sun({-0.2, -0.5, -0.9}, 300, {0.4f, 0.7f, 1.0f}),
+                         scenes::point_light({-0.6, 1.7, 0.5}, 40)};
+        all[4].lights = {scenes::point_light({0.7, 1.0, 0.9}, 60)};
+        all[4].lights[0].range = 2.5;
+        return all;
+    }
+};
+
+TEST_F(StaticLights, DirectAndIndirectAreWhatPathsFind) {
+    for (std::size_t number = 0; const Scene& scene : scenes_of_all_kinds()) {
+        SCOPED_TRACE(number++);
+        const Scene fixed = with_static(scene);
+        const Volume field = bake(fixed, {.visibility = true}), without = bake(scene);
+        const reference::Reference all = traced(fixed, field.grid),
+                                   reflected = traced(scene, field.grid);
+        const auto seen = volume::grids_of(field, volume::visibility_kind());
+        double difference = 0, whole = 0;
+        int compared = 0;
+        for (std::size_t i = 0; i < field.grid.size(); ++i) {
+            if (field.validity[i] == 0 || all.volume.validity[i] == 0)
+                continue;
+            bool even = true; // cells are means, paths start in their middle
+            double nearest = 1e9;
+            for (std::size_t l = 0; l < scene.lights.size(); ++l) {
+                even &= seen[l].values()[i] == 0 || seen[l].values()[i] == 1;
+                const Light& light = scene.lights[l];
+                if (light.type == LightType::directional)
+                    continue;
+                const glm::dvec3 centre = field.grid.center(field.grid.cell_at(i));
+                nearest = std::min(nearest, glm::length(light.position - centre));
+                const double aside = std::acos(std::clamp(
+                    glm::dot(glm::normalize(centre - light.position), light.direction), -1.0, 1.0));
+                const double wide = cell / glm::length(centre - light.position);
+                if (light.type == LightType::spot)
+                    even &= std::abs(aside - light.outer_cone) > wide
+                            && std::abs(aside - light.inner_cone) > wide;
+            }
+            if (!even || nearest < 6 * cell)
+                continue;
+            ++compared;
+            for (std::size_t k = 0; k < 9; ++k) {
+                const glm::dvec3 off(field.sh[k][i] - without.sh[k][i] - all.volume.sh[k][i]
+                                     + reflected.volume.sh[k][i]);
+                difference += glm::dot(off, off);
+                const glm::dvec3 own(all.volume.sh[k][i] - reflected.volume.sh[k][i]);
+                whole += glm::dot(own, own);
+            }
+        }
+        EXPECT_GT(compared, 60);
+        EXPECT_LT(std::sqrt(difference / whole), scene.lights.size() > 1 ? 0.06 : 0.012);
+    }
+}
+
+TEST_F(StaticLights, NoneComesIntoASealedRoom) {
+    Scene scene;
+    const int grey = scenes::add_material(scene, glm::vec3(0.5f));
+    scenes::add_box(scene, grey, {-0.9f, 0.1f, -0.9f}, {0.9f, 1.9f, 0.9f}, scenes::Facing::inward);
+    scenes::add_box(scene, grey, {-0.95f, 0.05f, -0.95f}, {0.95f, 1.95f, 0.95f},
+                    scenes::Facing::outward);
+    scene.lights = {scenes::sun({0.3, -1, 0.2}, 1000), scenes::point_light({0, 1, 0}, 1e-6)};
+    scene.lights[0].is_static = true;
+    const Volume field = bake(scene);
+    for (std::size_t i = 0; i < field.grid.size(); ++i) {
+        const glm::dvec3 centre = field.grid.center(field.grid.cell_at(i));
+        if (glm::all(glm::lessThan(glm::abs(centre - glm::dvec3(0, 1, 0)), glm::dvec3(0.85)))) {
+            EXPECT_LT(field.sh[0][i].g, 1e-4f);
+        }
+    }
+}
+
+TEST_F(StaticLights, AreToldAndNotKeptTwice) {
+    Scene scene = scenes::cornell_box_with_sun(300);
+    scene.lights[0].name = "sun \"1\"";
+    scene.lights.push_back(scenes::point_light({0.1, 1.7, 0.3}, 20));
+    Scene one = scene;
+    one.lights[0].is_static = true;
+    const Volume field = bake(one, {.sh = true}), without = bake(scene, {.sh = true});
+    EXPECT_EQ(field.metadata.at("static_lights"), "[\"sun \\u00221\\u0022\"]");
+    EXPECT_EQ(field.metadata.at("punctual_reflections"), "1..inf");
+    EXPECT_EQ(field.metadata.at("content"),
+              "punctual lights after one reflection and more; static lights direct");
+    EXPECT_FALSE(without.metadata.contains("static_lights"));
+    // The sum of field and direct light is the same.
+    const auto apart = volume::grids_of(field, volume::direct_kind());
+    const auto together = volume::grids_of(without, volume::direct_kind());
+    for (std::size_t k = 0; k < field.sh.size(); ++k)
+        for (std::size_t i = 0; i < field.grid.size(); ++i)
+            for (std::size_t c = 0; c < 3; ++c)
+                EXPECT_NEAR(field.sh[k][i][int(c)] + apart[k].values()[3 * i + c],
+                            without.sh[k][i][int(c)] + together[k].values()[3 * i + c], 1e-3);
+    const Volume all = bake(with_static(scene));
+    EXPECT_EQ(all.metadata.at("punctual_reflections"), "0..inf");
+    EXPECT_EQ(all.metadata.at("content"),
+              "punctual lights direct and after any number of reflections");
+    EXPECT_TRUE(all.others.empty());
+}
+
+TEST_F(StaticLights, GiveLightWithoutReflections) {
+    Scene scene = with_static(scenes::cornell_box_with_sun(300));
+    bake::BakeSettings settings(*bake::find_solver("gather"));
+    settings.grid.resolution = 8;
+    settings.bounces = 0;
+    Progress silent;
+    const bake::BakePlan plan = bake::plan_bake(bake::survey(scene), settings, device().info());
+    const Baked baked = bake::bake(scene, plan, device(), silent);
+    EXPECT_EQ(baked.volume.metadata.at("content"), "punctual lights direct");
+    EXPECT_EQ(::testing::PrintToString(baked.warnings).find("holds no light"), std::string::npos);
+    settings.layers.emplace_back();
+    EXPECT_THROW(bake::plan_bake(bake::survey(scene), settings, device().info()), Error);
+}
+
+TEST(StaticLightsInPaths, CountInTheFieldOrBesideIt) {
+    Scene scene = scenes::cornell_box_with_sun(300);
+    scene.lights.push_back(scenes::point_light({0.1, 1.7, 0.3}, 20));
+    scene.lights[1].is_static = true;
+    const scene::Frame frame{{-1, 0, -1}, 1.0, {2, 2, 2}};
+    const visibility::Visibility visibility(scene, frame);
+    const reference::Paths paths(scene, visibility, frame, {});
+    uint64_t rays = 0;
+    const auto lux = [&](reference::Paths::Lights which) {
+        return paths.illuminance({1.0, 1e-4, 1.9}, {0, 1, 0}, rays, which).g;
+    };
+    using Lights = reference::Paths::Lights;
+    EXPECT_GT(lux(Lights::statics), 1);
+    EXPECT_GT(lux(Lights::others), 1);
+    EXPECT_DOUBLE_EQ(lux(Lights::all), lux(Lights::statics) + lux(Lights::others));
+}
+
+} // namespace
+} // namespace lpvbake
