@@ -287,6 +287,9 @@ void run_bake(BakeOptions o, const options::Options& options) {
     const std::optional<PackedScene> packed = packed_for(o.outputs.paths, o.scene, o.load);
     base.bounds = o.box_in(scene);
     base.levels = levels_of(o, scene);
+    std::vector<std::string> air_warnings;
+    base.medium = medium_of(o.medium, scene, air_warnings);
+    run.warn(air_warnings);
     if (o.at.empty())
         origin.hash = bake_hash(o, options, scene, packed);
     if (!o.dry_run)

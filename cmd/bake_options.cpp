@@ -330,15 +330,16 @@ void add_direct_options(options::Options& options, BakeOptions& o) {
         .record(options::Recorded::if_changed);
     options
         .number("--beams", o.beams, 1, 64,
-                "Beams of --direct and --static along an edge of a cell; twice as many halve the "
+                "Beams of --direct, --static and --medium along an edge of a cell; twice as many "
+                "halve the "
                 "error at "
                 "shadows' edges, and take four times as long")
         .record(options::Recorded::if_changed);
     options
-        .number(
-            "--sun-angle", o.sun_angle, 0, 90,
-            "Degrees across the disc of directional lights, for --direct and --static; the sun's "
-            "is 0.53")
+        .number("--sun-angle", o.sun_angle, 0, 90,
+                "Degrees across the disc of directional lights, for --direct, --static and "
+                "--medium; the sun's "
+                "is 0.53")
         .record(options::Recorded::if_changed);
 }
 
@@ -415,6 +416,9 @@ void add_bake_options(options::Options& options, BakeOptions& o) {
     add_layers_option(options, o);
     add_light_options(options, o);
     add_static_option(options, o);
+    add_medium_options(
+        options, o.medium,
+        "Air that light goes through: grids of what it scatters and of what it takes");
     add_solver_options(options, o);
     add_output_options(options, o.outputs);
     options
@@ -506,8 +510,11 @@ void check_options(const BakeOptions& o) {
             "--layers: a volume that is fitted, or without negative irradiance, is no sum "
             "of its layers; add --fit none --dering off, and fit what mix makes by convert");
     if ((o.beams != bake::DirectSettings().beams || o.sun_angle != 0) && !o.direct
-        && o.statics.empty())
-        throw Error(ErrorKind::argument, "--beams and --sun-angle are of --direct and --static");
+        && o.statics.empty() && !o.medium.medium)
+        throw Error(ErrorKind::argument,
+                    "--beams and --sun-angle are of --direct, --static and --medium");
+    if (!o.medium.density.empty())
+        check_files({density_file(o.medium)}, {}, o.outputs.paths);
     if (!o.adjust.empty())
         check_files({o.adjust}, {}, o.outputs.paths);
     if (has_volume_file(o))

@@ -6,6 +6,7 @@
 #include "bake/settings.h"
 #include "io/cache_folder.h"
 #include "io/target.h"
+#include "medium_options.h"
 #include "options/option.h"
 #include "options/values.h"
 #include "readers/readers.h"
@@ -54,6 +55,7 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::optional<bake::DirectSettings> direct;
     int beams = bake::DirectSettings().beams;
     double sun_angle = 0; ///< degrees
+    MediumOptions medium;
     std::vector<GivenVolume> volume;
     std::string volumes;                ///< a file, "nodes:PATTERN" or "auto"
     std::string adjust;                 ///< file of boxes

@@ -9,6 +9,7 @@
 #include "io/levels.h"
 #include "io/slice.h"
 #include "lpvbake/error.h"
+#include "medium_options.h"
 #include "read_light.h"
 #include "render/camera.h"
 #include "render/display.h"
@@ -53,9 +54,11 @@ struct RenderOptions : SceneOptions, RunOptions {
     render::ToneMap tone_map = render::ToneMap::neutral;
     int reference = 0;
     std::vector<std::string> reference_outputs;
-    std::optional<medium::Medium> medium; ///< its box is that of `medium_bounds`, or the scene's
-    std::optional<Bounds> medium_bounds;
-    int fog_steps = 0; ///< medium::FogSettings
+    MediumOptions medium;
+    int fog_steps = 0;                    ///< medium::FogSettings
+    std::optional<int> rsm;               ///< texels of each map a point takes; none: the field
+    render::RsmLightSettings rsm_visible; ///< of its texels
+    bool compare_rays = false;
 };
 
 std::string name_of(render::Show show) {
@@ -148,39 +151,6 @@ render::CameraChoice parse_camera(const std::string& text) {
     return camera;
 }
 
-/// "X", or "R/G/B".
-glm::dvec3 parse_channels(const std::string& text, const std::string& part) {
-    const auto numbers = options::parse_numbers(part, '/');
-    if (!numbers || (numbers->size() != 1 && numbers->size() != 3)
-        || std::ranges::any_of(*numbers, [](double x) { return !(x >= 0 && x <= 1e6); }))
-        options::refuse(text, "'" + part + "' is neither X nor R/G/B, each a share a metre from 0");
-    return numbers->size() == 1 ? glm::dvec3(numbers->front())
-                                : glm::dvec3((*numbers)[0], (*numbers)[1], (*numbers)[2]);
-}
-
-/// "scatter=0.02,absorb=0.002,g=0.6".
-medium::Medium parse_medium(const std::string& text) {
-    medium::Medium air;
-    for (const std::string& part : options::split(text, ',')) {
-        const std::size_t equals = part.find('=');
-        const std::string key = part.substr(0, equals);
-        const std::string value = equals == std::string::npos ? "" : part.substr(equals + 1);
-        if (key == "scatter")
-            air.scatter = parse_channels(text, value);
-        else if (key == "absorb")
-            air.absorb = parse_channels(text, value);
-        else if (const auto g = options::parse_number(value); key == "g" && g && std::abs(*g) < 1)
-            air.g = *g;
-        else
-            options::refuse(text, "'" + part
-                                      + "' is none of scatter=X, absorb=X and g=X with X between "
-                                        "-1 and 1");
-    }
-    if (air.extinction() == glm::dvec3(0))
-        options::refuse(text, "neither scatters nor absorbs");
-    return air;
-}
-
 /// "exact", or "march:N".
 int parse_fog_method(const std::string& text) {
     if (text == "exact")
@@ -188,6 +158,45 @@ int parse_fog_method(const std::string& text) {
     if (text.starts_with("march:"))
         return int(options::number_within(text.substr(6), 1, 1e6, true));
     options::refuse(text, "is neither exact nor march:N");
+}
+
+/// "volume", or "rsm:N".
+std::optional<int> parse_indirect(const std::string& text) {
+    if (text == "volume")
+        return std::nullopt;
+    if (text.starts_with("rsm:"))
+        return int(options::number_within(text.substr(4), 1, 65536, true));
+    options::refuse(text, "is neither volume nor rsm:N");
+}
+
+/// "none", "rays" or "ssdo:SAMPLES,RADIUS,THICKNESS".
+render::RsmLightSettings parse_visibility(const std::string& text) {
+    using Seen = render::RsmLightSettings::Seen;
+    render::RsmLightSettings settings;
+    if (text == "none" || text == "rays") {
+        settings.seen = text == "none" ? Seen::none : Seen::rays;
+        return settings;
+    }
+    settings.seen = Seen::ssdo;
+    const auto numbers =
+        text.starts_with("ssdo:") ? options::parse_numbers(text.substr(5)) : std::nullopt;
+    if (!numbers || numbers->size() != 3 || !((*numbers)[0] >= 1 && (*numbers)[0] <= 1024)
+        || (*numbers)[0] != std::floor((*numbers)[0]) || !((*numbers)[1] >= 0)
+        || !((*numbers)[2] >= 0))
+        options::refuse(text, "is none of none, rays and ssdo:SAMPLES,RADIUS,THICKNESS, 1 to 1024 "
+                              "samples and metres from 0");
+    settings.samples = int((*numbers)[0]);
+    settings.radius = (*numbers)[1];
+    settings.thickness = (*numbers)[2];
+    return settings;
+}
+
+std::string name_of_visibility(const render::RsmLightSettings& settings) {
+    using Seen = render::RsmLightSettings::Seen;
+    return settings.seen == Seen::none ? "none"
+           : settings.seen == Seen::rays
+               ? "rays"
+               : format("ssdo:%d,%.9g,%.9g", settings.samples, settings.radius, settings.thickness);
 }
 
 std::string name_of_fog(const RenderOptions& o) {
@@ -232,8 +241,8 @@ void check_options(const RenderOptions& o) {
             || o.show == render::Show::cells))
         throw Error(ErrorKind::argument,
                     "--reference: paths know nothing of --show " + name_of(o.show));
-    if (o.reference > 0 && o.medium)
-        throw Error(ErrorKind::argument, "--reference: paths know nothing of --medium");
+    if (o.compare_rays && !o.rsm)
+        throw Error(ErrorKind::argument, "--compare rays is of --indirect rsm:N");
     for (const std::string& output : all_outputs(o))
         if (!options::has_extension(output, ".png") && !options::has_extension(output, ".exr"))
             throw Error(ErrorKind::argument,
@@ -318,6 +327,9 @@ struct RenderResult {
     render::PictureError error;
     double flip = 0;
     std::vector<Written> outputs;
+    std::optional<render::Rendering> by_rays; ///< with RenderOptions::compare_rays
+    render::PictureError rays_error;
+    double rays_l1 = 0, rays_flip = 0;
 };
 
 glm::dvec3 eye_of(const Camera& camera) {
@@ -326,6 +338,37 @@ glm::dvec3 eye_of(const Camera& camera) {
 
 glm::dvec3 target_of(const Camera& camera) {
     return eye_of(camera) - glm::normalize(glm::dvec3(camera.to_world[2]));
+}
+
+/// The sum of differences over the sum of the second.
+double relative_l1(const image::Pixels& a, const image::Pixels& b) {
+    double difference = 0, sum = 0;
+    for (std::size_t i = 0; i < a.samples.size(); ++i) {
+        difference += std::abs(double(a.samples[i]) - double(b.samples[i]));
+        sum += std::abs(double(b.samples[i]));
+    }
+    return sum > 0 ? difference / sum : 0;
+}
+
+report::Json indirect_json(const RenderResult& r) {
+    const RenderOptions& o = r.options;
+    if (!o.rsm)
+        return nullptr;
+    report::Json json{{"texels", *o.rsm},
+                      {"visibility", name_of_visibility(o.rsm_visible)},
+                      {"compared", nullptr}};
+    if (!r.by_rays)
+        return json;
+    const render::PairCount& pairs = r.rendering.pairs;
+    const double all = double(std::max<uint64_t>(pairs.pairs, 1));
+    json["compared"] = {{"pairs", pairs.pairs},
+                        {"hidden", double(pairs.hidden) / all},
+                        {"falsely_lit", double(pairs.falsely_lit) / all},
+                        {"falsely_dark", double(pairs.falsely_dark) / all},
+                        {"energy", r.rays_error.ratio},
+                        {"l1", r.rays_l1},
+                        {"flip", r.rays_flip}};
+    return json;
 }
 
 void print_json_result(const RenderResult& r, const Run& run) {
@@ -348,11 +391,19 @@ void print_json_result(const RenderResult& r, const Run& run) {
                             {"fov", glm::degrees(r.view.camera.yfov)}}},
                           {"dry_run", o.dry_run}};
     document["medium"] = nullptr;
-    if (o.medium)
-        document["medium"] = {{"scatter", report::vector_json(o.medium->scatter)},
-                              {"absorb", report::vector_json(o.medium->absorb)},
-                              {"g", o.medium->g},
+    if (const auto& air = o.medium.medium) {
+        document["medium"] = {{"scatter", report::vector_json(air->scatter)},
+                              {"absorb", report::vector_json(air->absorb)},
+                              {"g", air->g},
+                              {"height", nullptr},
+                              {"density", nullptr},
                               {"method", name_of_fog(o)}};
+        if (air->height)
+            document["medium"]["height"] = {air->height->from, air->height->scale};
+        if (!o.medium.density.empty())
+            document["medium"]["density"] = o.medium.density;
+    }
+    document["indirect"] = indirect_json(r);
     if (!o.dry_run) {
         document["exposure"] = r.exposure;
         document["mean_luminance"] = render::mean_luminance(r.rendering.picture);
@@ -394,9 +445,9 @@ void print_text_result(const RenderResult& r, const Run& run) {
                 glm::degrees(camera.yfov));
     std::printf("picture       %d x %d pixels, %s each, %s\n", r.view.size.x, r.view.size.y,
                 counted(uint64_t(o.samples), "sample").c_str(), name_of(o.show).c_str());
-    if (o.medium)
+    if (const auto& air = o.medium.medium)
         std::printf("medium        scatters %.4g, absorbs %.4g a metre (green), g %.3g; %s\n",
-                    o.medium->scatter.g, o.medium->absorb.g, o.medium->g, name_of_fog(o).c_str());
+                    air->scatter.g, air->absorb.g, air->g, name_of_fog(o).c_str());
     if (o.dry_run) {
         for (const std::string& output : all_outputs(o))
             std::printf("output        %s\n", output.c_str());
@@ -410,9 +461,60 @@ void print_text_result(const RenderResult& r, const Run& run) {
             render::mean_luminance(r.reference->picture), r.error.rmse, 100 * r.error.relative,
             r.error.rmse > 0 ? 100 * r.error.relative * r.reference->noise / r.error.rmse : 0.0,
             r.flip);
+    if (r.by_rays) {
+        const render::PairCount& pairs = r.rendering.pairs;
+        const double all = 0.01 * double(std::max<uint64_t>(pairs.pairs, 1));
+        std::printf("beside rays   %.3g %% of the pairs falsely lit, %.3g %% falsely dark (%.3g %% "
+                    "hidden); energy %.3f, L1 %.3g %%, FLIP %.4f\n",
+                    double(pairs.falsely_lit) / all, double(pairs.falsely_dark) / all,
+                    double(pairs.hidden) / all, r.rays_error.ratio, 100 * r.rays_l1, r.rays_flip);
+    }
     print_stages(run.stages);
     print_total(run.seconds());
     print_outputs(r.outputs);
+}
+
+/// Lights the picture by a few texels of maps, beside rays too where that is asked for.
+void draw_by_rsm(const RenderOptions& o, const render::LitScene& lit,
+                 const visibility::Visibility& visibility, const volume::Levels& levels,
+                 const raster::Raster& raster, const readers::Reader& sampler,
+                 render::ViewSettings view, Run& run, RenderResult& result) {
+    render::RsmLightSettings settings = o.rsm_visible;
+    settings.texels = *o.rsm;
+    settings.compare = o.compare_rays;
+    const render::RsmLight light(lit.scene, lit.frame, visibility, settings);
+    view.rsm = &light;
+    result.rendering = render::render(lit, levels, raster, sampler, view, run.progress);
+    run.end_stage("render");
+    if (!o.compare_rays)
+        return;
+    settings.seen = render::RsmLightSettings::Seen::rays;
+    settings.compare = false;
+    const render::RsmLight truth(lit.scene, lit.frame, visibility, settings);
+    view.rsm = &truth;
+    result.by_rays = render::render(lit, levels, raster, sampler, view, run.progress);
+    run.end_stage("rays");
+}
+
+void compare_with_rays(const RenderOptions& o, RenderResult& result) {
+    if (!result.by_rays)
+        return;
+    const image::Pixels &drawn = result.rendering.picture, &truth = result.by_rays->picture;
+    result.rays_error = render::compare_pictures(drawn, truth);
+    result.rays_l1 = relative_l1(drawn, truth);
+    result.rays_flip =
+        render::flip(displayed(o, drawn, result.exposure), displayed(o, truth, result.exposure));
+}
+
+void write_pictures(const RenderOptions& o, Run& run, RenderResult& result) {
+    run.progress.begin("write", 0);
+    for (const std::string& output : o.outputs)
+        result.outputs.push_back(
+            write_picture(o, output, result.rendering.picture, result.exposure));
+    for (const std::string& output : o.reference_outputs)
+        result.outputs.push_back(
+            write_picture(o, output, result.reference->picture, result.exposure));
+    run.end_stage("write");
 }
 
 void run(const RenderOptions& o) {
@@ -426,10 +528,14 @@ void run(const RenderOptions& o) {
     const Volume& volume = levels.levels.front();
     const readers::Reader sampler = sampler_for(o.sampler, volume);
     Scene scene = run.load();
-    make_static(o.volume, volume, scene);
+    if (!o.rsm) // whose maps have reflected light alone
+        make_static(o.volume, volume, scene);
     if (scene::triangle_count(scene) == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to draw");
     warn_of_mismatch(o, scene, levels, run.progress);
+    std::vector<std::string> warnings;
+    const std::optional<medium::Medium> air = medium_of(o.medium, scene, warnings);
+    run.warn(warnings);
     const std::unique_ptr<gpu::Device> device = opening.get();
     run.end_stage("load");
 
@@ -445,8 +551,22 @@ void run(const RenderOptions& o) {
     view.camera = choose_camera(o, scene, box_of(levels), seen, frame, view.size);
     view.samples = o.samples;
     view.show = o.show;
-    RenderResult result{
-        o, scene, volume, device->info().name, sampler_name(sampler), view, {}, 0, {}, {}, 0, {}};
+    RenderResult result{o,
+                        scene,
+                        volume,
+                        device->info().name,
+                        sampler_name(sampler),
+                        view,
+                        {},
+                        0,
+                        {},
+                        {},
+                        0,
+                        {},
+                        {},
+                        {},
+                        0,
+                        0};
     if (!o.dry_run) {
         const raster::Raster raster(*device, scene, frame, scene::is_asked);
         run.end_stage("prepare");
@@ -454,18 +574,22 @@ void run(const RenderOptions& o) {
         const std::optional<volume::VolumeSet> filled = filled_for(sampler, levels);
         const volume::Levels field(levels);
         std::optional<medium::Fog> fog;
-        if (o.medium) {
-            medium::Medium air = *o.medium;
-            air.box = o.medium_bounds.value_or(bounds_of(scene));
-            fog.emplace(scene, visibility, frame, &field, air, medium::FogSettings{o.fog_steps});
+        if (air) {
+            fog.emplace(scene, visibility, frame, &field, *air, medium::FogSettings{o.fog_steps});
             view.fog = &*fog;
+            view.air = &*air;
             run.end_stage("medium");
         }
-        result.rendering =
-            render::render(lit, filled ? *filled : levels, raster, sampler, view, run.progress);
+        if (o.rsm) {
+            draw_by_rsm(o, lit, visibility, levels, raster, sampler, view, run, result);
+        } else {
+            result.rendering =
+                render::render(lit, filled ? *filled : levels, raster, sampler, view, run.progress);
+            run.end_stage("render");
+        }
         const image::Pixels& drawn = result.rendering.picture;
-        run.end_stage("render");
         result.exposure = o.exposure ? *o.exposure : render::automatic_exposure(drawn, view.show);
+        compare_with_rays(o, result);
         if (o.reference > 0) {
             view.samples = o.reference;
             result.reference = render::trace_picture(lit, view, run.progress);
@@ -475,13 +599,7 @@ void run(const RenderOptions& o) {
                                        displayed(o, traced, result.exposure));
             run.end_stage("reference");
         }
-        run.progress.begin("write", 0);
-        for (const std::string& output : o.outputs)
-            result.outputs.push_back(write_picture(o, output, drawn, result.exposure));
-        for (const std::string& output : o.reference_outputs)
-            result.outputs.push_back(
-                write_picture(o, output, result.reference->picture, result.exposure));
-        run.end_stage("write");
+        write_pictures(o, run, result);
     }
     device->check_validation();
     run.progress.end();
@@ -514,20 +632,34 @@ options::Action declare(options::Options& options) {
     options.choice("--show", o.show, options::choices_named<render::Show>(show_names), "See below");
     add_sampler_option(options, o.sampler);
 
-    options.group("Air");
-    options.value("--medium", o.medium, "scatter=X,absorb=X,g=X", parse_medium,
-                  "Fog before what is seen: shares of light scattered and absorbed a metre, X or "
-                  "R/G/B, and the mean cosine of scattering; see below");
-    options
-        .value("--medium-bounds", o.medium_bounds, "X0,Y0,Z0,X1,Y1,Z1", options::parse_bounds,
-               "Box of the medium, metres; default: the scene's")
-        .need("medium");
+    add_medium_options(options, o.medium, "Fog before what is seen");
     options
         .value("--fog-method", o.fog_steps, "exact|march:N", parse_fog_method,
                "exact: lit parts of each ray in closed form; march:N: N steps with shadow rays, as "
                "programs do",
                "exact")
         .need("medium");
+
+    options.group("Indirect light");
+    options.value(
+        "--indirect", o.rsm, "volume|rsm:N", parse_indirect,
+        "volume: the field; rsm:N: instead of it the first reflection of punctual lights, "
+        "by N texels of each reflective shadow map a pixel, as programs without a bake do; "
+        "see below",
+        "volume");
+    options
+        .value("--vpl-visibility", o.rsm_visible, "none|ssdo:SAMPLES,RADIUS,THICKNESS|rays",
+               parse_visibility,
+               "Which texels light a pixel: all; those that the picture's depths hide in none of "
+               "SAMPLES places up to RADIUS metres on the way, where what is seen is THICKNESS "
+               "thick; or those that rays reach",
+               "rays")
+        .need("indirect");
+    options
+        .choice("--compare", o.compare_rays,
+                options::Choices<bool>{{"none", false}, {"rays", true}},
+                "rays: tell how wrong --vpl-visibility is beside rays")
+        .need("indirect");
 
     options.group("Picture");
     options.value("--exposure", o.exposure, "EV|auto", parse_exposure, "Of a .png", "auto");

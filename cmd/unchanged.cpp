@@ -123,7 +123,8 @@ std::string bake_hash(const BakeOptions& o, const options::Options& options, con
         for (const std::string& path : o.outputs.paths)
             texts.push_back(fs::path(path).extension().string());
     for (const std::string& file :
-         {o.scene, o.adjust, has_volume_file(o) ? o.volumes : std::string()}) {
+         {o.scene, o.adjust, has_volume_file(o) ? o.volumes : std::string(),
+          density_file(o.medium)}) {
         if (file.empty())
             continue;
         if (!fs::is_regular_file(file))
@@ -165,6 +166,7 @@ void write_depfile(const BakeOptions& o, const Scene& scene) {
     inputs.insert(inputs.end(), scene.file.beside.begin(), scene.file.beside.end());
     inputs.push_back(o.adjust);
     inputs.push_back(o.at);
+    inputs.push_back(density_file(o.medium));
     if (has_volume_file(o))
         inputs.push_back(o.volumes);
     std::string text;

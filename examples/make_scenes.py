@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""Writes three scenes of boxes to try things on: a furnished room, room.gltf, that a low sun shines into
-through a window, a street, street.gltf, of houses and trees in the sun, and a room, sheets.gltf, whose
-walls have no thickness and are seen from both sides. Metres.
+"""Writes four scenes of boxes to try things on: a furnished room, room.gltf, that a low sun shines into
+through a window, a street, street.gltf, of houses and trees in the sun, a room, sheets.gltf, whose
+walls have no thickness and are seen from both sides, and a hall, hall.gltf, with five windows in a row
+that the sun shines through. Metres.
 
     make_scenes.py FOLDER
 """
@@ -159,6 +160,27 @@ def sheets():
     return s
 
 
+def hall():
+    s = Scene()
+    # 12 x 6 x 20 m between walls of 30 cm, with pillars; the sun stands before the left wall.
+    s.solid(WOOD, [0, -0.15, 0], [12.6, 0.3, 20.6])
+    s.solid(WHITE, [0, 6.15, 0], [12.6, 0.3, 20.6])
+    s.solid(WHITE, [6.15, 3, 0], [0.3, 6, 20.6])
+    for z in (-10.15, 10.15):
+        s.solid(WHITE, [0, 3, z], [12.6, 6, 0.3])
+    s.solid(WHITE, [-6.15, 1, 0], [0.3, 2, 20])
+    s.solid(WHITE, [-6.15, 5.6, 0], [0.3, 0.8, 20])
+    for pier in range(6):  # between windows of 1.4 x 3.2 m
+        width = 1.3 if pier in (0, 5) else 2.6
+        s.solid(WHITE, [-6.15, 3.6, -9.35 if pier == 0 else 9.35 if pier == 5 else 4 * pier - 10],
+                [0.3, 3.2, width])
+    for k in range(4):
+        for x in (-2.1, 2.5):
+            s.solid(OCHRE, [x, 3, 4 * k - 6], [0.6, 6, 0.6])
+    s.sun(-110, 38, 60000)
+    return s
+
+
 def street():
     s = Scene()
     s.solid((0.3, 0.33, 0.2), [0, -0.5, 0], [60, 1, 60])
@@ -196,3 +218,4 @@ if __name__ == "__main__":
     room().write(folder / "room.gltf")
     street().write(folder / "street.gltf")
     sheets().write(folder / "sheets.gltf")
+    hall().write(folder / "hall.gltf")

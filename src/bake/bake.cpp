@@ -1,5 +1,6 @@
 #include "bake/bake.h"
 
+#include "bake/air.h"
 #include "bake/cached.h"
 #include "bake/direct.h"
 #include "bake/lighting.h"
@@ -144,6 +145,7 @@ void finish_level(const Scene& scene, const BakePlan& plan, const gpu::Device& d
     volume.walls = find_walls(level.visibility, level.frame, volume, level.cache(plan));
     stages.end(share_with_walls(volume.walls));
 
+    add_air(level.axes.scene, plan, level.visibility, level.frame, stages, volume);
     add_direct(level.axes.scene, plan, level.visibility, level.frame, stages, volume);
     volume.grid = level.grid;
     if (volume.grid.is_turned())

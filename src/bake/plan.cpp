@@ -1,6 +1,7 @@
 #include "bake/plan.h"
 
 #include "background.h"
+#include "bake/air.h"
 #include "bake/direct.h"
 #include "bake/surface_fit.h"
 #include "lpvbake/error.h"
@@ -315,6 +316,37 @@ void plan_maps(const SceneFacts& scene, int size, BakePlan& plan) {
                 counted(uint64_t(plan.maps.count), "map").c_str(), size, size)});
 }
 
+/// How many beams a grid's lights send.
+double count_beams(std::span<const Light> lights, const Grid& grid, int per_cell) {
+    const glm::dvec3 dims(grid.dims);
+    const double face = (dims.x * dims.y + dims.y * dims.z + dims.z * dims.x) / 3;
+    double beams = 0;
+    for (const Light& light : lights)
+        beams +=
+            (light.type == LightType::directional ? 1.5 : 6) * double(per_cell) * per_cell * face;
+    return beams;
+}
+
+/// What air scatters in a grid.
+void plan_air(const SceneFacts& scene, const Grid& grid, const std::string& of, BakePlan& plan) {
+    if (!plan.settings.medium)
+        return;
+    const medium::Medium& air = *plan.settings.medium;
+    if (grid.is_turned())
+        throw Error(ErrorKind::unsupported,
+                    "`medium` is of grids along the axes, not of turned volumes");
+    const double beams = count_beams(scene.lights, grid, plan.settings.direct.beams);
+    plan.stages.push_back(
+        {"air",
+         seconds::beam * beams + seconds::beam_air_cell * beams * std::cbrt(double(grid.size()))
+             + seconds::air_cell * double(grid.size()),
+         of + format("about %.2g beams of ", beams) + counted(scene.lights.size(), "light")});
+    const auto coefficients =
+        uint64_t(air.g == 0 ? 1 : volume::sh_count(plan.settings.solver.order()));
+    plan.host_bytes += grid.size() * (solver::models::bytes::beams_cell + 48 * coefficients + 24)
+                       + (air.density ? 4 * uint64_t(air.density->values.size()) : 0);
+}
+
 /// Beams through a grid, and what they sum.
 void plan_direct(const SceneFacts& scene, const Grid& grid, const std::string& of, BakePlan& plan) {
     const DirectSettings& direct = plan.settings.direct;
@@ -324,13 +356,10 @@ void plan_direct(const SceneFacts& scene, const Grid& grid, const std::string& o
             skip(plan, "beams", "no punctual light");
         return;
     }
-    const glm::dvec3 dims(grid.dims);
-    const double face = (dims.x * dims.y + dims.y * dims.z + dims.z * dims.x) / 3;
-    const double area = double(direct.beams) * direct.beams * face;
-    double beams = 0;
-    for (const Light& light : scene.lights)
-        if (direct.any() || light.is_static)
-            beams += light.type == LightType::directional ? 1.5 * area : 6 * area;
+    std::vector<Light> sending;
+    std::ranges::copy_if(scene.lights, std::back_inserter(sending),
+                         [&](const Light& light) { return direct.any() || light.is_static; });
+    const double beams = count_beams(sending, grid, direct.beams);
     plan.stages.push_back(
         {"beams",
          seconds::beam * beams + seconds::beam_cell * beams * std::cbrt(double(grid.size())),
@@ -439,6 +468,9 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
         && (settings.points > 0 || settings.adaptive || !settings.layers.empty()))
         throw Error(ErrorKind::argument,
                     "`static` is of grids and levels, not of `at`, `adaptive` and `layers`");
+    if (settings.medium && (settings.points > 0 || settings.adaptive || !settings.layers.empty()))
+        throw Error(ErrorKind::argument,
+                    "`medium` is of grids and levels, not of `at`, `adaptive` and `layers`");
     scene::check_light_arrives(scene.path, {.punctual = !scene.lights.empty(),
                                             .emitters = plan.emitters,
                                             .sky = scene.sky,
@@ -488,6 +520,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
         plan.stages.insert(plan.stages.end(), cost.stages.begin(), cost.stages.end());
         if (level == 0)
             plan.skipped.insert(plan.skipped.end(), cost.skipped.begin(), cost.skipped.end());
+        plan_air(scene, grid, of_level(level, plan), plan);
         plan_direct(scene, grid, of_level(level, plan), plan);
         if (places_of(plan) == 0)
             plan_fit(level == 0
@@ -566,6 +599,8 @@ Volume grids_of(const BakePlan& plan) {
         grids.occlusion.assign(4, {0.0f});
     grids.validity = {1.0f};
     grids.walls.assign(most_walls, {glm::vec3(0)});
+    if (plan.settings.medium)
+        set_air_grids(*plan.settings.medium, grids);
     if (plan.settings.direct.sh && plan.lights > 0)
         volume::set_grids(grids, volume::direct_kind(), volume::sh_count(grids.sh_order));
     if (plan.settings.direct.visibility && plan.lights > 0)

@@ -3,6 +3,7 @@
 
 #include "bake/kinds.h"
 #include "bake/layers.h"
+#include "medium/medium.h"
 #include "scene/scene.h"
 #include "visibility/isa.h"
 #include "volume/adjust.h"
@@ -68,6 +69,7 @@ struct BakeSettings {
     const readers::Reader* fit = nullptr;
     bool dering = true;                     ///< before it is fitted (bake/surface_fit.h)
     DirectSettings direct;                  ///< of one grid or of levels
+    std::optional<medium::Medium> medium;   ///< of them, too, and not of turned grids
     std::vector<volume::Adjustment> adjust; ///< of validity, and of what is fitted
     /// Of the light, by a solver that has SolverKind::layers, in grids, levels or volumes of what
     /// is not fitted.

@@ -53,6 +53,7 @@ public:
           size_(frame.extent),
           walls_(walls),
           settings_(settings),
+          frame_(frame),
           at_(light.type == LightType::directional ? glm::dvec3(0)
                                                    : frame.from_world(light.position)) {
         grid_.dims = glm::ivec3(glm::round(frame.extent));
@@ -60,7 +61,9 @@ public:
         shaped_ = light.type == LightType::spot || light.range > 0;
         if (light.type == LightType::spot)
             cone_ = scene::Cone(light);
-        channels_ = visibility.is_tinted() ? 3 : 1;
+        channels_ = visibility.is_tinted() || settings.medium ? 3 : 1;
+        if (settings.medium)
+            peak_ = settings.medium->peak();
         lit_.resize(channels_ * grid_.size());
         dark_.resize(channels_ * grid_.size());
         if (shaped_)
@@ -289,6 +292,7 @@ private:
         glm::vec3 left(1.0f);
         std::size_t passed = 0;
         uint64_t steps = 0;
+        double column = settings_.medium ? column_before(beam) : 0;
         for (double t = beam.begin; t < beam.end;) {
             const int axis = next.x <= next.y && next.x <= next.z ? 0 : next.y <= next.z ? 1 : 2;
             const double leaves = std::min(next[axis], beam.end);
@@ -298,7 +302,7 @@ private:
                 if (passed < crossings.size())
                     until = std::clamp(beam.traced_from + double(crossings[passed].t), t, leaves);
                 if (until > t)
-                    add_way(beam, cell, t, until, left);
+                    add_way(beam, cell, t, until, left, column);
                 t = until;
                 if (t < leaves) {
                     left *= crossings[passed].transmittance * crossings[passed].tint;
@@ -314,17 +318,59 @@ private:
         return steps;
     }
 
-    /// A beam's way in a cell, of which `left` arrives.
-    void add_way(const Beam& beam, glm::ivec3 at, double from, double to, glm::vec3 left) {
+    /// The medium's density over a part of a beam, metres.
+    double column(const Beam& beam, double from, double to) const {
+        return settings_.medium->column(frame_.to_world(beam.origin + from * beam.direction),
+                                        frame_.to_world(beam.origin + to * beam.direction));
+    }
+    /// Before the grid: from the lamp, or from beyond all of the medium.
+    double column_before(const Beam& beam) const {
+        double from = 0;
+        if (parallel_) {
+            const glm::dvec3 lo = frame_.from_world(settings_.medium->box.lo);
+            const glm::dvec3 hi = frame_.from_world(settings_.medium->box.hi);
+            from = beam.begin - glm::length(hi - lo) - glm::length(0.5 * (lo + hi - size_))
+                   - glm::length(size_);
+        }
+        return column(beam, from, beam.begin);
+    }
+    /// What air lets through of a part of a beam, behind `before` of density, times the density
+    /// over its peak: the mean along the part.
+    glm::vec3 in_air(double before, double own, double length) const {
+        glm::vec3 share;
+        const glm::dvec3 extinction = settings_.medium->extinction();
+        for (int c = 0; c < 3; ++c)
+            share[c] = float(std::exp(-extinction[c] * before) * decay(extinction[c], 0, own)
+                             / (peak_ * length * unit_));
+        return share;
+    }
+
+    /// A beam's way in a cell, of which `left` arrives; `before`: the density on its way to there,
+    /// to which that of this is added.
+    void add_way(const Beam& beam, glm::ivec3 at, double from, double to, glm::vec3 left,
+                 double& before) {
         const std::size_t cell = grid_.index(at);
+        const double start = from, before_start = before;
+        glm::vec3 seen = left;
+        if (settings_.medium) {
+            const double own = column(beam, from, to);
+            seen *= in_air(before, own, to - from);
+            before += own;
+        }
         if (const uint32_t near_cell = near_of(at); near_cell != none)
-            add_near(beam, near_cell, from, to, left);
-        if (walled_[cell] && !clip(beam, cell, from, to))
-            return;
+            add_near(beam, near_cell, from, to, seen);
+        if (walled_[cell]) {
+            if (!clip(beam, cell, from, to))
+                return;
+            if (settings_.medium)
+                seen = left
+                       * in_air(before_start + column(beam, start, from), column(beam, from, to),
+                                to - from);
+        }
         const double way = beam.weight * (to - from) * unit;
         const auto all = uint64_t(std::llround(way));
         for (std::size_t channel = 0; channel < channels_; ++channel) {
-            const double share = double(left[int(channel)]);
+            const double share = double(seen[int(channel)]);
             const auto lit = share == 1 ? all : uint64_t(std::llround(share * way));
             if (lit > 0)
                 add(lit_[channels_ * cell + channel], lit);
@@ -497,7 +543,9 @@ private:
     glm::dvec3 size_;
     std::span<const std::vector<glm::vec3>> walls_;
     BeamSettings settings_;
-    glm::dvec3 at_; ///< of a light that has a place
+    scene::Frame frame_;
+    double peak_ = 0; ///< of the medium's density
+    glm::dvec3 at_;   ///< of a light that has a place
     Grid grid_;
     bool parallel_ = false, shaped_ = false;
     scene::Cone cone_;

@@ -10,10 +10,16 @@
 
 namespace lpvbake::medium {
 
+struct Medium;
+
 struct BeamSettings {
     int per_cell = 4;     ///< beams along an edge of a cell, at least
     double sun_angle = 0; ///< across the disc of a directional light, radians (the sun: 0.0093)
     int order = 2;        ///< of DirectLight::sh
+    /// Not null: light is attenuated on its way, and counts where there is something to scatter it:
+    /// DirectLight::sh is multiplied by the medium's density over its peak, before means are taken,
+    /// and `visibility` means nothing. What is behind walls does not count, as without it.
+    const Medium* medium = nullptr;
 };
 
 /// Of one light, by Grid::index.

@@ -19,6 +19,7 @@ constexpr std::array<glm::dvec2, 4> gauss{glm::dvec2{-0.8611363115940526, 0.3478
                                           {0.3399810435848563, 0.6521451548625461},
                                           {0.8611363115940526, 0.3478548451374538}};
 constexpr double widest_angle = 0.2; ///< at a lamp, of a piece that the rule is used on
+constexpr double finest = 0.25;      ///< of Medium::grain(), a step
 constexpr double nearest = 1e-3;     ///< frame units that a ray passes a lamp by, at least
 
 /// The sum of a volume's coefficients times those of `basis`, of valid cells by their trilinear
@@ -78,17 +79,37 @@ std::optional<Fog::Part> Fog::part_in(glm::dvec3 origin, glm::dvec3 direction,
 
 glm::dvec3 Fog::transmittance(glm::dvec3 origin, glm::dvec3 direction, double distance) const {
     const auto part = part_in(origin, direction, distance);
-    return part ? glm::exp(-extinct_ * (part->end - part->begin)) : glm::dvec3(1.0);
+    return part ? glm::exp(-extinct_ * column(part->at(part->begin), part->at(part->end)))
+                : glm::dvec3(1.0);
+}
+
+double Fog::column(glm::dvec3 from, glm::dvec3 to) const {
+    return medium_.is_even()
+               ? glm::length(to - from)
+               : medium_.column(frame_.to_world(from), frame_.to_world(to)) / frame_.unit;
+}
+
+double Fog::density(glm::dvec3 place) const {
+    return medium_.is_even() ? 1 : medium_.density_at(frame_.to_world(place));
+}
+
+glm::dvec3 Fog::step_weight(double before, double own) const {
+    glm::dvec3 weight;
+    for (int c = 0; c < 3; ++c)
+        weight[c] = std::exp(-extinct_[c] * before) * decay(extinct_[c], 0, own);
+    return weight;
 }
 
 double Fog::way_in(const Source& source, glm::dvec3 place) const {
     if (source.light.type == LightType::directional) {
         const auto in = within(place, -source.direction, lo_, hi_, 0.0, HUGE_VAL);
-        return in ? in->y : 0;
+        return !in                 ? 0
+               : medium_.is_even() ? in->y
+                                   : column(place - in->y * source.direction, place);
     }
     const glm::dvec3 way = source.at - place;
     const auto in = within(place, way, lo_, hi_, 0.0, 1.0);
-    return in ? (in->y - in->x) * glm::length(way) : 0;
+    return in ? column(place + in->x * way, place + in->y * way) : 0;
 }
 
 glm::dvec3 Fog::illuminance(const Source& source, glm::dvec3 place) const {
@@ -112,9 +133,12 @@ double Fog::deflection(const Source& source, glm::dvec3 place, glm::dvec3 direct
 glm::dvec3 Fog::marched(const Source& source, const Part& part) const {
     const double step = (part.end - part.begin) / settings_.steps;
     glm::dvec3 sum(0.0);
+    double before = 0, reached = part.begin;
     for (int i = 0; i < settings_.steps; ++i) {
         const double t = part.begin + (i + 0.5) * step;
         const glm::dvec3 place = part.at(t);
+        before += column(part.at(reached), place);
+        reached = t;
         const bool parallel = source.light.type == LightType::directional;
         const glm::dvec3 arrives = illuminance(source, place);
         if (arrives == glm::dvec3(0))
@@ -122,8 +146,9 @@ glm::dvec3 Fog::marched(const Source& source, const Part& part) const {
         const glm::dvec3 way = parallel ? -source.direction : source.at - place;
         const float open = visibility_.transmittance(
             {glm::vec3(place), glm::vec3(way), 0.0f, parallel ? HUGE_VALF : 1.0f});
-        sum += double(open) * phase(medium_.g, deflection(source, place, part.direction)) * arrives
-               * glm::exp(-extinct_ * (t - part.begin + way_in(source, place)));
+        sum += double(open) * density(place)
+               * phase(medium_.g, deflection(source, place, part.direction)) * arrives
+               * glm::exp(-extinct_ * (before + way_in(source, place)));
     }
     return scatter_ * step * sum;
 }
@@ -158,6 +183,55 @@ glm::dvec3 Fog::of_parallel(const Source& source, const Part& part, glm::dvec2 l
                       * decay(extinct_[c] * (1 + way.y), 0, to - from);
     }
     return scatter_ * phase(medium_.g, deflection(source, {}, part.direction)) * source.power * sum;
+}
+
+std::vector<double> Fog::steps_in(const Source* source, const Part& part, glm::dvec2 lit) const {
+    const double grain = std::min(1.0, finest * medium_.grain() / frame_.unit);
+    const int count = std::max(1, int(std::ceil((lit.y - lit.x) / grain)));
+    std::vector<double> ends{lit.x};
+    for (int i = 0; i < count; ++i) {
+        const double from = ends.back(), to = lit.x + (lit.y - lit.x) * (i + 1) / count;
+        int parts = 1;
+        double middle = 0, beside = 1, first = 0, last = 0;
+        if (source && source->light.type != LightType::directional) {
+            middle = glm::dot(source->at - part.origin, part.direction);
+            beside = std::max(glm::length(source->at - part.at(middle)), nearest);
+            first = std::atan((from - middle) / beside);
+            last = std::atan((to - middle) / beside);
+            parts = std::max(1, int(std::ceil((last - first) / (0.5 * widest_angle))));
+        }
+        for (int k = 1; k < parts; ++k)
+            ends.push_back(std::clamp(
+                middle + beside * std::tan(first + (last - first) * k / parts), from, to));
+        ends.push_back(to);
+    }
+    return ends;
+}
+
+glm::dvec3 Fog::in_steps(const Source& source, const Part& part, glm::dvec2 lit) const {
+    const bool parallel = source.light.type == LightType::directional;
+    const double middle = parallel ? 0 : glm::dot(source.at - part.origin, part.direction);
+    const double beside =
+        parallel ? 1 : std::max(glm::length(source.at - part.at(middle)), nearest);
+    const std::vector<double> ends = steps_in(&source, part, lit);
+    double before = column(part.at(part.begin), part.at(lit.x));
+    glm::dvec3 sum(0.0);
+    for (std::size_t i = 0; i + 1 < ends.size(); ++i) {
+        const double from = ends[i], to = ends[i + 1], t = 0.5 * (from + to);
+        const double own = column(part.at(from), part.at(to));
+        if (own > 0) {
+            const glm::dvec3 place = part.at(t);
+            double more = 1; // the mean of 1 / r^2 over that in the middle
+            if (!parallel && to > from)
+                more = (std::atan((to - middle) / beside) - std::atan((from - middle) / beside))
+                       / (beside * (to - from)) * (beside * beside + (t - middle) * (t - middle));
+            sum += more * phase(medium_.g, deflection(source, place, part.direction))
+                   * illuminance(source, place) * glm::exp(-extinct_ * way_in(source, place))
+                   * step_weight(before, own);
+        }
+        before += own;
+    }
+    return scatter_ * sum;
 }
 
 glm::dvec3 Fog::of_lamp(const Source& source, const Part& part, glm::dvec2 lit) const {
@@ -197,8 +271,9 @@ glm::dvec3 Fog::direct(glm::dvec3 origin, glm::dvec3 direction, double distance)
         }
         source.depths.front().lit_parts(origin, direction, part->begin, part->end, lit);
         for (const glm::dvec2 each : lit)
-            sum += source.light.type == LightType::directional ? of_parallel(source, *part, each)
-                                                               : of_lamp(source, *part, each);
+            sum += !medium_.is_even()                            ? in_steps(source, *part, each)
+                   : source.light.type == LightType::directional ? of_parallel(source, *part, each)
+                                                                 : of_lamp(source, *part, each);
     }
     return sum;
 }
@@ -213,18 +288,26 @@ glm::dvec3 Fog::of_field(glm::dvec3 origin, glm::dvec3 direction, double distanc
     for (int l = 0, k = 0; l <= volume::sh_max_order; ++l)
         for (int m = 0; m <= 2 * l; ++m, ++k)
             basis[std::size_t(k)] *= float(std::pow(medium_.g, l));
-    const int steps = settings_.steps > 0 ? settings_.steps
-                                          : std::max(1, int(std::ceil(part->end - part->begin)));
-    const double step = (part->end - part->begin) / steps;
-    for (int i = 0; i < steps; ++i) {
-        const double from = part->begin + i * step;
-        const glm::dvec3 world = frame_.to_world(part->at(from + 0.5 * step));
-        const glm::dvec3 seen = volume::blend(*levels_, world, [&](std::size_t level) {
-            return read(levels_->volumes[level], world, basis);
-        });
-        for (int c = 0; c < 3; ++c)
-            sum[c] += std::max(0.0, seen[c])
-                      * decay(extinct_[c], from - part->begin, from - part->begin + step);
+    std::vector<double> ends;
+    if (settings_.steps > 0)
+        for (int i = 0; i <= settings_.steps; ++i)
+            ends.push_back(part->begin + (part->end - part->begin) * i / settings_.steps);
+    else if (medium_.is_even())
+        for (int i = 0, n = std::max(1, int(std::ceil(part->end - part->begin))); i <= n; ++i)
+            ends.push_back(part->begin + (part->end - part->begin) * i / n);
+    else
+        ends = steps_in(nullptr, *part, {part->begin, part->end});
+    double before = 0;
+    for (std::size_t i = 0; i + 1 < ends.size(); ++i) {
+        const double own = column(part->at(ends[i]), part->at(ends[i + 1]));
+        if (own > 0) {
+            const glm::dvec3 world = frame_.to_world(part->at(0.5 * (ends[i] + ends[i + 1])));
+            const glm::dvec3 seen = volume::blend(*levels_, world, [&](std::size_t level) {
+                return read(levels_->volumes[level], world, basis);
+            });
+            sum += glm::max(seen, 0.0) * step_weight(before, own);
+        }
+        before += own;
     }
     return scatter_ * sum;
 }

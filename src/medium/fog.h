@@ -13,7 +13,8 @@ namespace lpvbake::medium {
 struct FogSettings {
     /// 0: the light of lamps and suns is summed over the parts of a ray that they reach, in closed
     /// form (directional) or by Gauss' rule over the angle at the light (point, spot). Else so many
-    /// equal steps, with a shadow ray to each light in the middle of each: what programs do.
+    /// equal steps, with a shadow ray to each light in the middle of each: what programs do. Where
+    /// density is not even the parts are summed in steps as long as it may be taken to be.
     int steps = 0;
     int map_size = 1024; ///< texels along the side of a light's map, a power of two
 };
@@ -53,12 +54,21 @@ private:
     /// What is left of a source's light at a place, from where it enters; and its illuminance
     /// there, lx, if nothing stands in the way.
     double way_in(const Source& source, glm::dvec3 place) const;
+    /// Of density along a segment in the medium, frame units; and how much there is at a place.
+    double column(glm::dvec3 from, glm::dvec3 to) const;
+    double density(glm::dvec3 place) const;
+    /// What of a step at this column from the eye, and of so much itself, is left of it at the eye,
+    /// a unit of light a unit of density.
+    glm::dvec3 step_weight(double column, double own) const;
     glm::dvec3 illuminance(const Source& source, glm::dvec3 place) const;
     double deflection(const Source& source, glm::dvec3 place, glm::dvec3 direction) const;
 
     glm::dvec3 marched(const Source& source, const Part& part) const;
     glm::dvec3 of_parallel(const Source& source, const Part& part, glm::dvec2 lit) const;
     glm::dvec3 of_lamp(const Source& source, const Part& part, glm::dvec2 lit) const;
+    /// Of either, where density is not the same everywhere: in steps in which light is even.
+    glm::dvec3 in_steps(const Source& source, const Part& part, glm::dvec2 lit) const;
+    std::vector<double> steps_in(const Source* source, const Part& part, glm::dvec2 lit) const;
 
     const visibility::Visibility& visibility_;
     scene::Frame frame_;

@@ -89,6 +89,19 @@ glm::dvec3 Paths::illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays, Li
     return sum;
 }
 
+Paths::FromLight Paths::from_light(std::size_t i, glm::dvec3 point, uint64_t& rays) const {
+    const PunctualLight& source = sources_[i];
+    const auto [way, share, end] = way_to(source, point);
+    FromLight light{way, glm::dvec3(0.0), source.is_static};
+    if (share > 0.0) {
+        ++rays;
+        light.lux =
+            share * source.color
+            * glm::dvec3(visibility_.filter({glm::vec3(point), glm::vec3(way), 0.0f, float(end)}));
+    }
+    return light;
+}
+
 Paths::Glimpse Paths::seen_light(glm::vec3 origin, PathSampler& sampler, uint64_t& rays) const {
     if (statics_.empty())
         return {};
@@ -96,14 +109,11 @@ Paths::Glimpse Paths::seen_light(glm::vec3 origin, PathSampler& sampler, uint64_
     const std::size_t drawn =
         statics_.size() == 1 ? 0
                              : std::min(statics_.size() - 1, std::size_t(sampler.plain() * count));
-    const PunctualLight& source = sources_[statics_[drawn]];
-    const auto [way, share, end] = way_to(source, glm::dvec3(origin));
-    if (!(share > 0.0))
+    const FromLight light = from_light(statics_[drawn], glm::dvec3(origin), rays);
+    if (light.lux == glm::dvec3(0.0))
         return {};
-    ++rays;
-    const glm::dvec3 passes(visibility_.filter({origin, glm::vec3(way), 0.0f, float(end)}));
     // Of the mean over the sphere.
-    return {glm::normalize(way), count * share / (4.0 * glm::pi<double>()) * passes * source.color};
+    return {glm::normalize(light.way), count / (4.0 * glm::pi<double>()) * light.lux};
 }
 
 glm::dvec3 Paths::emission(const visibility::Hit& hit) const {

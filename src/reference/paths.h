@@ -62,6 +62,16 @@ public:
     glm::dvec3 illuminance(glm::dvec3 point, glm::dvec3 n, uint64_t& rays,
                            Lights which = Lights::all) const;
 
+    /// How many punctual lights there are, and what of one of them arrives at a point (frame
+    /// units).
+    struct FromLight {
+        glm::dvec3 way{0.0}; ///< from the point to the light, or to where nothing is any more
+        glm::dvec3 lux{0.0}; ///< on a surface that faces the light, shadows included
+        bool is_static = false;
+    };
+    std::size_t lights() const { return sources_.size(); }
+    FromLight from_light(std::size_t i, glm::dvec3 point, uint64_t& rays) const;
+
     /// What a surface emits (nits) where a ray meets it, of the share alpha that is there.
     glm::dvec3 emission(const visibility::Hit& hit) const;
 

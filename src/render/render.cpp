@@ -1,6 +1,8 @@
 #include "render/render.h"
 
 #include "lpvbake/error.h"
+#include "mix_word.h"
+#include "render/tracking.h"
 #include "render/view.h"
 #include "scene/material.h"
 #include "scene/sky.h"
@@ -13,6 +15,7 @@
 #include <bit>
 #include <cmath>
 #include <numeric>
+#include <optional>
 
 namespace lpvbake::render {
 namespace {
@@ -111,6 +114,40 @@ std::vector<double> fog_weights(uint32_t n) {
     return weights;
 }
 
+/// What the pixels of a picture see, each in its middle.
+SeenPlanes planes_of(const scene::RsmView& view, glm::ivec2 size, const raster::Raster& raster,
+                     const Surface& surface) {
+    const std::vector<raster::RsmOrigin>& origins = raster.geometry().origins;
+    std::vector<SeenPlanes::Plane> planes(std::size_t(size.x) * std::size_t(size.y));
+    for (int y = 0; y < size.y; y += raster::max_tile)
+        for (int x = 0; x < size.x; x += raster::max_tile) {
+            const raster::Tile tile{
+                size, {x, y}, glm::min(glm::ivec2(raster::max_tile), size - glm::ivec2(x, y))};
+            const std::span<const raster::RasterTexel> seen = raster.draw(view, tile, true);
+            for (int row = 0; row < tile.extent.y; ++row)
+                for (int column = 0; column < tile.extent.x; ++column) {
+                    const raster::RasterTexel& texel =
+                        seen[std::size_t(row) * std::size_t(tile.extent.x) + std::size_t(column)];
+                    if (texel.triangle == 0)
+                        continue;
+                    const auto [instance, triangle] = origins[texel.triangle - 1];
+                    const glm::dvec3 along = view.along(tile.at(column, row));
+                    const SurfacePoint p = surface.point(
+                        instance, triangle,
+                        surface.barycentric(instance, triangle, view.origin, along), along);
+                    planes[std::size_t(y + row) * std::size_t(size.x) + std::size_t(x + column)] = {
+                        p.point, p.normal};
+                }
+        }
+    return {view, size, std::move(planes)};
+}
+
+/// Of a row of a picture.
+struct RowCount {
+    uint64_t rays = 0;
+    PairCount pairs;
+};
+
 image::Pixels black(glm::ivec2 size) {
     return {size.x, size.y, 3, std::vector<float>(std::size_t(size.x) * std::size_t(size.y) * 3)};
 }
@@ -138,6 +175,10 @@ Rendering render(const LitScene& lit, const volume::Levels& levels, const raster
     const Surface surface(scene, frame);
     const std::vector<raster::RsmOrigin>& origins = raster.geometry().origins;
     const auto samples = uint32_t(settings.samples);
+    const RsmLight* const rsm = settings.rsm;
+    std::optional<SeenPlanes> planes;
+    if (rsm && rsm->settings().seen == RsmLightSettings::Seen::ssdo)
+        planes = planes_of(view, size, raster, surface);
 
     const bool through_glass = is_seen_through_glass(show);
     const auto tint_of = [&](glm::dvec3 along, double depth) {
@@ -147,7 +188,7 @@ Rendering render(const LitScene& lit, const volume::Levels& levels, const raster
             {glm::vec3(view.origin), glm::vec3(along), float(view.nearest), float(depth)}, true));
     };
     const auto colour = [&](const raster::RasterTexel& seen, glm::dvec3 along, double fog_weight,
-                            uint64_t& rays) {
+                            uint32_t key, RowCount& count) {
         const auto in_air = [&](glm::dvec3 behind, double depth) {
             return settings.fog && through_glass ? through_air(*settings.fog, show, view.origin,
                                                                along, depth, behind, fog_weight)
@@ -164,7 +205,10 @@ Rendering render(const LitScene& lit, const volume::Levels& levels, const raster
             return colour_of_volume(show, levels.volumes[volume::level_at(levels, world)], reader,
                                     world, p.smooth);
         const double depth = glm::dot(p.point - view.origin, view.axis);
-        const glm::dvec3 of_surface = colour_of(show, p, paths, rays, [&] {
+        const glm::dvec3 of_surface = colour_of(show, p, paths, count.rays, [&] {
+            if (rsm)
+                return rsm->illuminance(reference::off_surface(p.point, p.normal), p.smooth, key,
+                                        planes ? &*planes : nullptr, count.rays, count.pairs);
             return glm::max(readers::irradiance(reader, levels, world, p.smooth), 0.0);
         });
         return in_air(tint_of(along, depth) * of_surface, depth);
@@ -174,7 +218,7 @@ Rendering render(const LitScene& lit, const volume::Levels& levels, const raster
     result.picture = black(size);
     const std::vector<double> fog = fog_weights(samples);
     std::vector<glm::dvec3> sums;
-    std::vector<uint64_t> rays(std::size_t(size.y), 0);
+    std::vector<RowCount> counts(std::size_t(size.y));
     const auto across = uint64_t((size.x + raster::max_tile - 1) / raster::max_tile);
     const auto down = uint64_t((size.y + raster::max_tile - 1) / raster::max_tile);
     progress.begin("render", across * down * samples);
@@ -196,8 +240,9 @@ Rendering render(const LitScene& lit, const volume::Levels& levels, const raster
                     for (int column = 0; column < extent.x; ++column) {
                         const std::size_t i =
                             std::size_t(row) * std::size_t(extent.x) + std::size_t(column);
+                        const auto key = uint32_t((y + row) * size.x + x + column) * samples;
                         sums[i] += colour(seen[i], view.along(tile.at(column, row)), fog[sample],
-                                          rays[std::size_t(y + row)]);
+                                          mix_word(key + sample), counts[std::size_t(y + row)]);
                     }
                 });
                 progress.advance(++done);
@@ -208,7 +253,10 @@ Rendering render(const LitScene& lit, const volume::Levels& levels, const raster
                               sums[std::size_t(row) * std::size_t(extent.x) + std::size_t(column)]
                                   / double(samples));
         }
-    result.rays = std::accumulate(rays.begin(), rays.end(), uint64_t(0));
+    for (const RowCount& row : counts) {
+        result.rays += row.rays;
+        result.pairs.add(row.pairs);
+    }
     return result;
 }
 
@@ -223,20 +271,33 @@ Rendering trace_picture(const LitScene& lit, const ViewSettings& settings, Progr
     const scene::RsmView view = view_of(settings.camera, frame, size);
     const Surface surface(scene, frame);
     const auto samples = uint32_t(settings.samples);
+    std::optional<TrackedAir> air;
+    if (settings.air && is_seen_through_glass(show))
+        air.emplace(paths, frame, *settings.air);
 
     const auto colour = [&](glm::dvec3 along, reference::PathSampler& sampler, uint64_t& rays) {
         ++rays;
         const visibility::Hit hit = visibility.closest_front(
             {glm::vec3(view.origin), glm::vec3(along), float(view.nearest), HUGE_VALF});
         const glm::dvec3 tint(is_seen_through_glass(show) ? hit.tint : glm::vec3(1.0f));
-        if (hit.instance == visibility::no_hit)
-            return tint * background(scene, show, along);
+        const bool is_hit = hit.instance != visibility::no_hit;
+        TrackedAir::Seen seen{glm::dvec3(0.0), glm::dvec3(1.0)};
+        if (air) {
+            const double length = glm::length(along);
+            seen =
+                air->track(view.origin, along / length, is_hit ? double(hit.t) * length : HUGE_VAL,
+                           {show != Show::indirect, show != Show::direct}, sampler, rays);
+            if (seen.left == glm::dvec3(0.0))
+                return seen.scattered;
+        }
+        if (!is_hit)
+            return seen.left * tint * background(scene, show, along);
         SurfacePoint p = surface.point(
             hit.instance, hit.triangle,
             surface.barycentric(hit.instance, hit.triangle, view.origin, along), along);
         const Mesh& mesh = scene.meshes[std::size_t(scene.instances[hit.instance].mesh)];
         p.albedo = scene::sample_surface(scene, mesh, hit.triangle, p.hit.barycentric).albedo;
-        return tint * colour_of(show, p, paths, rays, [&] {
+        return seen.left * tint * colour_of(show, p, paths, rays, [&] {
                    return paths.irradiance(glm::vec3(reference::off_surface(p.point, p.normal)),
                                            p.smooth, sampler, rays);
                });

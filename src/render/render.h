@@ -6,6 +6,7 @@
 #include "medium/fog.h"
 #include "raster/raster.h"
 #include "readers/readers.h"
+#include "render/rsm_light.h"
 #include "render/shade.h"
 
 namespace lpvbake::render {
@@ -23,12 +24,15 @@ struct ViewSettings {
     glm::ivec2 size{960, 540}; ///< pixels
     int samples = 16;          ///< of each pixel, spread over its square
     Show show = Show::final;
-    const medium::Fog* fog = nullptr; ///< what lies between; null: nothing
+    const medium::Fog* fog = nullptr;    ///< what lies between; null: nothing
+    const medium::Medium* air = nullptr; ///< the same, for trace_picture
+    const RsmLight* rsm = nullptr;       ///< what lights instead of the field; null: the field does
 };
 
 struct Rendering {
     image::Pixels picture; ///< linear RGB: see Show. Black where nothing is seen, unless the sky is
     uint64_t rays = 0;
+    PairCount pairs; ///< with ViewSettings::rsm
     /// Standard error of the mean, root mean square over pixels and RGB; of path-traced ones.
     double noise = 0;
 };
@@ -42,9 +46,9 @@ struct Rendering {
 Rendering render(const LitScene& lit, const volume::Levels& levels, const raster::Raster& raster,
                  const readers::Reader& reader, const ViewSettings& settings, Progress& progress);
 
-/// The same picture, without fog, by ViewSettings::samples paths a pixel, from the eye on: instead
-/// of the field the light that it should hold. Of Show only final, direct, indirect, albedo, normal
-/// and irradiance. Throws what Paths::arriving and `progress` throw.
+/// The same picture by ViewSettings::samples paths a pixel, from the eye on: instead of the field
+/// the light that it should hold, and fog as tracking.h finds it. Of Show only final, direct,
+/// indirect, albedo, normal and irradiance. Throws what Paths::arriving and `progress` throw.
 Rendering trace_picture(const LitScene& lit, const ViewSettings& settings, Progress& progress);
 
 } // namespace lpvbake::render

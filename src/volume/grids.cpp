@@ -45,6 +45,22 @@ constexpr GridKind shadow{.name = "shadow",
                           .most = 4,
                           .quantity = {"share that arrives of the lights of a channel", "1"},
                           .subtracted = true};
+constexpr GridKind scatter{
+    .name = "scatter",
+    .channels = "rgb",
+    .quantity = {"luminance that air scatters a metre, mean over directions", "cd/m^3"},
+    .subtracted = true};
+constexpr GridKind scattered{
+    .name = "scattered",
+    .channels = "rgb",
+    .turning = Turning::harmonics,
+    .most = sh_count(sh_max_order),
+    .quantity = {"luminance that air scatters a metre, by where one looks", "cd/m^3"},
+    .subtracted = true};
+constexpr GridKind extinction{.name = "extinction",
+                              .channels = "rgb",
+                              .quantity = {"share of light that air takes a metre", "1/m"},
+                              .subtracted = true};
 constexpr GridKind sky_occlusion{.name = "sky_occlusion",
                                  .turning = Turning::harmonics,
                                  .fewest = 4,
@@ -55,9 +71,9 @@ constexpr GridKind sky_direction{.name = "sky_direction",
                                  .channels = "xyz",
                                  .turning = Turning::vector,
                                  .quantity = {"direction of the light of a white sky", "1"}};
-constexpr const GridKind* kinds[] = {&light,  &occlusion,     &validity,
-                                     &wall,   &direct,        &visibility,
-                                     &shadow, &sky_occlusion, &sky_direction};
+constexpr const GridKind* kinds[] = {&light,     &occlusion,  &validity,      &wall,
+                                     &direct,    &visibility, &shadow,        &scatter,
+                                     &scattered, &extinction, &sky_occlusion, &sky_direction};
 
 constexpr const char* coefficient_names[] = {
     "l0",    "l1_y",  "l1_z",  "l1_x",  "l2_xy", "l2_yz", "l2_z2", "l2_xz", "l2_x2y2",

@@ -55,8 +55,8 @@ namespace lpvbake::volume {
 
 using GridKinds = std::span<const GridKind* const>;
 
-/// sh (light), occlusion, validity, wall, direct, visibility, shadow, sky_occlusion, sky_direction,
-/// in the order in which files and lists have them.
+/// sh (light), occlusion, validity, wall, direct, visibility, shadow, scatter, scattered,
+/// extinction, sky_occlusion, sky_direction, in the order in which files and lists have them.
 GridKinds grid_kinds();
 
 /// The row of that name, which there must be.

@@ -302,9 +302,46 @@ TEST_F(RenderCli, AirAttenuatesAndScatters) {
     expect_error(picture + "-o a.png --medium g=1,scatter=1", cmd::ExitCode::usage, "'g=1'");
     expect_error(picture + "-o a.png --medium fog=1", cmd::ExitCode::usage, "'fog=1'");
     expect_error(picture + "-o a.png --medium g=0.5", cmd::ExitCode::usage, "neither scatters");
-    expect_error(picture + "-o a.png --medium scatter=1 --reference 4", cmd::ExitCode::usage,
-                 "--medium");
+    EXPECT_GT(run_json(picture + "-o a.exr --medium scatter=1 --reference 2")["reference"]["rays"],
+              16 * 12 * 2);
+    // Of all air of a density grid there is none outside of it, as above a height.
+    EXPECT_EQ(run_json(picture + "-o a.exr --medium scatter=0.1,height=1:0.5")["medium"]["height"],
+              json({1, 0.5}));
+    run_lpvbake(folder_, "convert v.vdb smoke.vdb --sh-order 0");
+    const json smoke =
+        run_json(picture + "-o a.exr --medium scatter=0.1 --medium-density smoke.vdb:validity");
+    EXPECT_EQ(smoke["medium"]["density"], "smoke.vdb:validity");
+    expect_error(picture + "-o a.exr --medium scatter=1 --medium-density smoke.vdb:sh_l0",
+                 cmd::ExitCode::unsupported, "grid \"sh_l0\" holds vec3s, not float");
+    expect_error(picture + "-o a.exr --medium scatter=1,height=1", cmd::ExitCode::usage,
+                 "no height H0:H");
+    expect_error(picture + "-o a.exr --medium scatter=1,height=9999:1", cmd::ExitCode::invalid,
+                 "of light a metre");
     expect_error(picture + "-o a.png --fog-method march:4", cmd::ExitCode::usage, "--medium");
+}
+
+TEST_F(RenderCli, TexelsOfMapsLightInsteadOfTheVolume) {
+    const std::string picture =
+        "\"$ROOM\" v.vdb -o a.exr --size 16x12 --samples 1 --point 0,1,0,50 ";
+    EXPECT_TRUE(run_json(picture)["indirect"].is_null());
+    const json told = run_json(
+        picture + "--indirect rsm:8 --vpl-visibility ssdo:4,1,0.1 --compare rays")["indirect"];
+    EXPECT_EQ(told["texels"], 8);
+    EXPECT_EQ(told["visibility"], "ssdo:4,1,0.1");
+    EXPECT_GT(told["compared"]["pairs"], 0);
+    EXPECT_LE(told["compared"]["falsely_lit"], told["compared"]["hidden"]);
+    EXPECT_TRUE(run_json(picture + "--indirect rsm:8 --vpl-visibility none")["indirect"]["compared"]
+                    .is_null());
+    const json rays = run_json(picture + "--indirect rsm:8 --compare rays")["indirect"]["compared"];
+    EXPECT_EQ(rays["falsely_lit"], 0);
+    EXPECT_EQ(rays["energy"], 1);
+    EXPECT_EQ(rays["flip"], 0);
+    expect_error(picture + "--indirect rsm", cmd::ExitCode::usage, "neither volume nor rsm:N");
+    expect_error(picture + "--indirect rsm:8 --vpl-visibility ssdo:4,1", cmd::ExitCode::usage,
+                 "ssdo:SAMPLES,RADIUS,THICKNESS");
+    expect_error(picture + "--vpl-visibility none", cmd::ExitCode::usage, "--indirect");
+    expect_error(picture + "--indirect volume --compare rays", cmd::ExitCode::usage,
+                 "--compare needs --indirect");
 }
 
 } // namespace

