@@ -2,7 +2,7 @@
 # Makes examples/gallery.jpg: the Cornell box, a room and a street, lit directly, with the classic
 # propagation, with the default solver, and path-traced; examples/before_after.jpg, the room alone; and
 # examples/fit.jpg: a room as Godot would show it, with the field as it is, fitted to surfaces, and
-# path-traced. Takes some minutes on two cores.
+# path-traced; and examples/shafts.jpg: a hall without and with air. Takes some minutes on two cores.
 #
 #   examples/gallery.sh [PATHS]     paths a pixel of the path-traced pictures, 256 by default
 set -euo pipefail
@@ -53,6 +53,14 @@ for kind in "" .fit; do
         --reference-output sheets.reference.png --progress none
 done
 
+"$lpvbake" bake hall.gltf -o hall.vdb --resolution 48 >/dev/null
+for kind in clear fog; do
+    air=()
+    [[ $kind == fog ]] && air=(--medium "scatter=0.05,absorb=0.002,g=0.7")
+    "$lpvbake" render hall.gltf hall.vdb -o "hall.$kind.png" --size 480x300 --samples 8 --exposure 10 \
+        --camera 5.4,1.6,-8.5:-6,2.7,1:70 "${air[@]}" --progress none >/dev/null
+done
+
 cd - >/dev/null
 oiiotool "${pictures[@]/#/$folder/}" --mosaic:pad=4 4x3 --compression jpeg:88 -o examples/gallery.jpg
 echo "wrote examples/gallery.jpg"
@@ -60,3 +68,5 @@ oiiotool "$folder"/before_after.{direct,final}.png --mosaic:pad=4 2x1 --compress
 echo "wrote examples/before_after.jpg"
 oiiotool "$folder"/sheets{,.fit,.reference}.png --mosaic:pad=4 3x1 --compression jpeg:88 -o examples/fit.jpg
 echo "wrote examples/fit.jpg"
+oiiotool "$folder"/hall.{clear,fog}.png --mosaic:pad=4 2x1 --compression jpeg:88 -o examples/shafts.jpg
+echo "wrote examples/shafts.jpg"

@@ -176,7 +176,7 @@ def hall():
                 [0.3, 3.2, width])
     for k in range(4):
         for x in (-2.1, 2.5):
-            s.solid(OCHRE, [x, 3, 4 * k - 6], [0.6, 6, 0.6])
+            s.solid(WHITE, [x, 3, 4 * k - 6], [0.6, 6, 0.6])
     s.sun(-110, 38, 60000)
     return s
 
