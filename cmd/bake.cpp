@@ -19,7 +19,9 @@
 #include "render/display.h"
 #include "report/describe.h"
 #include "report/measure.h"
+#include "scene/scene_hash.h"
 #include "scene/sky.h"
+#include "scene/surroundings.h"
 #include "scene_options.h"
 #include "text.h"
 #include "unchanged.h"
@@ -52,7 +54,8 @@ void add_light(const Scene& scene, Volume& volume) {
 /// What of the command line stands in the metadata.
 struct Origin {
     std::string settings, output_settings;
-    std::string hash; ///< bake_hash
+    std::string hash;         ///< bake_hash
+    std::string surroundings; ///< scene::Surroundings; empty: all of the scene counts
 };
 
 void fill_metadata(const BakeOptions& o, const Scene& scene, const Origin& origin, Volume& volume) {
@@ -61,6 +64,8 @@ void fill_metadata(const BakeOptions& o, const Scene& scene, const Origin& origi
         volume.metadata["output_settings"] = origin.output_settings;
     if (!origin.hash.empty())
         volume.metadata["bake_hash"] = origin.hash;
+    if (!origin.surroundings.empty())
+        volume.metadata["surroundings"] = origin.surroundings;
 }
 
 /// A bake, and how wrong it is.
@@ -260,7 +265,7 @@ options::Action declare(options::Options& options) {
 } // namespace
 
 void run_bake(BakeOptions o, const options::Options& options) {
-    Origin origin{options.recorded(), output_settings(options), ""};
+    Origin origin{options.recorded(), output_settings(options), "", ""};
     check_options(o);
     add_suns(o);
     o.load.boxes = volume_nodes(o);
@@ -281,17 +286,23 @@ void run_bake(BakeOptions o, const options::Options& options) {
     std::optional<io::CacheFolder> cache;
     if (!o.cache.empty() && !o.dry_run)
         base.cache = &cache.emplace(o.cache, o.cache_bytes);
-    const Scene scene = run.load();
-    run.end_stage("load", counted(scene::triangle_count(scene), "triangle") + ", "
+    Scene whole = run.load();
+    base.bounds = o.box_in(whole);
+    const Scene scene = o.surroundings
+                            ? scene::within(std::move(whole), {*base.bounds, *o.surroundings})
+                            : std::move(whole);
+    run.end_stage("load", counted(scene::triangle_count(scene), "triangle")
+                              + (o.surroundings ? " around" : "") + ", "
                               + counted(scene.lights.size(), "light"));
     const std::optional<PackedScene> packed = packed_for(o.outputs.paths, o.scene, o.load);
-    base.bounds = o.box_in(scene);
     base.levels = levels_of(o, scene);
     std::vector<std::string> air_warnings;
     base.medium = medium_of(o.medium, scene, air_warnings);
     run.warn(air_warnings);
+    if (o.surroundings)
+        origin.surroundings = scene::text_of({*base.bounds, *o.surroundings});
     if (o.at.empty())
-        origin.hash = bake_hash(o, options, scene, packed);
+        origin.hash = bake_hash(o, options, scene, scene::scene_hash(scene), packed);
     if (!o.dry_run)
         write_depfile(o, scene);
     if (o.if_changed && !needs_bake(o, origin.hash, !base.levels.empty(), run))

@@ -409,6 +409,14 @@ void add_bake_options(options::Options& options, BakeOptions& o) {
                   "l1-scale",   "exr-columns",   "dilate",   "fit",       "evaluation",
                   "verify",     "bytes"})
         .keep_to_one_run();
+    options
+        .number(
+            "--surroundings", o.surroundings, 0, 1e9,
+            "Leave out what is farther than X metres from --bounds, unless it emits, is as large "
+            "as it is far, or stands in the sun's way: to bake a world tile by tile; see below")
+        .need("bounds")
+        .exclude({"at", "level", "levels", "volume", "volumes"})
+        .record(options::Recorded::if_changed);
     add_level_options(options, o);
     add_volume_options(options, o);
     add_adjust_option(options, o);

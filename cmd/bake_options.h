@@ -63,6 +63,7 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::optional<uint64_t> max_size;   ///< of bricks, bytes
     std::vector<std::vector<bake::LayerWish>> layers;
     int layers_level = 0;
+    std::optional<double> surroundings; ///< metres around `bounds`; none: all of the scene counts
     bool if_changed = false;
     bool if_missing = false;
     std::string depfile; ///< empty: none

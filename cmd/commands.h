@@ -15,6 +15,7 @@ options::Command diff_command();
 options::Command convert_command();
 options::Command mix_command();
 options::Command report_command();
+options::Command world_command();
 options::Command devices_command();
 options::Command help_command();
 
@@ -22,7 +23,8 @@ options::Command help_command();
 inline options::Commands all_commands() {
     return {bake_command(),   rebake_command(), reference_command(), info_command(),
             render_command(), verify_command(), diff_command(),      convert_command(),
-            mix_command(),    report_command(), devices_command(),   help_command()};
+            mix_command(),    world_command(),  report_command(),    devices_command(),
+            help_command()};
 }
 
 } // namespace lpvbake::cmd

@@ -178,6 +178,8 @@ void set_sun(const MixOptions& o, const std::string& time, io::LayerSet& set) {
 void set_weights(const MixOptions& o, TerminalProgress& progress, Mixture& mixture) {
     std::vector<io::LayerEntry>& layers = mixture.set.layers;
     for (const Weight& weight : o.weights) {
+        if (std::ranges::count(o.weights, weight.name, &Weight::name) > 1)
+            throw Error(ErrorKind::argument, weight.name + ": has two weights; give it one");
         const std::string word = weight.name + "=" + weight.value;
         const auto layer = std::ranges::find(layers, weight.name, &io::LayerEntry::name);
         const std::optional<glm::vec3> colour = colour_of(weight.value);

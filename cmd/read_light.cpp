@@ -8,6 +8,7 @@
 #include "options/file.h"
 #include "quoted.h"
 #include "scene/scene_hash.h"
+#include "scene/surroundings.h"
 #include "volume/dilate.h"
 
 #include <nlohmann/json.hpp>
@@ -94,8 +95,16 @@ void make_static(const std::string& path, const Volume& volume, Scene& scene) {
 
 std::optional<std::string> mismatch(const std::string& path, const Volume& volume,
                                     const Scene& scene) {
+    if (const std::string* mix = fact_in(volume, "mix"); mix && *mix != "as baked")
+        return path + ": is mixed of layers (" + printable(*mix)
+               + "); give the scene's lights the same weights, as by --light-scale";
     const std::string* hash = fact_in(volume, "scene_hash");
-    if (!hash || *hash == scene::scene_hash(scene))
+    const std::string* near = fact_in(volume, "surroundings");
+    const auto around = near ? scene::parse_surroundings(*near) : std::nullopt;
+    if (!hash
+        || *hash
+               == (around ? scene::scene_hash(scene::parts_of(scene), scene::Around(scene)(*around))
+                          : scene::scene_hash(scene)))
         return {};
     return path
            + ": is of another scene or other lights; give those of its bake, which lpvbake info "

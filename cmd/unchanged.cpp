@@ -116,9 +116,11 @@ std::string output_settings(const options::Options& options) {
 }
 
 std::string bake_hash(const BakeOptions& o, const options::Options& options, const Scene& scene,
-                      const std::optional<PackedScene>& packed) {
+                      const std::string& hash, const std::optional<PackedScene>& packed) {
     std::vector<std::string> texts{LPVBAKE_VERSION, options.recorded(), output_settings(options),
-                                   scene::scene_hash(scene)};
+                                   hash};
+    for (const Light& light : scene.lights)
+        texts.push_back(light.name);
     if (o.bytes) // what they leave room for is of the kinds of files
         for (const std::string& path : o.outputs.paths)
             texts.push_back(fs::path(path).extension().string());
@@ -129,7 +131,8 @@ std::string bake_hash(const BakeOptions& o, const options::Options& options, con
             continue;
         if (!fs::is_regular_file(file))
             return {};
-        texts.push_back(scene::file_hash(file));
+        if (!o.surroundings || file != o.scene) // of which there is more than counts
+            texts.push_back(scene::file_hash(file));
     }
     if (packed)
         texts.insert(texts.end(), {packed->json, packed->bytes});

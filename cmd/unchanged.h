@@ -15,11 +15,12 @@ namespace lpvbake::cmd {
 std::string output_settings(const options::Options& options);
 
 /// All that outputs of a bake follow from, as 16 hex digits, which they have as metadata
-/// `bake_hash`: version, options that outputs depend on, the bytes of the scene's file and of files
-/// of boxes, the scene as it was loaded and, for a .glb, as it is packed. Empty where a file can be
-/// read but once, as standard input. Throws Error (file).
+/// `bake_hash`: version, options that outputs depend on, the bytes of the scene's file, unless
+/// --surroundings leaves some of it out, and of files of boxes, the scene as it was loaded, by its
+/// `hash` (scene_hash) and the names of lights, and, for a .glb, as it is packed. Empty where a
+/// file can be read but once, as standard input. Throws Error (file).
 std::string bake_hash(const BakeOptions& o, const options::Options& options, const Scene& scene,
-                      const std::optional<PackedScene>& packed);
+                      const std::string& hash, const std::optional<PackedScene>& packed);
 
 /// True where an output is not there, cannot be read whole, or has another hash; else tells that
 /// there is nothing to do. `levels`: whether there are nested grids.

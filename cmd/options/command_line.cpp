@@ -192,4 +192,27 @@ void run_command_line(const Commands& commands, const std::vector<std::string>& 
         chosen->action();
 }
 
+void take_words(const std::string& command, const std::vector<std::string>& words,
+                Options& options) {
+    CLI::App root("", "lpvbake");
+    CLI::App* app = root.add_subcommand(command);
+    app->set_help_flag();
+    for (Option& row : options.rows())
+        add_option(row, *app);
+    std::vector<std::string> whole{command};
+    whole.insert(whole.end(), words.begin(), words.end());
+    whole = with_values(std::move(whole), options);
+    try {
+        root.parse(std::vector<std::string>(whole.rbegin(), whole.rend()));
+    } catch (const CLI::ParseError& error) {
+        fail(root, ErrorKind::argument, explain(root, error, whole));
+    } catch (const Error& error) {
+        fail(root, error.kind, error.what());
+    }
+    if (const Option* config = options.find("config"); config && config->is_set())
+        fail(root, ErrorKind::argument,
+             "--config has no place here; give the options that are in it");
+    options.check();
+}
+
 } // namespace lpvbake::cmd::options

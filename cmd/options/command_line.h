@@ -39,4 +39,9 @@ inline void run_command_line(const Commands& commands, const std::vector<std::st
     run_command_line(commands, words, asked);
 }
 
+/// Sets options by the words of a command line of a command that has them, without --config. Throws
+/// Error (argument).
+void take_words(const std::string& command, const std::vector<std::string>& words,
+                Options& options);
+
 } // namespace lpvbake::cmd::options

@@ -9,6 +9,7 @@
 #include <cstdio>
 #include <cstring>
 #include <fstream>
+#include <numeric>
 #include <string_view>
 #include <type_traits>
 
@@ -34,6 +35,7 @@ public:
         static_assert((std::is_trivially_copyable_v<T> && ...));
         (bytes(&values, sizeof values), ...);
     }
+    uint64_t value() const { return state_; }
     /// 16 hexadecimal digits.
     std::string text() const {
         char digits[17];
@@ -62,31 +64,47 @@ private:
 
 } // namespace
 
-std::string scene_hash(const Scene& scene) {
-    Hash hash;
+SceneParts parts_of(const Scene& scene) {
+    std::vector<uint64_t> images, textures, materials, meshes;
     for (const Image& image : scene.images) {
+        Hash hash;
         hash.add(image.width, image.height);
         hash.add(image.rgba);
+        images.push_back(hash.value());
     }
-    for (const Texture& texture : scene.textures)
-        hash.add(texture.image, texture.wrap_u, texture.wrap_v, texture.nearest);
-    for (const Material& material : scene.materials)
-        hash.add(material.base_color, material.base_color_texture, material.alpha_mode,
+    for (const Texture& texture : scene.textures) {
+        Hash hash;
+        hash.add(images[std::size_t(texture.image)], texture.wrap_u, texture.wrap_v,
+                 texture.nearest);
+        textures.push_back(hash.value());
+    }
+    const auto of_texture = [&](int texture) {
+        return texture < 0 ? uint64_t(0) : textures[std::size_t(texture)];
+    };
+    for (const Material& material : scene.materials) {
+        Hash hash;
+        hash.add(material.base_color, of_texture(material.base_color_texture), material.alpha_mode,
                  material.alpha_cutoff, material.transmission, material.attenuation,
-                 material.double_sided, material.emission, material.emission_texture);
+                 material.double_sided, material.emission, of_texture(material.emission_texture));
+        materials.push_back(hash.value());
+    }
     for (const Mesh& mesh : scene.meshes) {
-        hash.add(mesh.material);
+        Hash hash;
+        hash.add(materials[std::size_t(mesh.material)]);
         hash.add(mesh.positions);
         hash.add(mesh.uv);
         hash.add(mesh.uv_emission);
         hash.add(mesh.colors);
         hash.add(mesh.triangles);
+        meshes.push_back(hash.value());
     }
+    SceneParts parts;
     for (const Instance& instance : scene.instances) {
-        hash.add(instance.mesh, instance.to_world);
-        if (instance.role != Role::full)
-            hash.add(instance.role);
+        Hash hash;
+        hash.add(meshes[std::size_t(instance.mesh)], instance.to_world, instance.role);
+        parts.instances.push_back(hash.value());
     }
+    Hash hash;
     for (const Light& light : scene.lights)
         hash.add(light.type, light.color, light.intensity, light.position, light.direction,
                  light.range, light.inner_cone, light.outer_cone);
@@ -96,7 +114,23 @@ std::string scene_hash(const Scene& scene) {
         hash.add(scene.sky.map->texels);
     }
     hash.add(scene.rules.max_albedo, scene.rules.metallic_black, scene.rules.cull_backfaces);
+    parts.others = hash.value();
+    return parts;
+}
+
+std::string scene_hash(const SceneParts& parts, std::span<const std::size_t> kept) {
+    Hash hash;
+    for (const std::size_t i : kept)
+        hash.add(parts.instances[i]);
+    hash.add(parts.others);
     return hash.text();
+}
+
+std::string scene_hash(const Scene& scene) {
+    const SceneParts parts = parts_of(scene);
+    std::vector<std::size_t> all(parts.instances.size());
+    std::iota(all.begin(), all.end(), std::size_t(0));
+    return scene_hash(parts, all);
 }
 
 std::string file_hash(const std::string& path) {

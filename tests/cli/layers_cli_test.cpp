@@ -613,6 +613,11 @@ TEST_F(LayersCli, WhatCannotBeIsRefusedByName) {
     ASSERT_EQ(bake("-o a.vdb --layers lights").status, 0);
     expect_one_error(run("mix a.vdb lamp=1 -o b.vdb"), "mix", ExitCode::usage, "it has bulb, rest");
     expect_one_error(run("mix a.vdb bulb -o b.vdb"), "mix", ExitCode::usage, "NAME=");
+    expect_one_error(run("mix a.vdb bulb=1 bulb=0 -o b.vdb"), "mix", ExitCode::usage,
+                     "two weights");
+    ASSERT_EQ(run("mix a.vdb bulb=0.5 -o c.vdb").status, 0);
+    EXPECT_NE(run("verify c.vdb \"$ROOM\" --points 16").err.find("is mixed of layers (bulb=0.5)"),
+              std::string::npos);
     expect_one_error(run("mix a.vdb bulb=red -o b.vdb"), "mix", ExitCode::usage, "#RRGGBB");
     expect_one_error(run("mix a.vdb sky=b.hdr -o b.vdb"), "mix", ExitCode::usage, "sky:2");
     expect_one_error(run("mix a.vdb bulb=1 -o a_layer_bulb.vdb"), "mix", ExitCode::usage,
