@@ -6,6 +6,7 @@
 
 #include "background.h"
 #include "bake/bricks.h"
+#include "bake/local_transfer.h"
 #include "bake/pilot.h"
 #include "bake/points.h"
 #include "bake/storage.h"
@@ -295,6 +296,9 @@ void run_bake(BakeOptions o, const options::Options& options) {
                               + (o.surroundings ? " around" : "") + ", "
                               + counted(scene.lights.size(), "light"));
     const std::optional<PackedScene> packed = packed_for(o.outputs.paths, o.scene, o.load);
+    if (base.local_transfer.object)
+        base.bounds = bake::object_box(base.bounds.value_or(bounds_of(scene)),
+                                       base.local_transfer.radius_of(o.grid.cell), o.grid.cell);
     base.levels = levels_of(o, scene);
     std::vector<std::string> air_warnings;
     base.medium = medium_of(o.medium, scene, air_warnings);

@@ -343,6 +343,24 @@ void add_direct_options(options::Options& options, BakeOptions& o) {
         .record(options::Recorded::if_changed);
 }
 
+void add_local_options(options::Options& options, BakeOptions& o) {
+    options
+        .choice("--local-transfer", o.local_transfer,
+                options::Choices<bool>{{"cells", false}, {"object", true}},
+                "Keep what the surfaces within --radius of each cell make of the light around it, "
+                "in grids beside the field, for render --relight lrt and engines: cells: of a "
+                "scene; object: of one alone, on a lattice that is wider by the radius; see below")
+        .exclude({"at", "adaptive"})
+        .record(options::Recorded::if_changed);
+    options
+        .number(
+            "--radius", o.radius, 1e-9, 1e9,
+            "Metres, of --local-transfer; default: 1.331 cells, with which light that is carried "
+            "from cell to cell is neither made nor lost")
+        .need("local-transfer")
+        .record(options::Recorded::if_changed);
+}
+
 void add_volume_options(options::Options& options, BakeOptions& o) {
     const std::vector<std::string> others{"bounds", "margin",   "level", "levels",      "focus",
                                           "at",     "adaptive", "bytes", "rsm-samples", "rsm-size"};
@@ -421,6 +439,7 @@ void add_bake_options(options::Options& options, BakeOptions& o) {
     add_volume_options(options, o);
     add_adjust_option(options, o);
     add_direct_options(options, o);
+    add_local_options(options, o);
     add_layers_option(options, o);
     add_light_options(options, o);
     add_static_option(options, o);
@@ -531,6 +550,10 @@ void check_options(const BakeOptions& o) {
         check_brick_outputs(o.outputs);
     if (o.nests() || o.adaptive)
         check_level_outputs(o.outputs.paths, inputs_of(o, o));
+    if (o.local_transfer.value_or(false) && (o.nests() || o.places() || o.grid.cell == 0))
+        throw Error(ErrorKind::argument,
+                    "--local-transfer object: is of one grid whose cells lie on those of other "
+                    "objects; give --cell-size, and neither levels nor volumes");
     if (o.levels && o.grid.cell == 0)
         throw Error(ErrorKind::argument, "--levels: how large the finest cells are is missing: add "
                                          "--cell-size H");
@@ -693,6 +716,8 @@ bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& read
     settings.direct = o.direct.value_or(bake::DirectSettings());
     settings.direct.beams = o.beams;
     settings.direct.sun_angle = glm::radians(o.sun_angle);
+    settings.local_transfer = {o.local_transfer.has_value(), o.local_transfer.value_or(false),
+                               o.radius.value_or(0)};
     if (!o.adjust.empty())
         settings.adjust = io::read_adjustments(o.adjust);
     for (const volume::Adjustment& box : settings.adjust)

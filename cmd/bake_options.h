@@ -56,6 +56,8 @@ struct BakeOptions : SceneOptions, RunOptions {
     int beams = bake::DirectSettings().beams;
     double sun_angle = 0; ///< degrees
     MediumOptions medium;
+    std::optional<bool> local_transfer; ///< true: of an object
+    std::optional<double> radius;       ///< of that, metres
     std::vector<GivenVolume> volume;
     std::string volumes;                ///< a file, "nodes:PATTERN" or "auto"
     std::string adjust;                 ///< file of boxes

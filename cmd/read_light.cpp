@@ -111,6 +111,14 @@ std::optional<std::string> mismatch(const std::string& path, const Volume& volum
              "lists";
 }
 
+std::optional<std::string> other_surfaces(const std::string& path, const Volume& volume,
+                                          const Scene& scene) {
+    const std::string* hash = fact_in(volume, "local_surfaces");
+    if (!hash || *hash == scene::surfaces_hash(scene))
+        return {};
+    return path + ": its operators are those of other surfaces than this scene's; bake them anew";
+}
+
 void take_light(const std::string& path, const Volume& volume, options::Options& options) {
     if (const std::string* settings = fact_in(volume, "settings"))
         options::read_recorded(*settings, path + ": its settings", {"Scene", "Light"}, options);

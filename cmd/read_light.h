@@ -34,6 +34,9 @@ void make_static(const std::string& path, const Volume& volume, Scene& scene);
 /// A warning where the hash that the volume of this name has is not the scene's.
 std::optional<std::string> mismatch(const std::string& path, const Volume& volume,
                                     const Scene& scene);
+/// The same where surfaces that its operators are of (bake/local_transfer.h) are others.
+std::optional<std::string> other_surfaces(const std::string& path, const Volume& volume,
+                                          const Scene& scene);
 /// Sets what of scene and light is not given as the volume's metadata record it. Throws Error
 /// (invalid) for what is no value.
 void take_light(const std::string& path, const Volume& volume, options::Options& options);

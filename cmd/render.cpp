@@ -16,6 +16,7 @@
 #include "render/flip.h"
 #include "scene_options.h"
 #include "text.h"
+#include "transfer/relight.h"
 #include "volume/grid.h"
 
 #include <algorithm>
@@ -59,6 +60,8 @@ struct RenderOptions : SceneOptions, RunOptions {
     std::optional<int> rsm;               ///< texels of each map a point takes; none: the field
     render::RsmLightSettings rsm_visible; ///< of its texels
     bool compare_rays = false;
+    bool relight = false;          ///< by the volume's operators, instead of its field
+    std::optional<int> iterations; ///< of that
 };
 
 std::string name_of(render::Show show) {
@@ -262,7 +265,8 @@ void warn_of_mismatch(const RenderOptions& o, const Scene& scene, const volume::
     if (o.show == render::Show::direct || o.show == render::Show::albedo
         || o.show == render::Show::normal)
         return;
-    if (const auto other = mismatch(o.volume, volume, scene))
+    if (const auto other =
+            o.relight ? other_surfaces(o.volume, volume, scene) : mismatch(o.volume, volume, scene))
         progress.warn(*other);
     const Bounds bounds = bounds_of(scene);
     const double slack = 0.5 * volume.grid.cell;
@@ -272,6 +276,8 @@ void warn_of_mismatch(const RenderOptions& o, const Scene& scene, const volume::
         progress.warn(o.volume
                       + ": ends inside the scene, beyond it its outermost cells are read; bake "
                         "with larger --bounds");
+    if (o.relight)
+        return;
     const auto miss = [&](bool present,
                           std::optional<volume::Reflections> volume::LightContent::*source,
                           const char* name) {
@@ -330,6 +336,7 @@ struct RenderResult {
     std::optional<render::Rendering> by_rays; ///< with RenderOptions::compare_rays
     render::PictureError rays_error;
     double rays_l1 = 0, rays_flip = 0;
+    std::optional<transfer::Propagated> relit;
 };
 
 glm::dvec3 eye_of(const Camera& camera) {
@@ -405,6 +412,10 @@ void print_json_result(const RenderResult& r, const Run& run) {
     }
     document["indirect"] = indirect_json(r);
     if (!o.dry_run) {
+        document["relight"] = nullptr;
+        if (r.relit)
+            document["relight"] = {{"iterations", r.relit->iterations},
+                                   {"missing", r.relit->missing}};
         document["exposure"] = r.exposure;
         document["mean_luminance"] = render::mean_luminance(r.rendering.picture);
         document["rays"] = r.rendering.rays;
@@ -453,6 +464,10 @@ void print_text_result(const RenderResult& r, const Run& run) {
             std::printf("output        %s\n", output.c_str());
         return;
     }
+    if (r.relit)
+        std::printf("relight       %s, more would add about %s %% of the light\n",
+                    counted(uint64_t(r.relit->iterations), "hop").c_str(),
+                    two_digits(100 * r.relit->missing).c_str());
     std::printf("exposure      %.4g EV\n", r.exposure);
     std::printf("mean          %.5g (luminance)\n", render::mean_luminance(r.rendering.picture));
     if (r.reference)
@@ -517,6 +532,29 @@ void write_pictures(const RenderOptions& o, Run& run, RenderResult& result) {
     run.end_stage("write");
 }
 
+/// Makes the scene's light the field of the volume.
+transfer::Propagated relight(const RenderOptions& o, const Scene& scene,
+                             const visibility::Visibility& visibility, const scene::Frame& frame,
+                             volume::VolumeSet& set, Run& run) {
+    if (set.levels.size() > 1)
+        throw Error(ErrorKind::unsupported,
+                    o.volume
+                        + ": --relight lrt is of one volume, not of several; give the file of one");
+    if (!transfer::has_operators(set.levels.front()))
+        throw Error(ErrorKind::invalid,
+                    o.volume
+                        + ": the volume has no operators of light; bake it with "
+                          "--local-transfer");
+    run.progress.begin("relight", 0);
+    transfer::RelightSettings settings;
+    settings.emitters = !o.no_emitters;
+    settings.propagation.iterations = o.iterations;
+    transfer::Propagated relit =
+        transfer::relight(scene, visibility, frame, settings, set.levels.front(), run.progress);
+    run.end_stage("relight");
+    return relit;
+}
+
 void run(const RenderOptions& o) {
     check_options(o);
     Run run(o, o, all_outputs(o));
@@ -524,11 +562,11 @@ void run(const RenderOptions& o) {
     auto opening = std::async(in_background(), [&o] {
         return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
     });
-    const volume::VolumeSet levels = read_levels(o.volume);
-    const Volume& volume = levels.levels.front();
+    volume::VolumeSet levels = read_levels(o.volume);
+    Volume& volume = levels.levels.front();
     const readers::Reader sampler = sampler_for(o.sampler, volume);
     Scene scene = run.load();
-    if (!o.rsm) // whose maps have reflected light alone
+    if (!o.rsm && !o.relight) // which hold reflected light alone
         make_static(o.volume, volume, scene);
     if (scene::triangle_count(scene) == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to draw");
@@ -542,6 +580,11 @@ void run(const RenderOptions& o) {
     run.progress.begin("prepare", 0);
     const scene::Frame frame = scene::frame_of(levels.finest());
     const visibility::Visibility visibility(scene, frame);
+    std::optional<transfer::Propagated> relit;
+    if (o.relight && !o.dry_run) {
+        run.end_stage("prepare");
+        relit = relight(o, scene, visibility, frame, levels, run);
+    }
     reference::PathRules rules = rules_of(volume);
     rules.emitters = rules.emitters && !o.no_emitters;
     const reference::Paths paths(scene, visibility, frame, rules);
@@ -566,7 +609,8 @@ void run(const RenderOptions& o) {
                         {},
                         {},
                         0,
-                        0};
+                        0,
+                        std::move(relit)};
     if (!o.dry_run) {
         const raster::Raster raster(*device, scene, frame, scene::is_asked);
         run.end_stage("prepare");
@@ -631,6 +675,18 @@ options::Action declare(options::Options& options) {
                    "Samples of each pixel, spread over its square");
     options.choice("--show", o.show, options::choices_named<render::Show>(show_names), "See below");
     add_sampler_option(options, o.sampler);
+
+    options.group("Relight");
+    options
+        .choice(
+            "--relight", o.relight, options::Choices<bool>{{"off", false}, {"lrt", true}},
+            "lrt: instead of the volume's field what its operators (bake --local-transfer) make "
+            "of the scene's lights, sky and emission; see below")
+        .exclude({"indirect"});
+    options
+        .number("--iterations", o.iterations, 1, 1e5,
+                "Hops of light from cell to cell; default: until 0.1 % of it is to come")
+        .need("relight");
 
     add_medium_options(options, o.medium, "Fog before what is seen");
     options

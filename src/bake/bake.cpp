@@ -4,6 +4,7 @@
 #include "bake/cached.h"
 #include "bake/direct.h"
 #include "bake/lighting.h"
+#include "bake/local_transfer.h"
 #include "bake/surface_fit.h"
 #include "surface/lit_surfaces.h"
 #include "text.h"
@@ -147,6 +148,7 @@ void finish_level(const Scene& scene, const BakePlan& plan, const gpu::Device& d
 
     add_air(level.axes.scene, plan, level.visibility, level.frame, stages, volume);
     add_direct(level.axes.scene, plan, level.visibility, level.frame, stages, volume);
+    add_local_transfer(level.axes.scene, plan, level.visibility, level.frame, stages, volume);
     volume.grid = level.grid;
     if (volume.grid.is_turned())
         volume::turn_directions(glm::mat3_cast(volume.grid.turn), volume);
@@ -156,6 +158,7 @@ void finish_level(const Scene& scene, const BakePlan& plan, const gpu::Device& d
     if (!plan.settings.adjust.empty())
         volume.metadata["adjust"] = volume::text_of(plan.settings.adjust);
     describe_light(scene, plan, device, level.visibility, volume);
+    describe_local_transfer(scene, plan, volume);
 }
 
 /// What of a layer is told.
@@ -302,7 +305,8 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
         baked.levels.pop_back();
         baked.layers.erase(baked.layers.begin(), baked.layers.end() - 1);
     }
-    warn_of_dark(scene, baked.levels, stages);
+    if (!plan.settings.local_transfer.object)
+        warn_of_dark(scene, baked.levels, stages);
     baked.stages = stages.reports();
     return baked;
 }

@@ -99,6 +99,8 @@ void describe_light(const Scene& scene, const BakePlan& plan, const gpu::Device&
 
 void describe_layer(const BakePlan& plan, const Layer& layer, const Volume& whole, Volume& volume) {
     volume.metadata = whole.metadata;
+    for (const char* of_whole : {"local_transfer", "local_radius", "local_surfaces"})
+        volume.metadata.erase(of_whole);
     const auto any = [](const std::vector<glm::vec3>& weights) {
         return std::ranges::any_of(weights, [](glm::vec3 w) { return w != glm::vec3(0.0f); });
     };

@@ -11,6 +11,7 @@
 #include "solver/models.h"
 #include "solver/vpl/cascades.h"
 #include "text.h"
+#include "transfer/local.h"
 #include "visibility/around.h"
 #include "volume/grids.h"
 #include "volume/points.h"
@@ -372,6 +373,20 @@ void plan_direct(const SceneFacts& scene, const Grid& grid, const std::string& o
                           + (direct.channels ? 17 : 0));
 }
 
+/// Rays from each cell, and grids.
+void plan_local_transfer(const Grid& grid, const std::string& of, BakePlan& plan) {
+    const LocalTransferSettings& settings = plan.settings.local_transfer;
+    if (!settings.wanted)
+        return;
+    plan.stages.push_back({"local transfer",
+                           seconds::local_ray * transfer::local_rays * double(grid.size()),
+                           of
+                               + format("%d rays of %.4g m from each cell", transfer::local_rays,
+                                        settings.radius_of(grid.cell))});
+    // 16 operators in RGB and 9 numbers, and a copy where they are written more than once.
+    plan.host_bytes += 2 * 4 * (16 * 3 + 9) * uint64_t(grid.size());
+}
+
 /// Points of surfaces, rays from each, and the solution.
 void plan_fit(const surface::PatchCount& surfaces, const std::string& of, BakePlan& plan) {
     const readers::Reader* reader = plan.settings.fit;
@@ -471,11 +486,12 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     if (settings.medium && (settings.points > 0 || settings.adaptive || !settings.layers.empty()))
         throw Error(ErrorKind::argument,
                     "`medium` is of grids and levels, not of `at`, `adaptive` and `layers`");
-    scene::check_light_arrives(scene.path, {.punctual = !scene.lights.empty(),
-                                            .emitters = plan.emitters,
-                                            .sky = scene.sky,
-                                            .statics = beamed_lights(scene.lights, {}) > 0,
-                                            .bounces = settings.bounces});
+    if (!settings.local_transfer.object)
+        scene::check_light_arrives(scene.path, {.punctual = !scene.lights.empty(),
+                                                .emitters = plan.emitters,
+                                                .sky = scene.sky,
+                                                .statics = beamed_lights(scene.lights, {}) > 0,
+                                                .bounces = settings.bounces});
     fit(scene, device, plan);
     warn_of_far_lights(scene, plan.warnings);
     for (const Light& light : scene.lights) // its square is a float
@@ -522,6 +538,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
             plan.skipped.insert(plan.skipped.end(), cost.skipped.begin(), cost.skipped.end());
         plan_air(scene, grid, of_level(level, plan), plan);
         plan_direct(scene, grid, of_level(level, plan), plan);
+        plan_local_transfer(grid, of_level(level, plan), plan);
         if (places_of(plan) == 0)
             plan_fit(level == 0
                          ? surfaces
@@ -607,6 +624,10 @@ Volume grids_of(const BakePlan& plan) {
         volume::set_grids(grids, volume::visibility_kind(), plan.lights);
     if (plan.settings.direct.channels && plan.lights > 0)
         volume::set_grids(grids, volume::kind_named("shadow"), 4);
+    if (plan.settings.local_transfer.wanted) {
+        volume::set_grids(grids, volume::local_transfer_kind(), 16);
+        volume::set_grids(grids, volume::local_visibility_kind(), 9);
+    }
     return grids;
 }
 
@@ -614,6 +635,7 @@ Volume grids_of(const BakePlan& plan, const Layer& layer) {
     Volume grids = grids_of(plan);
     grids.sh_order = layer.light.order.value_or(grids.sh_order);
     grids.sh.assign(std::size_t(volume::sh_count(grids.sh_order)), {glm::vec3(0)});
+    grids.others.clear();
     return grids;
 }
 

@@ -45,6 +45,15 @@ struct DirectSettings {
 
 inline constexpr int most_layers_level = 4;
 
+/// Operators of local radiance transfer beside the field (transfer/local.h).
+struct LocalTransferSettings {
+    bool wanted = false;
+    bool object = false; ///< the scene is one object in an empty world: it may be without light
+    double radius = 0;   ///< metres, in which surfaces are near; 0: transfer::hop_length cells
+
+    double radius_of(double cell) const; ///< in a grid of such cells
+};
+
 /// Defaults are those of the program: sn, order 2, all reflections.
 struct BakeSettings {
     BakeSettings() : BakeSettings(*solver_kinds().front()) {}
@@ -70,6 +79,7 @@ struct BakeSettings {
     bool dering = true;                     ///< before it is fitted (bake/surface_fit.h)
     DirectSettings direct;                  ///< of one grid or of levels
     std::optional<medium::Medium> medium;   ///< of them, too, and not of turned grids
+    LocalTransferSettings local_transfer;   ///< of grids
     std::vector<volume::Adjustment> adjust; ///< of validity, and of what is fitted
     /// Of the light, by a solver that has SolverKind::layers, in grids, levels or volumes of what
     /// is not fitted.

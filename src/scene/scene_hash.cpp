@@ -62,9 +62,8 @@ private:
     uint64_t state_ = 0xcbf29ce484222325u;
 };
 
-} // namespace
-
-SceneParts parts_of(const Scene& scene) {
+/// Of each instance, with or without emission.
+std::vector<uint64_t> instance_hashes(const Scene& scene, bool emission) {
     std::vector<uint64_t> images, textures, materials, meshes;
     for (const Image& image : scene.images) {
         Hash hash;
@@ -85,7 +84,9 @@ SceneParts parts_of(const Scene& scene) {
         Hash hash;
         hash.add(material.base_color, of_texture(material.base_color_texture), material.alpha_mode,
                  material.alpha_cutoff, material.transmission, material.attenuation,
-                 material.double_sided, material.emission, of_texture(material.emission_texture));
+                 material.double_sided);
+        if (emission)
+            hash.add(material.emission, of_texture(material.emission_texture));
         materials.push_back(hash.value());
     }
     for (const Mesh& mesh : scene.meshes) {
@@ -98,12 +99,20 @@ SceneParts parts_of(const Scene& scene) {
         hash.add(mesh.triangles);
         meshes.push_back(hash.value());
     }
-    SceneParts parts;
+    std::vector<uint64_t> instances;
     for (const Instance& instance : scene.instances) {
         Hash hash;
         hash.add(meshes[std::size_t(instance.mesh)], instance.to_world, instance.role);
-        parts.instances.push_back(hash.value());
+        instances.push_back(hash.value());
     }
+    return instances;
+}
+
+} // namespace
+
+SceneParts parts_of(const Scene& scene) {
+    SceneParts parts;
+    parts.instances = instance_hashes(scene, true);
     Hash hash;
     for (const Light& light : scene.lights)
         hash.add(light.type, light.color, light.intensity, light.position, light.direction,
@@ -131,6 +140,13 @@ std::string scene_hash(const Scene& scene) {
     std::vector<std::size_t> all(parts.instances.size());
     std::iota(all.begin(), all.end(), std::size_t(0));
     return scene_hash(parts, all);
+}
+
+std::string surfaces_hash(const Scene& scene) {
+    Hash hash;
+    hash.add(instance_hashes(scene, false));
+    hash.add(scene.rules.max_albedo, scene.rules.metallic_black, scene.rules.cull_backfaces);
+    return hash.text();
 }
 
 std::string file_hash(const std::string& path) {

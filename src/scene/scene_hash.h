@@ -23,6 +23,8 @@ SceneParts parts_of(const Scene& scene);
 std::string scene_hash(const Scene& scene);
 /// That of the scene of these instances alone (scene/surroundings.h).
 std::string scene_hash(const SceneParts& parts, std::span<const std::size_t> kept);
+/// The same over what surfaces are and reflect: without lights, sky and emission.
+std::string surfaces_hash(const Scene& scene);
 /// The same over texts, each led by its length.
 std::string text_hash(std::span<const std::string> texts);
 /// The same over the bytes of a file. Throws Error (file).

@@ -41,7 +41,8 @@ inline constexpr double fit_point = 1.5e-5; ///< all steps of its solution
 inline constexpr double beam = 2e-7;        ///< of 2026-11-30, with its ray
 inline constexpr double beam_cell = 1.2e-8; ///< of its way
 inline constexpr double beam_air_cell = 5e-8;
-inline constexpr double air_cell = 2e-7; ///< of the medium's mean and of what is scattered
+inline constexpr double air_cell = 2e-7;  ///< of the medium's mean and of what is scattered
+inline constexpr double local_ray = 2e-7; ///< of 2026-11-30, with what it adds
 
 inline constexpr double geometry_patch = 5e-7;
 inline constexpr double links_cell = 15e-6; ///< as validity_cell

@@ -118,6 +118,27 @@ void turn_harmonics(const glm::mat3& rotation, std::span<const GridView> grids) 
                       });
 }
 
+/// What takes light in to light out turns with both: R M R^T.
+void turn_operators(const glm::mat3& rotation, std::span<const GridView> grids) {
+    constexpr size_t n = sh_count(1);
+    const size_t values = grids[0].values().size();
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, values), [&](const auto& range) {
+        std::array<float, n> row;
+        for (size_t i = range.begin(); i < range.end(); ++i)
+            for (const bool out : {true, false})
+                for (size_t other = 0; other < n; ++other) {
+                    const auto grid = [&](size_t k) {
+                        return grids[out ? n * k + other : n * other + k].data + i;
+                    };
+                    for (size_t k = 0; k < n; ++k)
+                        row[k] = *grid(k);
+                    sh_rotate(rotation, row);
+                    for (size_t k = 0; k < n; ++k)
+                        *grid(k) = row[k];
+                }
+    });
+}
+
 void turn_vectors(const glm::mat3& rotation, const GridView& grid) {
     tbb::parallel_for(tbb::blocked_range<size_t>(0, grid.cells), [&](const auto& range) {
         for (float* v = grid.data + 3 * range.begin(); v != grid.data + 3 * range.end(); v += 3) {
@@ -239,6 +260,8 @@ void turn_values(const glm::mat3& rotation, bool vectors, const std::vector<Grid
         const std::span<const GridView> of_kind(&grids[first], last - first);
         if (kind->turning == Turning::harmonics)
             turn_harmonics(rotation, of_kind);
+        else if (kind->turning == Turning::operators)
+            turn_operators(rotation, of_kind);
         else if (vectors && kind->turning == Turning::vector)
             for (const GridView& grid : of_kind)
                 turn_vectors(rotation, grid);

@@ -71,9 +71,23 @@ constexpr GridKind sky_direction{.name = "sky_direction",
                                  .channels = "xyz",
                                  .turning = Turning::vector,
                                  .quantity = {"direction of the light of a white sky", "1"}};
-constexpr const GridKind* kinds[] = {&light,     &occlusion,  &validity,      &wall,
-                                     &direct,    &visibility, &shadow,        &scatter,
-                                     &scattered, &extinction, &sky_occlusion, &sky_direction};
+constexpr GridKind local_transfer{.name = "local_transfer",
+                                  .channels = "rgb",
+                                  .turning = Turning::operators,
+                                  .fewest = 16,
+                                  .most = 16,
+                                  .quantity = {"light off near surfaces over that around", "1"},
+                                  .subtracted = true};
+constexpr GridKind local_visibility{.name = "local_visibility",
+                                    .turning = Turning::harmonics,
+                                    .fewest = 9,
+                                    .most = 9,
+                                    .quantity = {"what near surfaces leave to be seen", "1"},
+                                    .subtracted = true};
+constexpr const GridKind* kinds[] = {
+    &light,          &occlusion,       &validity,  &wall,       &direct,        &visibility,
+    &shadow,         &scatter,         &scattered, &extinction, &sky_occlusion, &sky_direction,
+    &local_transfer, &local_visibility};
 
 constexpr const char* coefficient_names[] = {
     "l0",    "l1_y",  "l1_z",  "l1_x",  "l2_xy", "l2_yz", "l2_z2", "l2_xz", "l2_x2y2",
@@ -165,12 +179,22 @@ const GridKind& sky_direction_kind() {
     return sky_direction;
 }
 
+const GridKind& local_transfer_kind() {
+    return local_transfer;
+}
+
+const GridKind& local_visibility_kind() {
+    return local_visibility;
+}
+
 const char* coefficient_name(int k) {
     return coefficient_names[k];
 }
 
 std::string grid_name(const GridKind& kind, int k) {
     std::string name = kind.name;
+    if (kind.turning == Turning::operators)
+        return name + '_' + coefficient_name(k / 4) + '_' + coefficient_name(k % 4);
     if (kind.most > 1)
         (name += '_') +=
             kind.turning == Turning::harmonics ? coefficient_name(k) : std::to_string(k);

@@ -20,6 +20,7 @@ enum class Turning {
     none,      ///< numbers without a direction
     vector,    ///< x, y, z of a cell turn
     harmonics, ///< the kind's grids together are coefficients, in the order of sh.h
+    operators, ///< they take coefficients of order 1 to such: grid 4 i + k has of i what k gives
 };
 
 /// What a number stands for and its unit, as text.
@@ -56,7 +57,8 @@ namespace lpvbake::volume {
 using GridKinds = std::span<const GridKind* const>;
 
 /// sh (light), occlusion, validity, wall, direct, visibility, shadow, scatter, scattered,
-/// extinction, sky_occlusion, sky_direction, in the order in which files and lists have them.
+/// extinction, sky_occlusion, sky_direction, local_transfer, local_visibility, in the order in
+/// which files and lists have them.
 GridKinds grid_kinds();
 
 /// The row of that name, which there must be.
@@ -74,6 +76,10 @@ const GridKind& visibility_kind();
 const GridKind& sky_occlusion_kind();
 const GridKind& sky_direction_kind();
 
+/// What surfaces around a cell make of light, and what they leave to be seen (transfer/local.h).
+const GridKind& local_transfer_kind();
+const GridKind& local_visibility_kind();
+
 /// Lights of which a volume may have the visibility.
 inline constexpr int most_visibilities = 32;
 
@@ -84,7 +90,8 @@ inline constexpr int most_visibilities = 32;
 const char* coefficient_name(int k);
 
 /// The name of the kind's grid number k: the kind's own; with _0, _1, ... where it may have
-/// several; with _ and coefficient_name(k) for harmonics.
+/// several; with _ and coefficient_name(k) for harmonics; with those of both for operators,
+/// "local_transfer_l0_l1_y" for what of band 0 leaves of what comes in as l1_y.
 std::string grid_name(const GridKind& kind, int k);
 
 /// One grid of a volume. Float is float or const float.

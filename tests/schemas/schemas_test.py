@@ -159,6 +159,9 @@ class Documents(unittest.TestCase):
         run("render", *render, "--samples", "1")
         run("render", *render, "--samples", "1", "--reference", "1")
         run("render_dry_run", *render, "--dry-run")
+        run("bake", *bake, "-o", "local.vdb", "--local-transfer", "cells", "--radius", "0.5")
+        run("render", "render", "box.gltf", "local.vdb", "--threads", "1", "--size", "16x16", "-o", "picture.png",
+            "--samples", "1", "--relight", "lrt")
 
         report = ["report", "box.gltf", *SMALL, "--solver", "sn,lpv", "--repeats", "1", "--probes", "10", "--noise",
                   "1", "--rays", "64"]
