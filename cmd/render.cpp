@@ -244,6 +244,8 @@ void check_options(const RenderOptions& o) {
             || o.show == render::Show::cells))
         throw Error(ErrorKind::argument,
                     "--reference: paths know nothing of --show " + name_of(o.show));
+    if (o.relight && o.rsm)
+        throw Error(ErrorKind::argument, "--relight lrt and --indirect rsm:N exclude each other");
     if (o.compare_rays && !o.rsm)
         throw Error(ErrorKind::argument, "--compare rays is of --indirect rsm:N");
     for (const std::string& output : all_outputs(o))
@@ -677,12 +679,10 @@ options::Action declare(options::Options& options) {
     add_sampler_option(options, o.sampler);
 
     options.group("Relight");
-    options
-        .choice(
-            "--relight", o.relight, options::Choices<bool>{{"off", false}, {"lrt", true}},
-            "lrt: instead of the volume's field what its operators (bake --local-transfer) make "
-            "of the scene's lights, sky and emission; see below")
-        .exclude({"indirect"});
+    options.choice(
+        "--relight", o.relight, options::Choices<bool>{{"off", false}, {"lrt", true}},
+        "lrt: instead of the volume's field what its operators (bake --local-transfer) make "
+        "of the scene's lights, sky and emission; see below");
     options
         .number("--iterations", o.iterations, 1, 1e5,
                 "Hops of light from cell to cell; default: until 0.1 % of it is to come")

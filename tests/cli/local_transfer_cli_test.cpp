@@ -82,6 +82,8 @@ TEST_F(LocalTransferCli, ObjectsLieOnOneLattice) {
 }
 
 TEST_F(LocalTransferCli, TellsWhatItDoesNotServe) {
+    expect_one_error(run("render \"$ROOM\" a.vdb -o a.png --relight lrt --indirect rsm:4"), "both",
+                     ExitCode::usage, "exclude each other");
     const auto expect_error = [&](const std::string& arguments, ExitCode code,
                                   const std::string& text) {
         expect_one_error(run(arguments), arguments, code, text);
