@@ -277,6 +277,10 @@ void plan(const WorldOptions& o) {
     if (o.output.empty() || !is_world(o.output))
         throw Error(ErrorKind::argument, std::string("no manifest: add -o NAME") + end_of_name
                                              + ", beside which the tiles of the world will lie");
+    if (o.file == "-")
+        throw Error(
+            ErrorKind::argument,
+            "standard input can be read but once, and rows each read the scene: give a file");
     if (!o.cell || !o.surroundings)
         throw Error(ErrorKind::argument,
                     "how large cells are, or how far around a tile surfaces count, is missing: add "

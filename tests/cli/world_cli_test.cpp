@@ -184,6 +184,7 @@ TEST_F(WorldCli, WhatCannotBeIsRefusedByName) {
     refused("street.gltf", "-o NAME.world.json");
     refused("street.gltf -o w.json --cell-size 1 --surroundings 8", "-o NAME.world.json");
     refused("street.gltf -o w.world.json --cell-size 1", "--surroundings R");
+    refused("- -o w.world.json --cell-size 1 --surroundings 8", "give a file");
     refused("street.gltf --rows 1", "NAME.world.json");
     refused(to + "--scenario 'a/b:'", "is not NAME:OPTIONS");
     refused(to + "--scenario 'a:--sun \"'", "quote");
