@@ -331,15 +331,12 @@ void add_direct_options(options::Options& options, BakeOptions& o) {
     options
         .number("--beams", o.beams, 1, 64,
                 "Beams of --direct, --static and --medium along an edge of a cell; twice as many "
-                "halve the "
-                "error at "
-                "shadows' edges, and take four times as long")
+                "halve the error at shadows' edges, and take four times as long")
         .record(options::Recorded::if_changed);
     options
         .number("--sun-angle", o.sun_angle, 0, 90,
                 "Degrees across the disc of directional lights, for --direct, --static and "
-                "--medium; the sun's "
-                "is 0.53")
+                "--medium; the sun's is 0.53")
         .record(options::Recorded::if_changed);
 }
 

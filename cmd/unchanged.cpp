@@ -104,6 +104,18 @@ void print_unchanged(const BakeOptions& o, const char* why, const Run& run) {
     std::printf("unchanged     %s: %s\n", paths.c_str(), why);
 }
 
+/// Tells the reason or, where there is none, that outputs are left as they are and why.
+bool must_bake(const BakeOptions& o, const std::optional<std::string>& reason, const char* left,
+               Run& run) {
+    if (reason) {
+        tell("bakes: " + *reason);
+        return true;
+    }
+    run.progress.end();
+    print_unchanged(o, left, run);
+    return false;
+}
+
 } // namespace
 
 std::string output_settings(const options::Options& options) {
@@ -140,26 +152,14 @@ std::string bake_hash(const BakeOptions& o, const options::Options& options, con
 }
 
 bool needs_bake(const BakeOptions& o, const std::string& hash, bool levels, Run& run) {
-    const std::optional<std::string> reason =
-        hash.empty() ? "the scene or a file of boxes can be read but once"
-                     : why_bake(o, hash, levels);
-    if (reason) {
-        tell("bakes: " + *reason);
-        return true;
-    }
-    run.progress.end();
-    print_unchanged(o, "inputs, options and version are those of the bake", run);
-    return false;
+    return must_bake(o,
+                     hash.empty() ? "the scene or a file of boxes can be read but once"
+                                  : why_bake(o, hash, levels),
+                     "inputs, options and version are those of the bake", run);
 }
 
 bool is_missing(const BakeOptions& o, Run& run) {
-    if (const std::optional<std::string> reason = why_bake(o, any_hash, o.nests())) {
-        tell("bakes: " + *reason);
-        return true;
-    }
-    run.progress.end();
-    print_unchanged(o, "are there, whole", run);
-    return false;
+    return must_bake(o, why_bake(o, any_hash, o.nests()), "are there, whole", run);
 }
 
 void write_depfile(const BakeOptions& o, const Scene& scene) {

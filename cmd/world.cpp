@@ -7,10 +7,8 @@
 #include "bake/facts.h"
 #include "commands.h"
 #include "gpu/gpu.h"
-#include "io/atomic_file.h"
 #include "io/glb.h"
 #include "io/io.h"
-#include "lpvbake/device.h"
 #include "lpvbake/error.h"
 #include "quoted.h"
 #include "read_light.h"
@@ -25,7 +23,6 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -119,13 +116,18 @@ struct RowBake {
     options::Options table;
 };
 
+/// As --bounds takes it. Hashes of rows have it among their options.
+std::string text_of(const Bounds& box) {
+    const auto& [lo, hi] = box;
+    return format("%.17g,%.17g,%.17g,%.17g,%.17g,%.17g", lo.x, lo.y, lo.z, hi.x, hi.y, hi.z);
+}
+
 std::vector<std::string> words_of(const io::World& world, const io::World::Scenario& scenario,
                                   const Bounds& bounds, const std::string& file) {
-    const auto& [lo, hi] = bounds;
     std::vector<std::string> words{
         world.scene,
         format("--cell-size=%.17g", world.cell),
-        format("--bounds=%.17g,%.17g,%.17g,%.17g,%.17g,%.17g", lo.x, lo.y, lo.z, hi.x, hi.y, hi.z),
+        "--bounds=" + text_of(bounds),
         "--margin=1",
         format("--surroundings=%.17g", world.surroundings),
         "--output=" + file,
@@ -257,10 +259,8 @@ void plan_scenario(const io::World::Scenario& scenario, const std::string& manif
         made.scenario = scenario.name;
         made.bounds = planned.tile.bounds(world.cell);
         made.file = stem + "_" + scenario.name + "_" + made.tile + kind;
-        const auto& [lo, hi] = made.bounds;
         bounds.given.clear();
-        bounds.take(
-            format("%.17g,%.17g,%.17g,%.17g,%.17g,%.17g", lo.x, lo.y, lo.z, hi.x, hi.y, hi.z));
+        bounds.take(text_of(made.bounds));
         made.hash = bake_hash(row->bake, row->table, scene,
                               scene::scene_hash(parts, planned.instances), {});
         made.seconds = cost(planned.triangles);
@@ -327,14 +327,12 @@ void plan(const WorldOptions& o) {
 // there
 
 /// Why the row has to be baked; empty: it has not.
-std::string fault_of(const io::World::Row& row, Volume* volume = nullptr) {
+std::string fault_of(const io::World::Row& row) {
     try {
-        volume::VolumeSet set = read_levels(row.file);
+        const volume::VolumeSet set = read_levels(row.file);
         const auto hash = set.levels.front().metadata.find("bake_hash");
         if (hash == set.levels.front().metadata.end() || hash->second != row.hash)
             return "is of another scene, other options or another version";
-        if (volume)
-            *volume = std::move(set.levels.front());
         return {};
     } catch (const Error& error) {
         return fs::exists(row.file) ? std::string("is damaged: ") + error.what() : "is missing";
@@ -419,12 +417,17 @@ void check(const WorldOptions& o, const io::World& world) {
             faults[i] = fault;
     report::Seam all, worst;
     std::pair<std::size_t, std::size_t> worst_pair;
+    volume::VolumeSet own; // of the row `of`, whose neighbours come one after the other
+    std::optional<std::size_t> of;
     for (const auto& [i, j] : neighbours(world)) {
-        Volume a, b;
-        if (faults.contains(i) || faults.contains(j) || !fault_of(world.rows[i], &a).empty()
-            || !fault_of(world.rows[j], &b).empty())
+        if (faults.contains(i) || faults.contains(j))
             continue;
-        const report::Seam seam = report::seam_between(a, b);
+        if (of != i) {
+            own = read_levels(world.rows[i].file);
+            of = i;
+        }
+        const report::Seam seam = report::seam_between(
+            own.levels.front(), read_levels(world.rows[j].file).levels.front());
         all += seam;
         if (seam.share() > worst.share()) {
             worst = seam;
