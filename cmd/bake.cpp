@@ -295,6 +295,7 @@ void run_bake(BakeOptions o, const options::Options& options) {
     run.end_stage("load", counted(scene::triangle_count(scene), "triangle")
                               + (o.surroundings ? " around" : "") + ", "
                               + counted(scene.lights.size(), "light"));
+    check_lamps(o.lamp_radii, scene);
     const std::optional<PackedScene> packed = packed_for(o.outputs.paths, o.scene, o.load);
     if (base.local_transfer.object)
         base.bounds = bake::object_box(base.bounds.value_or(bounds_of(scene)),

@@ -338,6 +338,12 @@ void add_direct_options(options::Options& options, BakeOptions& o) {
                 "Degrees across the disc of directional lights, for --direct, --static and "
                 "--medium; the sun's is 0.53")
         .record(options::Recorded::if_changed);
+    options
+        .values("--lamp-radius", o.lamp_radii, "METRES|NAMES=METRES", parse_lamp_radius,
+                "Point and spot lights are spheres of this radius for --direct, --static and "
+                "--medium, all or those whose names fit a pattern, such as 'Bulb*=0.03'; may be "
+                "repeated; what is reflected of them stays that of points; see below")
+        .record(options::Recorded::if_changed);
 }
 
 void add_local_options(options::Options& options, BakeOptions& o) {
@@ -533,10 +539,10 @@ void check_options(const BakeOptions& o) {
             ErrorKind::argument,
             "--layers: a volume that is fitted, or without negative irradiance, is no sum "
             "of its layers; add --fit none --dering off, and fit what mix makes by convert");
-    if ((o.beams != bake::DirectSettings().beams || o.sun_angle != 0) && !o.direct
-        && o.statics.empty() && !o.medium.medium)
-        throw Error(ErrorKind::argument,
-                    "--beams and --sun-angle are of --direct, --static and --medium");
+    if ((o.beams != bake::DirectSettings().beams || o.sun_angle != 0 || !o.lamp_radii.empty())
+        && !o.direct && o.statics.empty() && !o.medium.medium)
+        throw Error(ErrorKind::argument, "--beams, --sun-angle and --lamp-radius are of --direct, "
+                                         "--static and --medium");
     if (!o.medium.density.empty())
         check_files({density_file(o.medium)}, {}, o.outputs.paths);
     if (!o.adjust.empty())
@@ -713,6 +719,7 @@ bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& read
     settings.direct = o.direct.value_or(bake::DirectSettings());
     settings.direct.beams = o.beams;
     settings.direct.sun_angle = glm::radians(o.sun_angle);
+    settings.direct.lamp_radii = o.lamp_radii;
     settings.local_transfer = {o.local_transfer.has_value(), o.local_transfer.value_or(false),
                                o.radius.value_or(0)};
     if (!o.adjust.empty())

@@ -11,6 +11,7 @@
 #include "options/values.h"
 #include "readers/readers.h"
 #include "scene_options.h"
+#include "selection.h"
 #include "solver/solver.h"
 #include "volume/levels.h"
 
@@ -55,6 +56,7 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::optional<bake::DirectSettings> direct;
     int beams = bake::DirectSettings().beams;
     double sun_angle = 0; ///< degrees
+    std::vector<medium::LampRadius> lamp_radii;
     MediumOptions medium;
     std::optional<bool> local_transfer; ///< true: of an object
     std::optional<double> radius;       ///< of that, metres

@@ -71,6 +71,34 @@ void make_static(const std::vector<std::string>& patterns, Scene& scene) {
     }
 }
 
+medium::LampRadius parse_lamp_radius(const std::string& text) {
+    medium::LampRadius radius;
+    const std::size_t equals = text.rfind('=');
+    if (equals == 0)
+        options::refuse(text, "is neither METRES nor NAMES=METRES, such as 'Bulb*=0.03'");
+    if (equals != std::string::npos)
+        radius.names = text.substr(0, equals);
+    radius.metres = options::number_within(
+        equals == std::string::npos ? text : text.substr(equals + 1), 0, 1e9, false);
+    return radius;
+}
+
+void check_lamps(const std::vector<medium::LampRadius>& radii, const Scene& scene) {
+    for (const medium::LampRadius& radius : radii) {
+        std::vector<std::string> known;
+        bool found = radius.names == "*";
+        for (const Light& light : scene.lights) {
+            if (light.type == LightType::directional)
+                continue;
+            known.push_back(light.name);
+            found |= scene::fits_pattern(light.name, radius.names);
+        }
+        if (!found)
+            fail_to_find(scene.path + ": --lamp-radius: no point or spot light", radius.names,
+                         std::move(known));
+    }
+}
+
 Bounds box_of_nodes(const std::string& names, const char* option, const Scene& scene) {
     const std::vector<Bounds> boxes = scene::instance_boxes(scene);
     std::vector<Bounds> found;

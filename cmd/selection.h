@@ -2,6 +2,7 @@
 #pragma once
 
 #include "lpvbake/scene.h"
+#include "medium/lamp_radius.h"
 
 #include <string>
 #include <vector>
@@ -22,6 +23,12 @@ void scale_lights(const std::vector<LightScale>& scales, Scene& scene);
 
 /// Makes lights of such names static. Throws Error (argument) for a pattern that none fits.
 void make_static(const std::vector<std::string>& patterns, Scene& scene);
+
+/// "METRES", of all lamps, or "NAMES=METRES". Throws Error (argument).
+medium::LampRadius parse_lamp_radius(const std::string& text);
+
+/// Throws Error (argument) for a pattern, other than *, that no point or spot light fits.
+void check_lamps(const std::vector<medium::LampRadius>& radii, const Scene& scene);
 
 /// The box of the nodes whose names fit, with all below them. Throws Error (argument) where none
 /// does, of that option.

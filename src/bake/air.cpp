@@ -1,6 +1,6 @@
 #include "bake/air.h"
 
-#include "medium/beams.h"
+#include "bake/direct.h"
 #include "text.h"
 #include "volume/grids.h"
 #include "volume/sh.h"
@@ -26,9 +26,7 @@ void add_air(const Scene& scene, const BakePlan& plan, const visibility::Visibil
         return;
     const medium::Medium& air = *plan.settings.medium;
     stages.begin("air", scene.lights.size() + 1);
-    medium::BeamSettings beams;
-    beams.per_cell = plan.settings.direct.beams;
-    beams.sun_angle = plan.settings.direct.sun_angle;
+    medium::BeamSettings beams = beam_settings(plan.settings.direct);
     beams.order = air.g == 0 ? 0 : volume.sh_order;
     beams.medium = &air;
     const auto count = std::size_t(volume::sh_count(beams.order));

@@ -116,6 +116,7 @@ void fit_volume(const BakePlan& plan, const Level& level, Surfaces& surfaces,
     }
     SurfaceFitSettings settings;
     settings.dering = plan.settings.dering;
+    settings.statics = beam_settings(plan.settings.direct);
     const SurfaceFit fit =
         fit_to_surfaces(turned, anew ? all : surfaces.lit, scene::frame_of(level.grid),
                         plan.emitters, reader, settings, volume, stages.progress());

@@ -1,6 +1,5 @@
 #include "bake/direct.h"
 
-#include "medium/beams.h"
 #include "text.h"
 #include "volume/grids.h"
 #include "volume/sh.h"
@@ -66,7 +65,32 @@ private:
     std::vector<volume::GridView> grids_;
 };
 
+/// Tells of spheres that surfaces stand in.
+void warn_of_spheres(const Scene& scene, const DirectSettings& settings,
+                     const visibility::Visibility& visibility, const scene::Frame& frame,
+                     solver::Stages& stages) {
+    for (const Light& light : scene.lights) {
+        const double radius = medium::radius_of(light, settings.lamp_radii);
+        if (radius > 0
+            && visibility.nearest_point(glm::vec3(frame.from_world(light.position)),
+                                        float(radius / frame.unit), {}, 1.0f))
+            stages.warn(
+                format("surfaces stand inside of the light \"%s\", a sphere of %.4g m: they "
+                       "hide nothing of it, and where it reaches through a wall it lights "
+                       "both of its sides",
+                       light.name.c_str(), radius));
+    }
+}
+
 } // namespace
+
+medium::BeamSettings beam_settings(const DirectSettings& settings) {
+    medium::BeamSettings beams;
+    beams.per_cell = settings.beams;
+    beams.sun_angle = settings.sun_angle;
+    beams.lamp_radii = settings.lamp_radii;
+    return beams;
+}
 
 uint64_t beamed_lights(std::span<const Light> lights, const DirectSettings& settings) {
     return uint64_t(std::ranges::count_if(
@@ -77,12 +101,12 @@ void add_direct(const Scene& scene, const BakePlan& plan, const visibility::Visi
                 const scene::Frame& frame, solver::Stages& stages, Volume& volume) {
     const DirectSettings& settings = plan.settings.direct;
     const uint64_t count = beamed_lights(scene.lights, settings);
+    if (count > 0 || plan.settings.medium)
+        warn_of_spheres(scene, settings, visibility, frame, stages);
     if (count == 0)
         return;
     stages.begin("beams", count);
-    medium::BeamSettings beams;
-    beams.per_cell = settings.beams;
-    beams.sun_angle = settings.sun_angle;
+    medium::BeamSettings beams = beam_settings(settings);
     if (settings.sh)
         volume::set_grids(volume, volume::direct_kind(), volume::sh_count(volume.sh_order));
     if (settings.visibility)

@@ -2,9 +2,13 @@
 #pragma once
 
 #include "bake/plan.h"
+#include "medium/beams.h"
 #include "visibility/visibility.h"
 
 namespace lpvbake::bake {
+
+/// What --direct, --static and --medium send beams by, whatever is summed of them.
+medium::BeamSettings beam_settings(const DirectSettings& settings);
 
 /// How many lights send beams.
 uint64_t beamed_lights(std::span<const Light> lights, const DirectSettings& settings);

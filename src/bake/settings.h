@@ -3,6 +3,7 @@
 
 #include "bake/kinds.h"
 #include "bake/layers.h"
+#include "medium/lamp_radius.h"
 #include "medium/medium.h"
 #include "scene/scene.h"
 #include "visibility/isa.h"
@@ -39,6 +40,7 @@ struct DirectSettings {
     bool channels = false;   ///< `visibility` in four grids, shadow_0 to shadow_3
     int beams = 4;           ///< medium::BeamSettings::per_cell
     double sun_angle = 0;    ///< medium::BeamSettings::sun_angle
+    std::vector<medium::LampRadius> lamp_radii = {}; ///< of point and spot lights
 
     bool any() const { return visibility || sh || channels; }
 };

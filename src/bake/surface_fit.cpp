@@ -1,6 +1,5 @@
 #include "bake/surface_fit.h"
 
-#include "medium/beams.h"
 #include "scene/scene.h"
 #include "text.h"
 #include "volume/dering.h"
@@ -16,12 +15,13 @@ namespace {
 
 /// Adds what of static lights arrives at points.
 void add_statics(const Scene& scene, const surface::LitSurfaces& lit, const scene::Frame& frame,
-                 std::span<const surface::SidePoint> points, std::span<glm::vec3> irradiance) {
+                 std::span<const surface::SidePoint> points, const medium::BeamSettings& settings,
+                 std::span<glm::vec3> irradiance) {
     if (scene::static_names(scene).empty())
         return;
     tbb::parallel_for(std::size_t(0), points.size(), [&](std::size_t i) {
         irradiance[i] += medium::static_illuminance(scene.lights, *lit.visibility, frame,
-                                                    points[i].position, points[i].normal);
+                                                    points[i].position, points[i].normal, settings);
     });
 }
 
@@ -35,7 +35,7 @@ std::vector<readers::FitPoint> check_points(const Scene& scene, const surface::L
         surface::draw_side_points(lit, glm::vec3(frame.extent), drawing);
     std::vector<glm::vec3> irradiance = surface::irradiance_at(
         scene, lit, sides.points, emitters, settings.check_rays, drawing.seed, progress);
-    add_statics(scene, lit, frame, sides.points, irradiance);
+    add_statics(scene, lit, frame, sides.points, settings.statics, irradiance);
     auto points = weighed_points(frame, sides, irradiance);
     for (size_t i = 0; i < points.size(); ++i)
         points[i].weight = double(sides.area[i]);
@@ -87,7 +87,7 @@ std::vector<readers::FitPoint> fit_points(const Scene& scene, const surface::Lit
         sides.open[i] = light[i].open;
         irradiance.push_back(light[i].irradiance);
     }
-    add_statics(scene, lit, frame, sides.points, irradiance);
+    add_statics(scene, lit, frame, sides.points, settings.statics, irradiance);
     return weighed_points(frame, sides, irradiance);
 }
 

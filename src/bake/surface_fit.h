@@ -2,6 +2,7 @@
 #pragma once
 
 #include "bake/contested.h"
+#include "medium/beams.h"
 #include "surface/side_points.h"
 
 namespace lpvbake::bake {
@@ -20,6 +21,7 @@ struct SurfaceFitSettings {
     bool dering = true;
     uint64_t checks = 500; ///< other points, at which the error is told
     int check_rays = 1024;
+    medium::BeamSettings statics = {}; ///< how large static lights are
 };
 
 struct SurfaceFit {

@@ -10,6 +10,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cmath>
 #include <optional>
@@ -31,7 +32,41 @@ struct Beam {
     double weight = 1;      ///< directional: 1; else its solid angle, sr
     double intensity = 1;   ///< share of the light's: of a spot's cone
     double traced_from = 0; ///< where light comes from
+    double aside = 0;       ///< how far it begins beside the middle of a sphere
 };
+
+/// One of the 2^3 of a cell around 0.
+glm::dvec3 gauss_point(int i) {
+    return gauss * (2.0 * glm::dvec3(i & 1, i >> 1 & 1, i >> 2) - 1.0);
+}
+
+/// From the square [0, 1]^2 to the unit disc, equal areas to equal ones (Shirley and Chiu 1997).
+glm::dvec2 on_disc(glm::dvec2 at) {
+    const glm::dvec2 square = 2.0 * at - 1.0, size = glm::abs(square);
+    if (std::max(size.x, size.y) == 0)
+        return square;
+    const bool wide = size.x > size.y;
+    const double radius = wide ? square.x : square.y;
+    const double turn =
+        glm::quarter_pi<double>() * (wide ? square.y / square.x : square.x / square.y);
+    const double angle = wide ? turn : glm::half_pi<double>() - turn;
+    return radius * glm::dvec2(std::cos(angle), std::sin(angle));
+}
+
+/// Of the cap of directions whose cosine to its axis is at least 1 - `height`, the mean of each
+/// band's coefficients over those of the axis.
+std::array<double, 5> cap_shares(double height) {
+    std::array<double, 5> shares{1, 1, 1, 1, 1};
+    const double x = 1 - height;
+    double legendre[6] = {1, x};
+    for (int l = 1; l < 5; ++l) {
+        legendre[l + 1] = ((2 * l + 1) * x * legendre[l] - l * legendre[l - 1]) / (l + 1);
+        shares[std::size_t(l)] = height < 1e-7
+                                     ? 1 - 0.25 * l * (l + 1) * height
+                                     : (legendre[l - 1] - legendre[l + 1]) / ((2 * l + 1) * height);
+    }
+    return shares;
+}
 
 /// Solid angle of a rectangle of the plane at distance 1, from its corner below the axis on.
 double solid_angle_to(double x, double y) {
@@ -55,7 +90,8 @@ public:
           settings_(settings),
           frame_(frame),
           at_(light.type == LightType::directional ? glm::dvec3(0)
-                                                   : frame.from_world(light.position)) {
+                                                   : frame.from_world(light.position)),
+          radius_(radius_of(light, settings.lamp_radii) / frame.unit) {
         grid_.dims = glm::ivec3(glm::round(frame.extent));
         parallel_ = light.type == LightType::directional;
         shaped_ = light.type == LightType::spot || light.range > 0;
@@ -106,13 +142,14 @@ private:
         }
         const double from = std::min(before, -half.z) - 1.0;
         const int k = settings_.per_cell;
+        const double disc = std::tan(0.5 * settings_.sun_angle);
         const glm::ivec2 count(glm::ceil(2.0 * double(k) * glm::dvec2(half)));
         tbb::parallel_for(0, count.y, [&, u = u, v = v](int j) {
             std::vector<Beam> beams;
             for (int i = 0; i < count.x; ++i) {
                 const glm::dvec2 at =
                     (glm::dvec2(i, j) + 0.5 - 0.5 * glm::dvec2(count)) / double(k);
-                const glm::dvec2 aside = std::tan(0.5 * settings_.sun_angle) * on_disc(i, j);
+                const glm::dvec2 aside = disc * place_on_disc(i, j);
                 Beam beam;
                 beam.origin = middle + at.x * u + at.y * v;
                 beam.direction = glm::normalize(direction + aside.x * u + aside.y * v);
@@ -129,22 +166,12 @@ private:
 
     /// A place on the unit disc. Beams and their places together are a lattice in four dimensions,
     /// by the roots of x^5 = x + 1 (Roberts 2018): those of neighbours are spread over the disc.
-    glm::dvec2 on_disc(int i, int j) const {
-        if (settings_.sun_angle == 0)
+    glm::dvec2 place_on_disc(int i, int j) const {
+        if (settings_.sun_angle == 0 && radius_ == 0)
             return glm::dvec2(0);
         const glm::dvec2 lattice(0.8566748838545029 * i + 0.7338918566271259 * j,
                                  0.6287067210378087 * i + 0.5385972572236101 * j);
-        const glm::dvec2 square = 2.0 * glm::fract(lattice) - 1.0;
-        // Shirley and Chiu 1997: equal areas.
-        const glm::dvec2 size = glm::abs(square);
-        if (std::max(size.x, size.y) == 0)
-            return square;
-        const bool wide = size.x > size.y;
-        const double radius = wide ? square.x : square.y;
-        const double turn =
-            glm::quarter_pi<double>() * (wide ? square.y / square.x : square.x / square.y);
-        const double angle = wide ? turn : glm::half_pi<double>() - turn;
-        return radius * glm::dvec2(std::cos(angle), std::sin(angle));
+        return on_disc(glm::fract(lattice));
     }
 
     /// A square of a face of the cube around a light, in tangents.
@@ -166,7 +193,7 @@ private:
     /// Parts a tile until it has few texels, which are as small as asked where they leave the grid.
     void part(Tile tile, std::vector<Tile>& tiles) const {
         const glm::dvec3 centre = 0.5 * size_ - at_;
-        const double distance = glm::length(centre), radius = 0.5 * glm::length(size_);
+        const double distance = glm::length(centre), radius = 0.5 * glm::length(size_) + radius_;
         const glm::dvec3 axis = glm::normalize(towards(tile.face, tile.lo + 0.5 * tile.edge));
         double cosine = 1, depth = 0;
         for (int i = 0; i < 5; ++i) {
@@ -182,8 +209,7 @@ private:
             && std::acos(std::clamp(glm::dot(axis, centre) / distance, -1.0, 1.0))
                    > wide + std::asin(radius / distance))
             return;
-        if (depth == 0)
-            depth = distance + radius;
+        depth = depth == 0 ? distance + radius : depth + radius_;
         if (light_.type == LightType::spot)
             depth = std::min(depth, reach_beside(axis, wide));
         const double texels = std::ceil(settings_.per_cell * tile.edge * depth);
@@ -198,11 +224,14 @@ private:
         tiles.push_back(tile);
     }
 
-    /// How far beams go beside a spot's cone: as far as readers take cells of its rim.
+    /// How far beams go beside a spot's cone: as far as readers take cells of its rim, and where
+    /// other parts of a sphere send light.
     double reach_beside(glm::dvec3 direction, double wide) const {
         const double beside =
             std::acos(std::clamp(glm::dot(direction, cone_.axis), -1.0, 1.0)) - wide - cone_.outer;
-        return beside > 0 ? near / std::sin(std::min(beside, glm::half_pi<double>())) : HUGE_VAL;
+        return beside > 0
+                   ? (near + 2 * radius_) / std::sin(std::min(beside, glm::half_pi<double>()))
+                   : HUGE_VAL;
     }
 
     void send_from_point() {
@@ -213,28 +242,38 @@ private:
         tbb::parallel_for(std::size_t(0), tiles.size(), [&](std::size_t i) {
             const Tile& tile = tiles[i];
             const double edge = tile.edge / tile.texels;
+            const glm::ivec2 first =
+                tile.texels * glm::ivec2(glm::round((tile.lo + 1.0) / tile.edge));
             std::vector<Beam> beams;
             for (int y = 0; y < tile.texels; ++y)
                 for (int x = 0; x < tile.texels; ++x)
-                    if (const auto beam =
-                            from_point(tile.face, tile.lo + edge * glm::dvec2(x, y), edge))
+                    if (const auto beam = from_point(tile.face, tile.lo + edge * glm::dvec2(x, y),
+                                                     edge, place_on_disc(first.x + x, first.y + y)))
                         beams.push_back(*beam);
             send(beams);
         });
     }
 
-    /// Through the texel that begins at `lo`.
-    std::optional<Beam> from_point(int face, glm::dvec2 lo, double edge) const {
+    /// Through the texel that begins at `lo`. What a sphere that is equally bright all over sends
+    /// along one direction comes from a disc across it, evenly, at `place` of the unit disc.
+    std::optional<Beam> from_point(int face, glm::dvec2 lo, double edge, glm::dvec2 place) const {
         const glm::dvec2 hi = lo + edge;
         Beam beam;
         beam.origin = at_;
         beam.direction = glm::normalize(towards(face, lo + 0.5 * edge));
-        const auto in = through(at_, beam.direction);
+        if (radius_ > 0) {
+            const auto [u, v] = visibility::tangents_of(beam.direction);
+            beam.origin += radius_ * (place.x * u + place.y * v);
+            beam.aside = radius_ * glm::length(place);
+        }
+        const auto in = through(beam.origin, beam.direction);
         if (!in || in->y <= 0)
             return std::nullopt;
         beam.begin = std::max(0.0, in->x);
         beam.end = in->y;
-        beam.traced_from = double(visibility::same_place(glm::vec3(at_)));
+        const double surface =
+            std::sqrt(std::max(0.0, radius_ * radius_ - beam.aside * beam.aside));
+        beam.traced_from = surface + double(visibility::same_place(glm::vec3(at_)));
         beam.weight = solid_angle_to(hi.x, hi.y) - solid_angle_to(lo.x, hi.y)
                       - solid_angle_to(hi.x, lo.y) + solid_angle_to(lo.x, lo.y);
         if (light_.range > 0)
@@ -254,7 +293,8 @@ private:
         std::vector<visibility::Ray> rays;
         for (const Beam& beam : beams)
             rays.push_back({glm::vec3(beam.origin + beam.traced_from * beam.direction),
-                            glm::vec3(beam.direction), 0.0f, float(beam.end - beam.traced_from)});
+                            glm::vec3(beam.direction), 0.0f,
+                            float(std::max(0.0, beam.end - beam.traced_from))});
         uint64_t steps = 0;
         std::vector<visibility::Crossing> crossings;
         if (visibility_.is_veiled() || visibility_.is_tinted()) {
@@ -384,7 +424,9 @@ private:
 
     /// The share of a light's intensity that a beam has, by its cone and its range.
     double shape(const Beam& beam, double from, double to) const {
-        return beam.intensity * scene::range_window(light_, 0.5 * (from + to) * unit_);
+        const double along = 0.5 * (from + to);
+        const double away = beam.aside > 0 ? std::hypot(along, beam.aside) : along;
+        return beam.intensity * scene::range_window(light_, away * unit_);
     }
 
     /// Cuts off what of a way lies behind the cell's walls, which are that far off the surfaces at
@@ -456,9 +498,12 @@ private:
     void free_light(glm::ivec3 cell, std::span<double> out) const {
         std::ranges::fill(out, 0.0);
         const glm::dvec3 centre = glm::dvec3(cell) + 0.5;
+        if (radius_ > 0) {
+            sphere_light(centre, out);
+            return;
+        }
         for (int i = 0; i < 8; ++i) {
-            const glm::dvec3 way =
-                at_ - centre - gauss * (2.0 * glm::dvec3(i & 1, i >> 1 & 1, i >> 2) - 1.0);
+            const glm::dvec3 way = at_ - centre - gauss_point(i);
             const double square = glm::dot(way, way);
             const volume::ShValues y =
                 volume::sh_basis(settings_.order, glm::vec3(way / std::sqrt(square)));
@@ -467,21 +512,40 @@ private:
         }
     }
 
+    /// The same of a sphere, and inside of it as on its surface, in a cell around `centre`; where
+    /// light changes steeply, in parts of the cell.
+    void sphere_light(glm::dvec3 centre, std::span<double> out) const {
+        const double away = glm::length(at_ - centre);
+        const int parts = away < near || std::abs(away - radius_) < 1 ? 4 : 1;
+        const double luminance = 1 / (glm::pi<double>() * radius_ * radius_ * unit_ * unit_);
+        for (int part = 0; part < parts * parts * parts; ++part)
+            for (int i = 0; i < 8; ++i) {
+                const glm::ivec3 place(part % parts, part / parts % parts, part / parts / parts);
+                const glm::dvec3 way =
+                    at_ - centre
+                    - ((glm::dvec3(place) + 0.5 + gauss_point(i)) / double(parts) - 0.5);
+                const double square = glm::dot(way, way);
+                const double sine = std::min(1.0, radius_ * radius_ / square); // squared
+                const double height = sine / (1 + std::sqrt(1 - sine));        // of its cap
+                const std::array<double, 5> shares = cap_shares(height);
+                const double light =
+                    2 * glm::pi<double>() * height * luminance / (8 * parts * parts * parts);
+                const volume::ShValues y =
+                    volume::sh_basis(settings_.order, glm::vec3(way / std::sqrt(square)));
+                for (std::size_t l = 0, k = 0; k < out.size(); ++l)
+                    for (std::size_t m = 0; m <= 2 * l; ++m, ++k)
+                        out[k] += light * shares[l] * double(y[k]);
+            }
+    }
+
     /// A disc's part in each coefficient, for a light of 1 lx.
     void sun_light(std::span<double> out) const {
         const volume::ShValues y =
             volume::sh_basis(settings_.order, glm::vec3(-glm::normalize(light_.direction)));
-        const double x = std::cos(0.5 * settings_.sun_angle);
-        double legendre[6] = {1, x};
-        for (int l = 1; l < 5; ++l)
-            legendre[l + 1] = ((2 * l + 1) * x * legendre[l] - l * legendre[l - 1]) / (l + 1);
-        for (int l = 0, k = 0; l <= settings_.order; ++l) {
-            const double share =
-                l == 0 || x == 1 ? 1
-                                 : (legendre[l - 1] - legendre[l + 1]) / ((2 * l + 1) * (1 - x));
-            for (int m = 0; m <= 2 * l; ++m, ++k)
-                out[std::size_t(k)] = share * double(y[std::size_t(k)]);
-        }
+        const std::array<double, 5> shares = cap_shares(1 - std::cos(0.5 * settings_.sun_angle));
+        for (std::size_t l = 0, k = 0; k < out.size(); ++l)
+            for (std::size_t m = 0; m <= 2 * l; ++m, ++k)
+                out[k] = shares[l] * double(y[k]);
     }
 
     DirectLight result() {
@@ -513,7 +577,7 @@ private:
             std::vector<double> free(sun);
             const glm::ivec3 place = grid_.cell_at(cell);
             const glm::dvec3 power = light_.intensity * glm::dvec3(light_.color);
-            if (!parallel_ && glm::length(glm::dvec3(place) + 0.5 - at_) < near) {
+            if (!parallel_ && radius_ < 0.5 && glm::length(glm::dvec3(place) + 0.5 - at_) < near) {
                 near_light(near_of(place), power, cell, made);
                 return;
             }
@@ -546,6 +610,7 @@ private:
     scene::Frame frame_;
     double peak_ = 0; ///< of the medium's density
     glm::dvec3 at_;   ///< of a light that has a place
+    double radius_;   ///< of a sphere, frame units
     Grid grid_;
     bool parallel_ = false, shaped_ = false;
     scene::Cone cone_;
@@ -566,22 +631,48 @@ DirectLight direct_light(const Light& light, const visibility::Visibility& visib
     return Beams(light, visibility, frame, walls, settings).light();
 }
 
+namespace {
+
+/// The share of a light that arrives at a point from one end of a way or, of a source that is a
+/// disc of this radius across its end, from places all over it; frame units.
+glm::vec3 share_of(const visibility::Visibility& visibility, glm::vec3 point, glm::dvec3 way,
+                   double radius, double end) {
+    if (radius == 0)
+        return visibility.filter({point, glm::vec3(way), 0.0f, float(end)});
+    constexpr int places = 32;
+    const auto [u, v] = visibility::tangents_of(glm::normalize(way));
+    glm::vec3 sum(0.0f);
+    for (int i = 0; i < places; ++i) {
+        const glm::dvec2 at =
+            radius
+            * on_disc(glm::fract((i + 0.5) * glm::dvec2(0.7548776662466927, 0.5698402909980532)));
+        sum += visibility.filter({point, glm::vec3(way + at.x * u + at.y * v), 0.0f, float(end)});
+    }
+    return sum / float(places);
+}
+
+} // namespace
+
 glm::vec3 static_illuminance(std::span<const Light> lights,
                              const visibility::Visibility& visibility, const scene::Frame& frame,
-                             glm::vec3 point, glm::vec3 n) {
+                             glm::vec3 point, glm::vec3 n, const BeamSettings& settings) {
     glm::dvec3 sum(0.0);
     for (const Light& light : lights) {
         if (!light.is_static)
             continue;
         glm::dvec3 way = -light.direction;
         double share = light.intensity, end = HUGE_VAL;
+        double radius = std::tan(0.5 * settings.sun_angle);
         if (light.type != LightType::directional) {
             const glm::dvec3 at = frame.from_world(light.position);
             way = at - glm::dvec3(point);
-            const double length = glm::length(way), metres = length * frame.unit;
-            if (!(metres > 0))
+            radius = radius_of(light, settings.lamp_radii) / frame.unit;
+            const double length = glm::length(way), away = std::max(length, radius);
+            const double metres = away * frame.unit;
+            if (!(length > 0))
                 continue;
-            end = std::max(0.0, 1 - double(visibility::same_place(glm::vec3(at))) / length);
+            end = std::max(0.0,
+                           1 - (radius + double(visibility::same_place(glm::vec3(at)))) / length);
             share *= scene::range_window(light, metres) / (metres * metres);
             if (light.type == LightType::spot)
                 share *= scene::Cone(light)(-way / length);
@@ -589,7 +680,7 @@ glm::vec3 static_illuminance(std::span<const Light> lights,
         share *= glm::dot(glm::dvec3(n), glm::normalize(way));
         if (share > 0)
             sum += share * glm::dvec3(light.color)
-                   * glm::dvec3(visibility.filter({point, glm::vec3(way), 0.0f, float(end)}));
+                   * glm::dvec3(share_of(visibility, point, way, radius, end));
     }
     return glm::vec3(sum);
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "lpvbake/volume.h"
+#include "medium/lamp_radius.h"
 #include "visibility/visibility.h"
 
 #include <cstdint>
@@ -20,6 +21,7 @@ struct BeamSettings {
     /// DirectLight::sh is multiplied by the medium's density over its peak, before means are taken,
     /// and `visibility` means nothing. What is behind walls does not count, as without it.
     const Medium* medium = nullptr;
+    std::vector<LampRadius> lamp_radii = {}; ///< of point and spot lights
 };
 
 /// Of one light, by Grid::index.
@@ -44,15 +46,22 @@ struct DirectLight {
 /// I / r^2, averaged over the cell, from two cells of the light on by 2^3 Gauss points, nearer by
 /// the beams themselves). A cell counts as far as its `walls` (Volume::walls, or none) go.
 ///
+/// A light with a radius R is a sphere of one luminance, I / (pi R^2): beams of a direction begin
+/// evenly on a disc across it, and what stands inside of the sphere hides nothing of it. A surface
+/// that faces it gets I / r^2, and a cell, into which it shines from all of the cap that it is seen
+/// as, 2 I / R^2 (1 - sqrt(1 - R^2 / r^2)), and inside of the sphere as much as on its surface. The
+/// sun's disc keeps that sum, over all directions, at the light's lux instead.
+///
 /// Sums are of whole numbers: the same bits for any number of threads.
 DirectLight direct_light(const Light& light, const visibility::Visibility& visibility,
                          const scene::Frame& frame, std::span<const std::vector<glm::vec3>> walls,
                          const BeamSettings& settings);
 
 /// Illuminance (lux, RGB) of the static lights among these on a surface at `point` (frame units, a
-/// hair off it) with unit normal n, shadows included.
+/// hair off it) with unit normal n, shadows included: that of the lights' middles times the share
+/// of their discs that is seen, by 32 rays. Of the settings the lights' sizes count.
 glm::vec3 static_illuminance(std::span<const Light> lights,
                              const visibility::Visibility& visibility, const scene::Frame& frame,
-                             glm::vec3 point, glm::vec3 n);
+                             glm::vec3 point, glm::vec3 n, const BeamSettings& settings = {});
 
 } // namespace lpvbake::medium

@@ -317,6 +317,38 @@ TEST_F(SceneCli, DirectLightIsKeptBesideTheField) {
                  "--adaptive");
 }
 
+TEST_F(SceneCli, LampsHaveASize) {
+    const std::string box = LPVBAKE_EXAMPLES "/cornell_box.gltf --no-scene-lights --resolution 8 "
+                                             "--point 0.3,1.6,0.3,5 --sun 20,40,1000 --bounces 0 ";
+    const std::string direct = "--direct visibility ";
+    const auto bake = [&](const std::string& options, const std::string& file) {
+        const std::string text = run("bake " + box + direct + options + " -o " + file).err;
+        return std::pair(read_volume(folder_ / file), text);
+    };
+    const auto [point, quiet] = bake("", "point.vdb");
+    const auto [none, still] = bake("--lamp-radius 0", "none.vdb");
+    const auto [large, told] = bake("--lamp-radius 'po*=0.2'", "large.vdb");
+    const auto [huge, warned] = bake("--lamp-radius 0.2 --lamp-radius point=1.5", "huge.vdb");
+    EXPECT_EQ(point.others[0].grids, none.others[0].grids);
+    EXPECT_EQ(point.sh, large.sh);
+    // The sun stays as it is.
+    const std::size_t lamp =
+        point.metadata.at("visibility").find("point") < point.metadata.at("visibility").find("sun")
+            ? 0
+            : 1;
+    EXPECT_NE(point.others[0].grids[lamp], large.others[0].grids[lamp]);
+    EXPECT_EQ(point.others[0].grids[1 - lamp], large.others[0].grids[1 - lamp]);
+    EXPECT_EQ(told.find("surfaces stand inside"), told.npos);
+    EXPECT_NE(warned.find("surfaces stand inside of the light \"point\", a sphere of 1.5 m"),
+              warned.npos);
+    expect_error("bake " + box + "-o a.vdb --lamp-radius 0.1", cmd::ExitCode::usage, "--direct");
+    expect_error("bake " + box + direct + "-o a.vdb --lamp-radius =1", cmd::ExitCode::usage,
+                 "NAMES=METRES");
+    expect_error("bake " + box + direct + "-o a.vdb --lamp-radius -1", cmd::ExitCode::usage, "-1");
+    expect_error("bake " + box + direct + "-o a.vdb --lamp-radius sun=1", cmd::ExitCode::usage,
+                 "--lamp-radius: no point or spot light of the name 'sun'; there are 'point'");
+}
+
 TEST_F(SceneCli, LightsThatAreStaticAreInTheFieldAndLitOnce) {
     spill(folder_ / "lights.json", json{{"lights",
                                          {{{"type", "point"},

@@ -220,6 +220,214 @@ TEST(Beams, ASunWithADiscHasAPenumbra) {
     EXPECT_EQ(disc.sh[0][0].x, point.sh[0][0].x);
 }
 
+/// The share of a disc that lies on one side of a line, x radii beyond its middle.
+double beside_line(double x) {
+    x = std::clamp(x, -1.0, 1.0);
+    return 0.5 + (x * std::sqrt(1 - x * x) + std::asin(x)) / M_PI;
+}
+
+/// How far beyond the middle of the disc as which a sphere is seen from p the line through `edge`
+/// along z lies, towards -x, in radii of the disc.
+double line_on_disc(glm::dvec3 p, glm::dvec3 edge, glm::dvec3 middle, double radius) {
+    const glm::dvec3 normal = glm::normalize(glm::cross(edge - p, glm::dvec3(0, 0, -1)));
+    const glm::dvec3 axis = glm::normalize(middle - p);
+    const double sine = glm::dot(normal, axis), disc = radius / glm::length(middle - p);
+    return sine / std::sqrt(1 - sine * sine) * std::sqrt(1 - disc * disc) / disc;
+}
+
+TEST(Beams, ASphereHasAPenumbraBehindAnEdgeAndBehindAPlate) {
+    // A lamp of radius 3 at a height of 60, edges at 30: the penumbra is 5 cells wide below.
+    const glm::dvec3 middle(8.3, 60, 8);
+    const double radius = 3;
+    for (const float width : {400.0f, 2.0f}) { // of what shades, from x = 7 to its left
+        Scene scene;
+        scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)), {7 - width, 30, -100},
+                         {width, 0, 0}, {0, 0, 200});
+        BeamSettings settings{16, 0.0, 2};
+        settings.lamp_radii = {{"*", radius}};
+        const DirectLight light = lit(scene, scenes::point_light(middle, 1000), cube(16), settings);
+        int partly = 0;
+        for (int x = 0; x < 16; ++x) {
+            double expected = 0, seen = 0;
+            constexpr int n = 32;
+            for (int z = 0; z < 16; ++z)
+                for (int i = 0; i < n; ++i) {
+                    const glm::dvec3 p(x + (i + 0.5) / n, 4 + (i * 13 % n + 0.5) / n, z + 0.5);
+                    const double right = beside_line(-line_on_disc(p, {7, 30, 0}, middle, radius));
+                    const double left =
+                        beside_line(line_on_disc(p, {7 - double(width), 30, 0}, middle, radius));
+                    expected += (right + left) / (16 * n);
+                }
+            for (int z = 0; z < 16; ++z)
+                seen += light.visibility[index(16, {x, 4, z})] / 16.0;
+            EXPECT_NEAR(seen, expected, 0.01) << width << ' ' << x;
+            partly += expected > 0.05 && expected < 0.95;
+        }
+        EXPECT_GT(partly, 3);
+    }
+}
+
+TEST(Beams, ASphereShinesAsOneOutsideAndAsItsSurfaceInside) {
+    // Of all directions together 2 I / R^2 (1 - sqrt(1 - R^2 / r^2)), on what faces it I / r^2.
+    const double h = 0.25, candela = 40, radius = 0.8;
+    const glm::dvec3 middle(4.4 * h, 4.6 * h, 4.5 * h);
+    Light lamp = scenes::point_light(middle, candela);
+    lamp.name = "Lamp 1";
+    BeamSettings settings;
+    settings.lamp_radii = {{"*", 9.0}, {"Lamp*", radius}, {"Other", 7.0}};
+    const DirectLight light = lit(nothing(), lamp, cube(9, h), settings);
+    for (std::size_t cell = 0; cell < 729; ++cell) {
+        const glm::ivec3 at(int(cell) % 9, int(cell) / 9 % 9, int(cell) / 81);
+        double all = 0, facing = 0;
+        constexpr int n = 6;
+        for (int i = 0; i < n * n * n; ++i) {
+            const glm::dvec3 p =
+                (glm::dvec3(at) + (glm::dvec3(i % n, i / n % n, i / n / n) + 0.5) / double(n)) * h;
+            const double r = std::max(glm::length(p - middle), radius);
+            all += 2 * candela / (radius * radius) * (1 - std::sqrt(1 - radius * radius / (r * r)))
+                   / (n * n * n);
+            facing += candela / (r * r) / (n * n * n);
+        }
+        EXPECT_EQ(light.visibility[cell], 1.0f);
+        const glm::dvec3 way = middle - (glm::dvec3(at) + 0.5) * h;
+        EXPECT_NEAR(illuminance(light, cell), all, 0.02 * all)
+            << at.x << ' ' << at.y << ' ' << at.z;
+        if (glm::length(way) < 1.3 * radius)
+            continue;
+        // Band 1 holds the vector irradiance, sqrt(3 / 4 pi) times it.
+        const glm::dvec3 vector(light.sh[3][cell].x, light.sh[1][cell].x, light.sh[2][cell].x);
+        EXPECT_NEAR(glm::length(vector) / 0.4886025, facing, 0.01 * facing);
+    }
+}
+
+TEST(Beams, WhatStandsInsideASphereHidesNothingOfIt) {
+    Scene scene;
+    scenes::add_box(scene, scenes::add_material(scene, glm::vec3(0.5f)), {7.5f, 7.5f, 7.5f},
+                    {8.5f, 8.5f, 8.5f}, scenes::Facing::outward);
+    const Light lamp = scenes::point_light({8, 8, 8}, 10);
+    BeamSettings settings;
+    const std::size_t beside = index(16, {11, 8, 8});
+    EXPECT_EQ(lit(scene, lamp, cube(16), settings).visibility[beside], 0.0f);
+    settings.lamp_radii = {{"*", 0.0}};
+    EXPECT_EQ(lit(scene, lamp, cube(16), settings).visibility[beside], 0.0f);
+    settings.lamp_radii = {{"*", 1.0}};
+    EXPECT_EQ(lit(scene, lamp, cube(16), settings).visibility[beside], 1.0f);
+    // One that holds the grid and all that is in it.
+    settings.lamp_radii = {{"*", 100.0}};
+    const DirectLight inside = lit(scene, lamp, cube(16), settings);
+    for (std::size_t cell = 0; cell < inside.visibility.size(); ++cell) {
+        EXPECT_EQ(inside.visibility[cell], 1.0f);
+        if (glm::length(glm::dvec3(cell % 16, cell / 16 % 16, cell / 256) - 7.5) > 2) {
+            EXPECT_NEAR(illuminance(inside, cell), 2 * 10 / 1e4, 1e-6);
+        }
+    }
+}
+
+TEST(Beams, WhatStandsBesideASphereHidesWhatRaysFind) {
+    // A box just beside the sphere, where a plane across the light would be behind it.
+    Scene scene;
+    scenes::add_box(scene, scenes::add_material(scene, glm::vec3(0.5f)), {10.4f, 10.2f, 7},
+                    {10.8f, 11, 9}, scenes::Facing::outward);
+    const glm::dvec3 middle(8, 8, 8);
+    const double radius = 3;
+    BeamSettings settings{12, 0.0, 0};
+    settings.lamp_radii = {{"*", radius}};
+    const scene::Frame frame = cube(16);
+    const visibility::Visibility visibility(scene, frame);
+    const DirectLight light =
+        medium::direct_light(scenes::point_light(middle, 1), visibility, frame, {}, settings);
+    std::mt19937 random(5);
+    std::uniform_real_distribution<double> any(0.0, 1.0);
+    int partly = 0;
+    for (const glm::ivec3 cell : {glm::ivec3(11, 10, 8), glm::ivec3(12, 10, 8),
+                                  glm::ivec3(12, 11, 7), glm::ivec3(14, 11, 8)}) {
+        double seen = 0;
+        constexpr int n = 20000;
+        for (int i = 0; i < n; ++i) { // a direction of the cap that the sphere is seen as
+            const glm::dvec3 p =
+                glm::dvec3(cell) + glm::dvec3(any(random), any(random), any(random));
+            const glm::dvec3 axis = middle - p;
+            const double r = glm::length(axis), least = std::sqrt(1 - radius * radius / (r * r));
+            const double cosine = least + (1 - least) * any(random), turn = 2 * M_PI * any(random);
+            const double sine = std::sqrt(1 - cosine * cosine);
+            const glm::dvec3 u = glm::normalize(glm::cross(axis, glm::dvec3(0, 0, 1)));
+            const glm::dvec3 v = glm::cross(axis / r, u);
+            const double until = r * cosine - std::sqrt(radius * radius - r * r * sine * sine);
+            seen +=
+                double(
+                    visibility
+                        .filter({glm::vec3(p),
+                                 glm::vec3(until
+                                           * (cosine * axis / r
+                                              + sine * (std::cos(turn) * u + std::sin(turn) * v)))})
+                        .x)
+                / n;
+        }
+        EXPECT_NEAR(light.visibility[index(16, cell)], seen, 0.02)
+            << cell.x << ' ' << cell.y << ' ' << cell.z;
+        partly += seen > 0.1 && seen < 0.9;
+    }
+    EXPECT_GT(partly, 2);
+}
+
+TEST(Beams, SurfacesSeeTheirShareOfASphere) {
+    const glm::dvec3 middle(8.3, 60, 8);
+    const double radius = 3;
+    Scene scene;
+    scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f)), {-393, 30, -100},
+                     {400, 0, 0}, {0, 0, 200});
+    const visibility::Visibility visibility(scene, cube(16));
+    std::vector<Light> lights{scenes::point_light(middle, 1000)};
+    lights[0].is_static = true;
+    BeamSettings settings;
+    settings.lamp_radii = {{"*", radius}};
+    for (float x = 0; x < 12; x += 0.5f) {
+        const glm::vec3 p(x, 0.5f, 6);
+        const double seen = beside_line(-line_on_disc(glm::dvec3(p), {7, 30, 0}, middle, radius));
+        const glm::dvec3 way = middle - glm::dvec3(p);
+        const double all = 1000 * way.y / std::pow(glm::length(way), 3);
+        const auto lux = [&](const BeamSettings& sizes) {
+            return double(
+                medium::static_illuminance(lights, visibility, cube(16), p, {0, 1, 0}, sizes).x);
+        };
+        EXPECT_NEAR(lux(settings), seen * all, 0.04 * all) << x;
+        EXPECT_NEAR(lux({}), seen > 0.5 ? all : 0, 1e-5 * all) << x;
+    }
+}
+
+TEST(Beams, ASpotOfASizeHasASoftRim) {
+    // A cone of a hard edge: a place has the light of what of the disc lies so that the way from
+    // there is inside of the cone.
+    const double outer = 0.2, radius = 3.5, candela = 100;
+    const Light spot = scenes::spot_light({12, 40, 12}, {0, -1, 0}, candela, outer, outer);
+    BeamSettings settings{12, 0.0, 1};
+    settings.lamp_radii = {{"*", radius}};
+    const DirectLight light = lit(nothing(), spot, cube(24), settings);
+    std::mt19937 random(3);
+    std::uniform_real_distribution<double> any(0.0, 1.0);
+    const double full = candela / (35 * 35.0);
+    int partly = 0;
+    for (int x = 12; x < 24; ++x) {
+        double expected = 0, seen = 0;
+        constexpr int n = 40000;
+        for (int i = 0; i < n; ++i) {
+            const glm::dvec3 p(x + any(random), 5 + any(random), 10 + 4 * any(random));
+            const glm::dvec3 way = p - spot.position;
+            const double r = glm::length(way), out = radius * std::sqrt(any(random));
+            const double turn = 2 * M_PI * any(random);
+            const glm::dvec3 u = glm::normalize(glm::cross(way, glm::dvec3(0, 0, 1)));
+            const glm::dvec3 v = glm::cross(way / r, u);
+            const glm::dvec3 from = way - out * (std::cos(turn) * u + std::sin(turn) * v);
+            expected += -from.y > std::cos(outer) * glm::length(from) ? candela / (r * r * n) : 0;
+        }
+        for (int z = 10; z < 14; ++z)
+            seen += illuminance(light, index(24, {x, 5, z})) / 4;
+        EXPECT_NEAR(seen, expected, 0.015 * full) << x;
+        partly += expected > 0.05 * full && expected < 0.8 * full;
+    }
+    EXPECT_GT(partly, 1);
+}
+
 TEST(Beams, ACellCountsAsFarAsItsWalls) {
     // Centres of cells lie on the floor: half of each is in the dark below it.
     Scene scene;
@@ -250,8 +458,10 @@ TEST(Beams, SameBitsForAnyNumberOfThreads) {
     for (const Light& light :
          {scenes::sun({0.3, -1, -0.9}, 1), scenes::point_light({0.1, 1.8, 0.2}, 1)}) {
         DirectLight one, four;
-        tbb::task_arena(1).execute([&] { one = lit(scene, light, frame, {4, 0.05, 2}); });
-        tbb::task_arena(4).execute([&] { four = lit(scene, light, frame, {4, 0.05, 2}); });
+        BeamSettings settings{4, 0.05, 2};
+        settings.lamp_radii = {{"*", 0.05}};
+        tbb::task_arena(1).execute([&] { one = lit(scene, light, frame, settings); });
+        tbb::task_arena(4).execute([&] { four = lit(scene, light, frame, settings); });
         EXPECT_EQ(one.visibility, four.visibility);
         EXPECT_EQ(one.sh, four.sh);
         EXPECT_GT(one.steps, one.beams);
