@@ -639,13 +639,13 @@ glm::vec3 share_of(const visibility::Visibility& visibility, glm::vec3 point, gl
                    double radius, double end) {
     if (radius == 0)
         return visibility.filter({point, glm::vec3(way), 0.0f, float(end)});
-    constexpr int places = 32;
+    constexpr int places = 64;
+    constexpr double golden_angle = 2.399963229728653;
     const auto [u, v] = visibility::tangents_of(glm::normalize(way));
     glm::vec3 sum(0.0f);
     for (int i = 0; i < places; ++i) {
-        const glm::dvec2 at =
-            radius
-            * on_disc(glm::fract((i + 0.5) * glm::dvec2(0.7548776662466927, 0.5698402909980532)));
+        const double out = radius * std::sqrt((i + 0.5) / places), turn = golden_angle * i; // Vogel
+        const glm::dvec2 at = out * glm::dvec2(std::cos(turn), std::sin(turn));
         sum += visibility.filter({point, glm::vec3(way + at.x * u + at.y * v), 0.0f, float(end)});
     }
     return sum / float(places);

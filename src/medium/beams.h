@@ -59,7 +59,7 @@ DirectLight direct_light(const Light& light, const visibility::Visibility& visib
 
 /// Illuminance (lux, RGB) of the static lights among these on a surface at `point` (frame units, a
 /// hair off it) with unit normal n, shadows included: that of the lights' middles times the share
-/// of their discs that is seen, by 32 rays. Of the settings the lights' sizes count.
+/// of their discs that is seen, by 64 rays. Of the settings the lights' sizes count.
 glm::vec3 static_illuminance(std::span<const Light> lights,
                              const visibility::Visibility& visibility, const scene::Frame& frame,
                              glm::vec3 point, glm::vec3 n, const BeamSettings& settings = {});
