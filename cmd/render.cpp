@@ -22,6 +22,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
+#include <functional>
 #include <future>
 #include <iterator>
 #include <memory>
@@ -43,6 +44,13 @@ constexpr int most_pixels_a_side = 16384;
 const char camera_forms[] = "; it takes NAME, INDEX, X,Y,Z:TX,TY,TZ[:FOV], "
                             "orbit[:AZIMUTH,ELEVATION[,DISTANCE]] or inside";
 
+/// How light in air is found.
+struct FogMethod {
+    enum class Kind { exact, march, nvidia } kind = Kind::exact;
+    int steps = 0;    ///< of march
+    double boost = 0; ///< of nvidia
+};
+
 struct RenderOptions : SceneOptions, RunOptions {
     std::string volume;
     std::vector<std::string> outputs;
@@ -56,7 +64,7 @@ struct RenderOptions : SceneOptions, RunOptions {
     int reference = 0;
     std::vector<std::string> reference_outputs;
     MediumOptions medium;
-    int fog_steps = 0;                    ///< medium::FogSettings
+    FogMethod fog;
     std::optional<int> rsm;               ///< texels of each map a point takes; none: the field
     render::RsmLightSettings rsm_visible; ///< of its texels
     bool compare_rays = false;
@@ -154,13 +162,18 @@ render::CameraChoice parse_camera(const std::string& text) {
     return camera;
 }
 
-/// "exact", or "march:N".
-int parse_fog_method(const std::string& text) {
+/// "exact", "march:N", "nvidia" or "nvidia:BOOST".
+FogMethod parse_fog_method(const std::string& text) {
+    using Kind = FogMethod::Kind;
     if (text == "exact")
-        return 0;
+        return {};
     if (text.starts_with("march:"))
-        return int(options::number_within(text.substr(6), 1, 1e6, true));
-    options::refuse(text, "is neither exact nor march:N");
+        return {Kind::march, int(options::number_within(text.substr(6), 1, 1e6, true)), 0};
+    if (text == "nvidia")
+        return {Kind::nvidia, 0, 0};
+    if (text.starts_with("nvidia:"))
+        return {Kind::nvidia, 0, options::number_within(text.substr(7), 0, 1e6, false)};
+    options::refuse(text, "is none of exact, march:N, nvidia and nvidia:BOOST");
 }
 
 /// "volume", or "rsm:N".
@@ -202,8 +215,12 @@ std::string name_of_visibility(const render::RsmLightSettings& settings) {
                : format("ssdo:%d,%.9g,%.9g", settings.samples, settings.radius, settings.thickness);
 }
 
-std::string name_of_fog(const RenderOptions& o) {
-    return o.fog_steps > 0 ? "march:" + std::to_string(o.fog_steps) : "exact";
+std::string name_of(const FogMethod& method) {
+    using Kind = FogMethod::Kind;
+    return method.kind == Kind::exact   ? "exact"
+           : method.kind == Kind::march ? "march:" + std::to_string(method.steps)
+           : method.boost > 0           ? format("nvidia:%.9g", method.boost)
+                                        : "nvidia";
 }
 
 /// All that has cells: of nested levels the outermost.
@@ -292,6 +309,17 @@ void warn_of_mismatch(const RenderOptions& o, const Scene& scene, const volume::
     miss(!scene.lights.empty(), &volume::LightContent::punctual, "punctual lights");
 }
 
+/// The chain is one of directional lights; others are shown all the same.
+void warn_of_lamps(const RenderOptions& o, const Scene& scene, TerminalProgress& progress) {
+    const auto lamps = std::ranges::count_if(scene.lights, [](const Light& light) {
+        return light.type != LightType::directional && !light.is_static;
+    });
+    if (o.fog.kind == FogMethod::Kind::nvidia && lamps > 0)
+        progress.warn("--fog-method " + name_of(o.fog) + ": is of directional lights; "
+                      + counted(uint64_t(lamps), "point or spot light")
+                      + " in air shown as by exact");
+}
+
 image::Pixels displayed(const RenderOptions& o, const image::Pixels& picture, double ev) {
     return render::to_display(picture, o.show, ev, o.tone_map);
 }
@@ -321,6 +349,13 @@ Written write_picture(const RenderOptions& o, const std::string& path, const ima
 
 // ---------------------------------------------------------------- the result
 
+/// How far a picture is from another of the same.
+struct Comparison {
+    double energy = 0; ///< the mean over the other's
+    double l1 = 0;     ///< the sum of differences over the other's sum
+    double flip = 0;
+};
+
 /// Everything that the two forms of the result say.
 struct RenderResult {
     const RenderOptions& options;
@@ -329,16 +364,17 @@ struct RenderResult {
     std::string device;
     std::string sampler;
     render::ViewSettings view;
-    render::Rendering rendering;
+    render::Rendering rendering = {};
     double exposure = 0;
-    std::optional<render::Rendering> reference;
-    render::PictureError error;
+    std::optional<render::Rendering> reference = {};
+    render::PictureError error = {};
     double flip = 0;
-    std::vector<Written> outputs;
-    std::optional<render::Rendering> by_rays; ///< with RenderOptions::compare_rays
-    render::PictureError rays_error;
-    double rays_l1 = 0, rays_flip = 0;
-    std::optional<transfer::Propagated> relit;
+    std::vector<Written> outputs = {};
+    std::optional<render::Rendering> by_rays = {}; ///< with RenderOptions::compare_rays
+    Comparison beside_rays = {};
+    std::optional<render::Rendering> by_exact = {}; ///< with FogMethod::Kind::nvidia
+    Comparison beside_exact = {};
+    std::optional<transfer::Propagated> relit = {};
 };
 
 glm::dvec3 eye_of(const Camera& camera) {
@@ -374,9 +410,34 @@ report::Json indirect_json(const RenderResult& r) {
                         {"hidden", double(pairs.hidden) / all},
                         {"falsely_lit", double(pairs.falsely_lit) / all},
                         {"falsely_dark", double(pairs.falsely_dark) / all},
-                        {"energy", r.rays_error.ratio},
-                        {"l1", r.rays_l1},
-                        {"flip", r.rays_flip}};
+                        {"energy", r.beside_rays.energy},
+                        {"l1", r.beside_rays.l1},
+                        {"flip", r.beside_rays.flip}};
+    return json;
+}
+
+report::Json medium_json(const RenderResult& r) {
+    const MediumOptions& o = r.options.medium;
+    if (!o.medium)
+        return nullptr;
+    const medium::Medium& air = *o.medium;
+    report::Json json{{"scatter", report::vector_json(air.scatter)},
+                      {"absorb", report::vector_json(air.absorb)},
+                      {"g", air.g},
+                      {"height", nullptr},
+                      {"density", nullptr},
+                      {"method", name_of(r.options.fog)},
+                      {"beside_exact", nullptr}};
+    if (air.height)
+        json["height"] = {air.height->from, air.height->scale};
+    if (!o.density.empty())
+        json["density"] = o.density;
+    if (r.by_exact)
+        json["beside_exact"] = {{"energy", r.beside_exact.energy},
+                                {"l1", r.beside_exact.l1},
+                                {"flip", r.beside_exact.flip},
+                                {"steps", r.rendering.steps.all},
+                                {"long_steps", r.rendering.steps.coarse}};
     return json;
 }
 
@@ -399,19 +460,7 @@ void print_json_result(const RenderResult& r, const Run& run) {
                             {"target", report::vector_json(target_of(r.view.camera))},
                             {"fov", glm::degrees(r.view.camera.yfov)}}},
                           {"dry_run", o.dry_run}};
-    document["medium"] = nullptr;
-    if (const auto& air = o.medium.medium) {
-        document["medium"] = {{"scatter", report::vector_json(air->scatter)},
-                              {"absorb", report::vector_json(air->absorb)},
-                              {"g", air->g},
-                              {"height", nullptr},
-                              {"density", nullptr},
-                              {"method", name_of_fog(o)}};
-        if (air->height)
-            document["medium"]["height"] = {air->height->from, air->height->scale};
-        if (!o.medium.density.empty())
-            document["medium"]["density"] = o.medium.density;
-    }
+    document["medium"] = medium_json(r);
     document["indirect"] = indirect_json(r);
     if (!o.dry_run) {
         document["relight"] = nullptr;
@@ -460,7 +509,7 @@ void print_text_result(const RenderResult& r, const Run& run) {
                 counted(uint64_t(o.samples), "sample").c_str(), name_of(o.show).c_str());
     if (const auto& air = o.medium.medium)
         std::printf("medium        scatters %.4g, absorbs %.4g a metre (green), g %.3g; %s\n",
-                    air->scatter.g, air->absorb.g, air->g, name_of_fog(o).c_str());
+                    air->scatter.g, air->absorb.g, air->g, name_of(o.fog).c_str());
     if (o.dry_run) {
         for (const std::string& output : all_outputs(o))
             std::printf("output        %s\n", output.c_str());
@@ -484,43 +533,82 @@ void print_text_result(const RenderResult& r, const Run& run) {
         std::printf("beside rays   %.3g %% of the pairs falsely lit, %.3g %% falsely dark (%.3g %% "
                     "hidden); energy %.3f, L1 %.3g %%, FLIP %.4f\n",
                     double(pairs.falsely_lit) / all, double(pairs.falsely_dark) / all,
-                    double(pairs.hidden) / all, r.rays_error.ratio, 100 * r.rays_l1, r.rays_flip);
+                    double(pairs.hidden) / all, r.beside_rays.energy, 100 * r.beside_rays.l1,
+                    r.beside_rays.flip);
     }
+    if (r.by_exact)
+        std::printf("beside exact  energy %.3f, L1 %.3g %%, FLIP %.4f; %s, %.3g %% of them long\n",
+                    r.beside_exact.energy, 100 * r.beside_exact.l1, r.beside_exact.flip,
+                    counted(r.rendering.steps.all, "step").c_str(),
+                    100 * double(r.rendering.steps.coarse)
+                        / double(std::max<uint64_t>(r.rendering.steps.all, 1)));
     print_stages(run.stages);
     print_total(run.seconds());
     print_outputs(r.outputs);
 }
 
-/// Lights the picture by a few texels of maps, beside rays too where that is asked for.
-void draw_by_rsm(const RenderOptions& o, const render::LitScene& lit,
-                 const visibility::Visibility& visibility, const volume::Levels& levels,
-                 const raster::Raster& raster, const readers::Reader& sampler,
-                 render::ViewSettings view, Run& run, RenderResult& result) {
+using Draw = std::function<render::Rendering(const render::ViewSettings&)>;
+
+/// The picture, and what it is a model of if it is to be compared with that. `view` has no light
+/// but the field's, and no fog.
+void draw_pictures(const RenderOptions& o, const render::LitScene& lit,
+                   const visibility::Visibility& visibility, const volume::Levels& field,
+                   const Draw& draw, render::ViewSettings view, Run& run, RenderResult& result) {
+    const bool is_chain = o.fog.kind == FogMethod::Kind::nvidia;
+    std::optional<medium::Fog> fog;
+    std::optional<medium::VolumeLight> volume_light;
+    if (view.air) {
+        fog.emplace(lit.scene, visibility, lit.frame, &field, *view.air,
+                    medium::FogSettings{.steps = o.fog.steps, .suns = !is_chain});
+        view.fog = &*fog;
+        if (is_chain) {
+            volume_light.emplace(lit.scene, visibility, lit.frame, false, *view.air,
+                                 medium::VolumeLightSettings{.boost = o.fog.boost});
+            view.volume_light = &*volume_light;
+        }
+        run.end_stage("medium");
+    }
+    std::optional<render::RsmLight> rsm;
     render::RsmLightSettings settings = o.rsm_visible;
-    settings.texels = *o.rsm;
-    settings.compare = o.compare_rays;
-    const render::RsmLight light(lit.scene, lit.frame, visibility, settings);
-    view.rsm = &light;
-    result.rendering = render::render(lit, levels, raster, sampler, view, run.progress);
+    if (o.rsm) {
+        settings.texels = *o.rsm;
+        settings.compare = o.compare_rays;
+        rsm.emplace(lit.scene, lit.frame, visibility, settings);
+        view.rsm = &*rsm;
+    }
+    result.rendering = draw(view);
     run.end_stage("render");
-    if (!o.compare_rays)
-        return;
-    settings.seen = render::RsmLightSettings::Seen::rays;
-    settings.compare = false;
-    const render::RsmLight truth(lit.scene, lit.frame, visibility, settings);
-    view.rsm = &truth;
-    result.by_rays = render::render(lit, levels, raster, sampler, view, run.progress);
-    run.end_stage("rays");
+    if (o.compare_rays) {
+        settings.seen = render::RsmLightSettings::Seen::rays;
+        settings.compare = false;
+        const render::RsmLight truth(lit.scene, lit.frame, visibility, settings);
+        render::ViewSettings by_rays = view;
+        by_rays.rsm = &truth;
+        result.by_rays = draw(by_rays);
+        run.end_stage("rays");
+    }
+    if (view.volume_light) {
+        const medium::Fog exact(lit.scene, visibility, lit.frame, &field, *view.air, {});
+        view.fog = &exact;
+        view.volume_light = nullptr;
+        result.by_exact = draw(view);
+        run.end_stage("exact");
+    }
 }
 
-void compare_with_rays(const RenderOptions& o, RenderResult& result) {
-    if (!result.by_rays)
-        return;
-    const image::Pixels &drawn = result.rendering.picture, &truth = result.by_rays->picture;
-    result.rays_error = render::compare_pictures(drawn, truth);
-    result.rays_l1 = relative_l1(drawn, truth);
-    result.rays_flip =
-        render::flip(displayed(o, drawn, result.exposure), displayed(o, truth, result.exposure));
+Comparison compare(const RenderOptions& o, const image::Pixels& drawn, const image::Pixels& truth,
+                   double exposure) {
+    return {render::compare_pictures(drawn, truth).ratio, relative_l1(drawn, truth),
+            render::flip(displayed(o, drawn, exposure), displayed(o, truth, exposure))};
+}
+
+/// With what the picture is a model of, if it is one.
+void compare_models(const RenderOptions& o, RenderResult& result) {
+    const image::Pixels& drawn = result.rendering.picture;
+    if (result.by_rays)
+        result.beside_rays = compare(o, drawn, result.by_rays->picture, result.exposure);
+    if (result.by_exact)
+        result.beside_exact = compare(o, drawn, result.by_exact->picture, result.exposure);
 }
 
 void write_pictures(const RenderOptions& o, Run& run, RenderResult& result) {
@@ -576,6 +664,7 @@ void run(const RenderOptions& o) {
     std::vector<std::string> warnings;
     const std::optional<medium::Medium> air = medium_of(o.medium, scene, warnings);
     run.warn(warnings);
+    warn_of_lamps(o, scene, run.progress);
     const std::unique_ptr<gpu::Device> device = opening.get();
     run.end_stage("load");
 
@@ -596,46 +685,25 @@ void run(const RenderOptions& o) {
     view.camera = choose_camera(o, scene, box_of(levels), seen, frame, view.size);
     view.samples = o.samples;
     view.show = o.show;
-    RenderResult result{o,
-                        scene,
-                        volume,
-                        device->info().name,
-                        sampler_name(sampler),
-                        view,
-                        {},
-                        0,
-                        {},
-                        {},
-                        0,
-                        {},
-                        {},
-                        {},
-                        0,
-                        0,
-                        std::move(relit)};
+    RenderResult result{o, scene, volume, device->info().name, sampler_name(sampler), view};
+    result.relit = std::move(relit);
     if (!o.dry_run) {
         const raster::Raster raster(*device, scene, frame, scene::is_asked);
         run.end_stage("prepare");
         const render::LitScene lit{scene, frame, seen, paths};
         const std::optional<volume::VolumeSet> filled = filled_for(sampler, levels);
         const volume::Levels field(levels);
-        std::optional<medium::Fog> fog;
-        if (air) {
-            fog.emplace(scene, visibility, frame, &field, *air, medium::FogSettings{o.fog_steps});
-            view.fog = &*fog;
-            view.air = &*air;
-            run.end_stage("medium");
-        }
-        if (o.rsm) {
-            draw_by_rsm(o, lit, visibility, levels, raster, sampler, view, run, result);
-        } else {
-            result.rendering =
-                render::render(lit, filled ? *filled : levels, raster, sampler, view, run.progress);
-            run.end_stage("render");
-        }
+        view.air = air ? &*air : nullptr;
+        draw_pictures(
+            o, lit, visibility, field,
+            [&](const render::ViewSettings& settings) {
+                return render::render(lit, filled ? *filled : levels, raster, sampler, settings,
+                                      run.progress);
+            },
+            view, run, result);
         const image::Pixels& drawn = result.rendering.picture;
         result.exposure = o.exposure ? *o.exposure : render::automatic_exposure(drawn, view.show);
-        compare_with_rays(o, result);
+        compare_models(o, result);
         if (o.reference > 0) {
             view.samples = o.reference;
             result.reference = render::trace_picture(lit, view, run.progress);
@@ -690,9 +758,10 @@ options::Action declare(options::Options& options) {
 
     add_medium_options(options, o.medium, "Fog before what is seen");
     options
-        .value("--fog-method", o.fog_steps, "exact|march:N", parse_fog_method,
+        .value("--fog-method", o.fog, "exact|march:N|nvidia[:BOOST]", parse_fog_method,
                "exact: lit parts of each ray in closed form; march:N: N steps with shadow rays, as "
-               "programs do",
+               "programs do; nvidia: directional lights by the passes of NVIDIA's VolumeLight, and "
+               "how wrong that is beside exact",
                "exact")
         .need("medium");
 

@@ -48,14 +48,12 @@ Fog::Fog(const Scene& scene, const visibility::Visibility& visibility, const sce
     : visibility_(visibility),
       frame_(frame),
       levels_(levels),
-      medium_(medium),
-      settings_(settings),
-      lo_(frame.from_world(medium.box.lo)),
-      hi_(frame.from_world(medium.box.hi)),
-      scatter_(medium.scatter * frame.unit),
-      extinct_(medium.extinction() * frame.unit) {
+      air_(medium, frame),
+      settings_(settings) {
     for (const Light& light : scene.lights) {
         if (light.is_static && levels) // the field has its light
+            continue;
+        if (light.type == LightType::directional && !settings.suns)
             continue;
         Source source{light, light.intensity * glm::dvec3(light.color), {}, {}, {}, {}};
         source.direction = glm::normalize(light.direction);
@@ -64,52 +62,22 @@ Fog::Fog(const Scene& scene, const visibility::Visibility& visibility, const sce
         if (light.type == LightType::spot)
             source.cone = scene::Cone(light);
         if (settings.steps == 0)
-            source.depths.emplace_back(light, visibility, frame, lo_, hi_, settings.map_size);
+            source.depths.emplace_back(light, visibility, frame, air_.lo(), air_.hi(),
+                                       settings.map_size);
         sources_.push_back(std::move(source));
     }
 }
 
-std::optional<Fog::Part> Fog::part_in(glm::dvec3 origin, glm::dvec3 direction,
-                                      double distance) const {
-    const auto in = within(origin, direction, lo_, hi_, 0.0, distance);
-    if (!in)
-        return std::nullopt;
-    return Part{origin, direction, in->x, in->y};
-}
-
 glm::dvec3 Fog::transmittance(glm::dvec3 origin, glm::dvec3 direction, double distance) const {
-    const auto part = part_in(origin, direction, distance);
-    return part ? glm::exp(-extinct_ * column(part->at(part->begin), part->at(part->end)))
+    const auto part = air_.part_in(origin, direction, distance);
+    return part ? glm::exp(-air_.extinction()
+                           * air_.column(part->at(part->begin), part->at(part->end)))
                 : glm::dvec3(1.0);
 }
 
-double Fog::column(glm::dvec3 from, glm::dvec3 to) const {
-    return medium_.is_even()
-               ? glm::length(to - from)
-               : medium_.column(frame_.to_world(from), frame_.to_world(to)) / frame_.unit;
-}
-
-double Fog::density(glm::dvec3 place) const {
-    return medium_.is_even() ? 1 : medium_.density_at(frame_.to_world(place));
-}
-
-glm::dvec3 Fog::step_weight(double before, double own) const {
-    glm::dvec3 weight;
-    for (int c = 0; c < 3; ++c)
-        weight[c] = std::exp(-extinct_[c] * before) * decay(extinct_[c], 0, own);
-    return weight;
-}
-
 double Fog::way_in(const Source& source, glm::dvec3 place) const {
-    if (source.light.type == LightType::directional) {
-        const auto in = within(place, -source.direction, lo_, hi_, 0.0, HUGE_VAL);
-        return !in                 ? 0
-               : medium_.is_even() ? in->y
-                                   : column(place - in->y * source.direction, place);
-    }
-    const glm::dvec3 way = source.at - place;
-    const auto in = within(place, way, lo_, hi_, 0.0, 1.0);
-    return in ? column(place + in->x * way, place + in->y * way) : 0;
+    return source.light.type == LightType::directional ? air_.column_before(place, source.direction)
+                                                       : air_.column_from(source.at, place);
 }
 
 glm::dvec3 Fog::illuminance(const Source& source, glm::dvec3 place) const {
@@ -137,7 +105,7 @@ glm::dvec3 Fog::marched(const Source& source, const Part& part) const {
     for (int i = 0; i < settings_.steps; ++i) {
         const double t = part.begin + (i + 0.5) * step;
         const glm::dvec3 place = part.at(t);
-        before += column(part.at(reached), place);
+        before += air_.column(part.at(reached), place);
         reached = t;
         const bool parallel = source.light.type == LightType::directional;
         const glm::dvec3 arrives = illuminance(source, place);
@@ -146,11 +114,11 @@ glm::dvec3 Fog::marched(const Source& source, const Part& part) const {
         const glm::dvec3 way = parallel ? -source.direction : source.at - place;
         const float open = visibility_.transmittance(
             {glm::vec3(place), glm::vec3(way), 0.0f, parallel ? HUGE_VALF : 1.0f});
-        sum += double(open) * density(place)
-               * phase(medium_.g, deflection(source, place, part.direction)) * arrives
-               * glm::exp(-extinct_ * (before + way_in(source, place)));
+        sum += double(open) * air_.density(place)
+               * phase(air_.medium().g, deflection(source, place, part.direction)) * arrives
+               * glm::exp(-air_.extinction() * (before + way_in(source, place)));
     }
-    return scatter_ * step * sum;
+    return air_.scatter() * step * sum;
 }
 
 glm::dvec3 Fog::of_parallel(const Source& source, const Part& part, glm::dvec2 lit) const {
@@ -161,7 +129,7 @@ glm::dvec3 Fog::of_parallel(const Source& source, const Part& part, glm::dvec2 l
         const double d = source.direction[axis];
         ways[std::size_t(axis)] =
             d == 0 ? glm::dvec2(HUGE_VAL, 0)
-                   : glm::dvec2((part.origin[axis] - (d > 0 ? lo_ : hi_)[axis]) / d,
+                   : glm::dvec2((part.origin[axis] - (d > 0 ? air_.lo() : air_.hi())[axis]) / d,
                                 part.direction[axis] / d);
     }
     std::array<double, 5> cuts{lit.x, lit.y, lit.y, lit.y, lit.y};
@@ -179,14 +147,15 @@ glm::dvec3 Fog::of_parallel(const Source& source, const Part& part, glm::dvec2 l
         const glm::dvec2 way = *std::ranges::min_element(
             ways, {}, [&](glm::dvec2 each) { return each.x + each.y * middle; });
         for (int c = 0; c < 3; ++c)
-            sum[c] += std::exp(-extinct_[c] * (from - part.begin + way.x + way.y * from))
-                      * decay(extinct_[c] * (1 + way.y), 0, to - from);
+            sum[c] += std::exp(-air_.extinction()[c] * (from - part.begin + way.x + way.y * from))
+                      * decay(air_.extinction()[c] * (1 + way.y), 0, to - from);
     }
-    return scatter_ * phase(medium_.g, deflection(source, {}, part.direction)) * source.power * sum;
+    return air_.scatter() * phase(air_.medium().g, deflection(source, {}, part.direction))
+           * source.power * sum;
 }
 
 std::vector<double> Fog::steps_in(const Source* source, const Part& part, glm::dvec2 lit) const {
-    const double grain = std::min(1.0, finest * medium_.grain() / frame_.unit);
+    const double grain = std::min(1.0, finest * air_.medium().grain() / frame_.unit);
     const int count = std::max(1, int(std::ceil((lit.y - lit.x) / grain)));
     std::vector<double> ends{lit.x};
     for (int i = 0; i < count; ++i) {
@@ -214,24 +183,25 @@ glm::dvec3 Fog::in_steps(const Source& source, const Part& part, glm::dvec2 lit)
     const double beside =
         parallel ? 1 : std::max(glm::length(source.at - part.at(middle)), nearest);
     const std::vector<double> ends = steps_in(&source, part, lit);
-    double before = column(part.at(part.begin), part.at(lit.x));
+    double before = air_.column(part.at(part.begin), part.at(lit.x));
     glm::dvec3 sum(0.0);
     for (std::size_t i = 0; i + 1 < ends.size(); ++i) {
         const double from = ends[i], to = ends[i + 1], t = 0.5 * (from + to);
-        const double own = column(part.at(from), part.at(to));
+        const double own = air_.column(part.at(from), part.at(to));
         if (own > 0) {
             const glm::dvec3 place = part.at(t);
             double more = 1; // the mean of 1 / r^2 over that in the middle
             if (!parallel && to > from)
                 more = (std::atan((to - middle) / beside) - std::atan((from - middle) / beside))
                        / (beside * (to - from)) * (beside * beside + (t - middle) * (t - middle));
-            sum += more * phase(medium_.g, deflection(source, place, part.direction))
-                   * illuminance(source, place) * glm::exp(-extinct_ * way_in(source, place))
-                   * step_weight(before, own);
+            sum += more * phase(air_.medium().g, deflection(source, place, part.direction))
+                   * illuminance(source, place)
+                   * glm::exp(-air_.extinction() * way_in(source, place))
+                   * air_.step_weight(before, own);
         }
         before += own;
     }
-    return scatter_ * sum;
+    return air_.scatter() * sum;
 }
 
 glm::dvec3 Fog::of_lamp(const Source& source, const Part& part, glm::dvec2 lit) const {
@@ -240,7 +210,8 @@ glm::dvec3 Fog::of_lamp(const Source& source, const Part& part, glm::dvec2 lit) 
     const double beside = std::max(glm::length(source.at - part.at(middle)), nearest);
     const double first = std::atan((lit.x - middle) / beside);
     const double last = std::atan((lit.y - middle) / beside);
-    const double thick = std::max({extinct_.x, extinct_.y, extinct_.z}) * (lit.y - lit.x);
+    const double thick =
+        std::max({air_.extinction().x, air_.extinction().y, air_.extinction().z}) * (lit.y - lit.x);
     const int pieces =
         std::clamp(int(std::ceil(std::max((last - first) / widest_angle, 0.5 * thick))), 1, 1000);
     const double half = 0.5 * (last - first) / pieces;
@@ -251,17 +222,17 @@ glm::dvec3 Fog::of_lamp(const Source& source, const Part& part, glm::dvec2 lit) 
             const double t = middle + beside * std::tan(angle);
             const glm::dvec3 place = part.at(t);
             const double square = beside * beside + (t - middle) * (t - middle);
-            sum += point.y * phase(medium_.g, deflection(source, place, part.direction)) * square
-                   * illuminance(source, place)
-                   * glm::exp(-extinct_ * (t - part.begin + way_in(source, place)));
+            sum += point.y * phase(air_.medium().g, deflection(source, place, part.direction))
+                   * square * illuminance(source, place)
+                   * glm::exp(-air_.extinction() * (t - part.begin + way_in(source, place)));
         }
-    return scatter_ * half / beside * sum;
+    return air_.scatter() * half / beside * sum;
 }
 
 glm::dvec3 Fog::direct(glm::dvec3 origin, glm::dvec3 direction, double distance) const {
-    const auto part = part_in(origin, direction, distance);
+    const auto part = air_.part_in(origin, direction, distance);
     glm::dvec3 sum(0.0);
-    if (!part || scatter_ == glm::dvec3(0))
+    if (!part || air_.scatter() == glm::dvec3(0))
         return sum;
     std::vector<glm::dvec2> lit;
     for (const Source& source : sources_) {
@@ -271,7 +242,7 @@ glm::dvec3 Fog::direct(glm::dvec3 origin, glm::dvec3 direction, double distance)
         }
         source.depths.front().lit_parts(origin, direction, part->begin, part->end, lit);
         for (const glm::dvec2 each : lit)
-            sum += !medium_.is_even()                            ? in_steps(source, *part, each)
+            sum += !air_.medium().is_even()                      ? in_steps(source, *part, each)
                    : source.light.type == LightType::directional ? of_parallel(source, *part, each)
                                                                  : of_lamp(source, *part, each);
     }
@@ -279,37 +250,37 @@ glm::dvec3 Fog::direct(glm::dvec3 origin, glm::dvec3 direction, double distance)
 }
 
 glm::dvec3 Fog::of_field(glm::dvec3 origin, glm::dvec3 direction, double distance) const {
-    const auto part = part_in(origin, direction, distance);
+    const auto part = air_.part_in(origin, direction, distance);
     glm::dvec3 sum(0.0);
-    if (!part || !levels_ || scatter_ == glm::dvec3(0))
+    if (!part || !levels_ || air_.scatter() == glm::dvec3(0))
         return sum;
     // Light that goes on as it came is seen where it comes from.
     volume::ShValues basis = volume::sh_basis(volume::sh_max_order, glm::vec3(direction));
     for (int l = 0, k = 0; l <= volume::sh_max_order; ++l)
         for (int m = 0; m <= 2 * l; ++m, ++k)
-            basis[std::size_t(k)] *= float(std::pow(medium_.g, l));
+            basis[std::size_t(k)] *= float(std::pow(air_.medium().g, l));
     std::vector<double> ends;
     if (settings_.steps > 0)
         for (int i = 0; i <= settings_.steps; ++i)
             ends.push_back(part->begin + (part->end - part->begin) * i / settings_.steps);
-    else if (medium_.is_even())
+    else if (air_.medium().is_even())
         for (int i = 0, n = std::max(1, int(std::ceil(part->end - part->begin))); i <= n; ++i)
             ends.push_back(part->begin + (part->end - part->begin) * i / n);
     else
         ends = steps_in(nullptr, *part, {part->begin, part->end});
     double before = 0;
     for (std::size_t i = 0; i + 1 < ends.size(); ++i) {
-        const double own = column(part->at(ends[i]), part->at(ends[i + 1]));
+        const double own = air_.column(part->at(ends[i]), part->at(ends[i + 1]));
         if (own > 0) {
             const glm::dvec3 world = frame_.to_world(part->at(0.5 * (ends[i] + ends[i + 1])));
             const glm::dvec3 seen = volume::blend(*levels_, world, [&](std::size_t level) {
                 return read(levels_->volumes[level], world, basis);
             });
-            sum += glm::max(seen, 0.0) * step_weight(before, own);
+            sum += glm::max(seen, 0.0) * air_.step_weight(before, own);
         }
         before += own;
     }
-    return scatter_ * sum;
+    return air_.scatter() * sum;
 }
 
 } // namespace lpvbake::medium

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "medium/light_depths.h"
-#include "medium/medium.h"
+#include "medium/medium_in_frame.h"
 #include "scene/photometry.h"
 #include "volume/levels.h"
 
@@ -17,6 +17,7 @@ struct FogSettings {
     /// density is not even the parts are summed in steps as long as it may be taken to be.
     int steps = 0;
     int map_size = 1024; ///< texels along the side of a light's map, a power of two
+    bool suns = true;    ///< false: without directional lights, which something else shows
 };
 
 /// Single scattering of the light of punctual lights, and of a field where there is one. Light is
@@ -44,22 +45,10 @@ private:
         scene::Cone cone;
         std::vector<LightDepths> depths; ///< one, unless it is marched to
     };
-    /// The part of a ray in the medium.
-    struct Part {
-        glm::dvec3 origin, direction;
-        double begin, end;
-        glm::dvec3 at(double t) const { return origin + t * direction; }
-    };
-    std::optional<Part> part_in(glm::dvec3 origin, glm::dvec3 direction, double distance) const;
-    /// What is left of a source's light at a place, from where it enters; and its illuminance
-    /// there, lx, if nothing stands in the way.
+    using Part = MediumInFrame::Part;
+    /// The column that a source's light has passed at a place, from where it enters; and its
+    /// illuminance there, lx, if nothing stands in the way.
     double way_in(const Source& source, glm::dvec3 place) const;
-    /// Of density along a segment in the medium, frame units; and how much there is at a place.
-    double column(glm::dvec3 from, glm::dvec3 to) const;
-    double density(glm::dvec3 place) const;
-    /// What of a step at this column from the eye, and of so much itself, is left of it at the eye,
-    /// a unit of light a unit of density.
-    glm::dvec3 step_weight(double column, double own) const;
     glm::dvec3 illuminance(const Source& source, glm::dvec3 place) const;
     double deflection(const Source& source, glm::dvec3 place, glm::dvec3 direction) const;
 
@@ -73,10 +62,8 @@ private:
     const visibility::Visibility& visibility_;
     scene::Frame frame_;
     const volume::Levels* levels_;
-    Medium medium_;
+    MediumInFrame air_;
     FogSettings settings_;
-    glm::dvec3 lo_, hi_;           ///< of the medium, frame units
-    glm::dvec3 scatter_, extinct_; ///< over a frame unit
     std::vector<Source> sources_;
 };
 

@@ -33,41 +33,52 @@ void add(glm::dvec2 part, std::vector<glm::dvec2>& parts) {
 
 } // namespace
 
-LightDepths::LightDepths(const Light& light, const visibility::Visibility& visibility,
-                         const scene::Frame& frame, glm::dvec3 lo, glm::dvec3 hi, int size) {
+std::vector<scene::RsmView> views_into(const Light& light, const visibility::Visibility& visibility,
+                                       const scene::Frame& frame, glm::dvec3 lo, glm::dvec3 hi) {
     const glm::dvec3 scene_lo(visibility.lo()), scene_hi(visibility.hi());
     scene::Frame seen = frame;
     const bool within =
         glm::all(glm::greaterThanEqual(lo, scene_lo)) && glm::all(glm::lessThanEqual(hi, scene_hi));
     seen.coarser = {{glm::vec3(within ? lo : scene_lo), glm::vec3(within ? hi : scene_hi), 1.0f}};
+    return scene::views_of(light, seen, scene_lo, scene_hi);
+}
+
+std::vector<float> depths_of(const scene::RsmView& view, const visibility::Visibility& visibility,
+                             int size) {
+    std::vector<float> depths(std::size_t(size) * std::size_t(size));
+    tbb::parallel_for(0, size, [&](int y) {
+        std::vector<visibility::Ray> rays;
+        for (int x = 0; x < size; ++x) {
+            const glm::dvec2 at = 2.0 * (glm::dvec2(x, y) + 0.5) / double(size) - 1.0;
+            const glm::dvec3 along = view.along(at);
+            const glm::dvec3 start =
+                view.perspective ? view.start(at) : view.start(at) + view.nearest * along;
+            rays.push_back({glm::vec3(start), glm::vec3(along),
+                            view.perspective ? float(view.nearest) : 0.0f,
+                            view.perspective ? HUGE_VALF : float(view.farthest - view.nearest)});
+        }
+        std::vector<visibility::Hit> hits(rays.size());
+        visibility.closest_of_eights(rays, visibility::Bundle::tight, hits);
+        for (int x = 0; x < size; ++x) {
+            const visibility::Hit& hit = hits[std::size_t(x)];
+            depths[std::size_t(y) * std::size_t(size) + std::size_t(x)] =
+                hit.instance == visibility::no_hit ? HUGE_VALF
+                : view.perspective                 ? hit.t
+                                                   : float(view.nearest + double(hit.t));
+        }
+    });
+    return depths;
+}
+
+LightDepths::LightDepths(const Light& light, const visibility::Visibility& visibility,
+                         const scene::Frame& frame, glm::dvec3 lo, glm::dvec3 hi, int size) {
     open_ = light.type == LightType::directional;
-    for (const scene::RsmView& view : scene::views_of(light, seen, scene_lo, scene_hi)) {
+    for (const scene::RsmView& view : views_into(light, visibility, frame, lo, hi)) {
         open_ = false;
         Map& map = maps_.emplace_back(Map{view, {}});
-        Level texels{size, std::vector<Key>(std::size_t(size) * std::size_t(size)), {}};
-        tbb::parallel_for(0, size, [&](int y) {
-            std::vector<visibility::Ray> rays;
-            for (int x = 0; x < size; ++x) {
-                const glm::dvec2 at = 2.0 * (glm::dvec2(x, y) + 0.5) / double(size) - 1.0;
-                const glm::dvec3 along = view.along(at);
-                const glm::dvec3 start =
-                    view.perspective ? view.start(at) : view.start(at) + view.nearest * along;
-                rays.push_back(
-                    {glm::vec3(start), glm::vec3(along),
-                     view.perspective ? float(view.nearest) : 0.0f,
-                     view.perspective ? HUGE_VALF : float(view.farthest - view.nearest)});
-            }
-            std::vector<visibility::Hit> hits(rays.size());
-            visibility.closest_of_eights(rays, visibility::Bundle::tight, hits);
-            for (int x = 0; x < size; ++x) {
-                const visibility::Hit& hit = hits[std::size_t(x)];
-                const bool missed = hit.instance == visibility::no_hit;
-                texels.least[std::size_t(y) * std::size_t(size) + std::size_t(x)] =
-                    view.perspective ? (missed ? 0.0f : 1.0f / hit.t)
-                    : missed         ? -HUGE_VALF
-                                     : -float(view.nearest + double(hit.t));
-            }
-        });
+        Level texels{size, depths_of(view, visibility, size), {}};
+        for (Key& key : texels.least)
+            key = view.perspective ? 1.0f / key : -key;
         texels.most = texels.least;
         map.levels.push_back(std::move(texels));
         while (map.levels.back().size > 1) {

@@ -10,11 +10,18 @@
 
 namespace lpvbake::medium {
 
+/// How a light looks at what casts shadows into the box [lo, hi] (frame units).
+std::vector<scene::RsmView> views_into(const Light& light, const visibility::Visibility& visibility,
+                                       const scene::Frame& frame, glm::dvec3 lo, glm::dvec3 hi);
+
+/// The depths of what a view sees with a ray through the middle of each texel, row-major; infinite
+/// where it sees nothing. What is partly transparent is there in as many texels as is its share.
+std::vector<float> depths_of(const scene::RsmView& view, const visibility::Visibility& visibility,
+                             int size);
+
 class LightDepths {
 public:
-    /// Looks from the light with a ray a texel, `size` texels (a power of two) along a map's side,
-    /// at what casts shadows into the box [lo, hi] (frame units). What is partly transparent stops
-    /// light in as many texels as is its share.
+    /// Of the box [lo, hi] (frame units), by maps of `size` texels (a power of two) along a side.
     LightDepths(const Light& light, const visibility::Visibility& visibility,
                 const scene::Frame& frame, glm::dvec3 lo, glm::dvec3 hi, int size);
 

@@ -114,11 +114,11 @@ std::vector<double> fog_weights(uint32_t n) {
     return weights;
 }
 
-/// What the pixels of a picture see, each in its middle.
-SeenPlanes planes_of(const scene::RsmView& view, glm::ivec2 size, const raster::Raster& raster,
-                     const Surface& surface) {
+/// Tells `take(index, point)` what each pixel of a picture sees in its middle, if anything.
+template <class Take>
+void for_middles(const scene::RsmView& view, glm::ivec2 size, const raster::Raster& raster,
+                 const Surface& surface, const Take& take) {
     const std::vector<raster::RsmOrigin>& origins = raster.geometry().origins;
-    std::vector<SeenPlanes::Plane> planes(std::size_t(size.x) * std::size_t(size.y));
     for (int y = 0; y < size.y; y += raster::max_tile)
         for (int x = 0; x < size.x; x += raster::max_tile) {
             const raster::Tile tile{
@@ -132,14 +132,30 @@ SeenPlanes planes_of(const scene::RsmView& view, glm::ivec2 size, const raster::
                         continue;
                     const auto [instance, triangle] = origins[texel.triangle - 1];
                     const glm::dvec3 along = view.along(tile.at(column, row));
-                    const SurfacePoint p = surface.point(
-                        instance, triangle,
-                        surface.barycentric(instance, triangle, view.origin, along), along);
-                    planes[std::size_t(y + row) * std::size_t(size.x) + std::size_t(x + column)] = {
-                        p.point, p.normal};
+                    take(std::size_t(y + row) * std::size_t(size.x) + std::size_t(x + column),
+                         surface.point(instance, triangle,
+                                       surface.barycentric(instance, triangle, view.origin, along),
+                                       along));
                 }
         }
+}
+
+SeenPlanes planes_of(const scene::RsmView& view, glm::ivec2 size, const raster::Raster& raster,
+                     const Surface& surface) {
+    std::vector<SeenPlanes::Plane> planes(std::size_t(size.x) * std::size_t(size.y));
+    for_middles(view, size, raster, surface, [&](std::size_t i, const SurfacePoint& p) {
+        planes[i] = {p.point, p.normal};
+    });
     return {view, size, std::move(planes)};
+}
+
+medium::Texture<float> distances_of(const scene::RsmView& view, glm::ivec2 size,
+                                    const raster::Raster& raster, const Surface& surface) {
+    medium::Texture<float> distances(size, HUGE_VALF);
+    for_middles(view, size, raster, surface, [&](std::size_t i, const SurfacePoint& p) {
+        distances.texels[i] = float(glm::length(p.point - view.origin));
+    });
+    return distances;
 }
 
 /// Of a row of a picture.
@@ -157,6 +173,25 @@ void set_pixel(image::Pixels& picture, int column, int row, glm::dvec3 colour) {
         3 * (std::size_t(row) * std::size_t(picture.width) + std::size_t(column));
     for (int channel = 0; channel < 3; ++channel)
         picture.samples[first + std::size_t(channel)] = float(colour[channel]);
+}
+
+/// Adds light of suns in air, marched at fewer pixels and read between them.
+void add_volume_light(const ViewSettings& settings, const scene::RsmView& view,
+                      const raster::Raster& raster, const Surface& surface, Rendering& result) {
+    if (!settings.volume_light || (settings.show != Show::final && settings.show != Show::direct))
+        return;
+    const medium::Texture<glm::dvec3> light = settings.volume_light->scattered(
+        view, distances_of(view, settings.size, raster, surface), result.steps);
+    image::Pixels& picture = result.picture;
+    for (int row = 0; row < picture.height; ++row)
+        for (int column = 0; column < picture.width; ++column) {
+            const glm::dvec3 more =
+                light.between((glm::dvec2(column, row) + 0.5) / double(medium::coarseness));
+            const std::size_t first =
+                3 * (std::size_t(row) * std::size_t(picture.width) + std::size_t(column));
+            for (int channel = 0; channel < 3; ++channel)
+                picture.samples[first + std::size_t(channel)] += float(more[channel]);
+        }
 }
 
 } // namespace
@@ -253,6 +288,7 @@ Rendering render(const LitScene& lit, const volume::Levels& levels, const raster
                               sums[std::size_t(row) * std::size_t(extent.x) + std::size_t(column)]
                                   / double(samples));
         }
+    add_volume_light(settings, view, raster, surface, result);
     for (const RowCount& row : counts) {
         result.rays += row.rays;
         result.pairs.add(row.pairs);

@@ -4,6 +4,7 @@
 #include "image/image.h"
 #include "lpvbake/progress.h"
 #include "medium/fog.h"
+#include "medium/volume_light.h"
 #include "raster/raster.h"
 #include "readers/readers.h"
 #include "render/rsm_light.h"
@@ -26,13 +27,16 @@ struct ViewSettings {
     Show show = Show::final;
     const medium::Fog* fog = nullptr;    ///< what lies between; null: nothing
     const medium::Medium* air = nullptr; ///< the same, for trace_picture
-    const RsmLight* rsm = nullptr;       ///< what lights instead of the field; null: the field does
+    /// Light of suns in air, if `fog` leaves that out. Null: none.
+    const medium::VolumeLight* volume_light = nullptr;
+    const RsmLight* rsm = nullptr; ///< what lights instead of the field; null: the field does
 };
 
 struct Rendering {
     image::Pixels picture; ///< linear RGB: see Show. Black where nothing is seen, unless the sky is
     uint64_t rays = 0;
-    PairCount pairs; ///< with ViewSettings::rsm
+    PairCount pairs;         ///< with ViewSettings::rsm
+    medium::StepCount steps; ///< with ViewSettings::volume_light
     /// Standard error of the mean, root mean square over pixels and RGB; of path-traced ones.
     double noise = 0;
 };

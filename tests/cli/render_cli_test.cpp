@@ -320,6 +320,44 @@ TEST_F(RenderCli, AirAttenuatesAndScatters) {
     expect_error(picture + "-o a.png --fog-method march:4", cmd::ExitCode::usage, "--medium");
 }
 
+TEST_F(RenderCli, VolumeLightTellsHowFarItIsFromExact) {
+    const std::string picture = "\"$ROOM\" v.vdb -o a.exr --size 48x36 --samples 1 --sun 30,50,1e5 "
+                                "--medium scatter=0.2,g=0.2 ";
+    const CliResult plain = run(picture);
+    EXPECT_EQ(plain.err.find("light in air"), std::string::npos) << plain.err;
+    EXPECT_TRUE(run_json(picture)["medium"]["beside_exact"].is_null());
+    const image::Pixels exact = exr("a.exr");
+    const json told = run_json(picture + "--fog-method nvidia");
+    EXPECT_EQ(told["medium"]["method"], "nvidia");
+    const json beside = told["medium"]["beside_exact"];
+    const image::Pixels drawn = exr("a.exr");
+    double difference = 0, sum = 0, all = 0;
+    for (std::size_t i = 0; i < exact.samples.size(); ++i) {
+        difference += std::abs(double(exact.samples[i]) - double(drawn.samples[i]));
+        sum += double(exact.samples[i]);
+        all += double(drawn.samples[i]);
+    }
+    EXPECT_GT(difference, 0);
+    EXPECT_NEAR(beside["l1"], difference / sum, 1e-9);
+    EXPECT_NEAR(beside["energy"], all / sum, 0.05); // that is of luminance
+    EXPECT_GT(beside["flip"], 0);
+    EXPECT_GT(beside["steps"], 12 * 9);
+    EXPECT_GT(beside["long_steps"], 0);
+    EXPECT_LT(beside["long_steps"], beside["steps"]);
+    // No physics: light behind holes that are filled.
+    const json boosted = run_json(picture + "--fog-method nvidia:40");
+    EXPECT_EQ(boosted["medium"]["method"], "nvidia:40");
+    EXPECT_GE(boosted["mean_luminance"], told["mean_luminance"]);
+    // The room's lamp is shown all the same, and that is told.
+    const CliResult text = run(picture + "--fog-method nvidia");
+    EXPECT_NE(text.out.find("beside exact  energy "), std::string::npos) << text.out;
+    EXPECT_NE(text.err.find("1 point or spot light in air shown as by exact"), std::string::npos)
+        << text.err;
+    expect_error(picture + "--fog-method nvidia:-1", cmd::ExitCode::usage, "-1");
+    expect_error(picture + "--fog-method amd", cmd::ExitCode::usage,
+                 "none of exact, march:N, nvidia and nvidia:BOOST");
+}
+
 TEST_F(RenderCli, TexelsOfMapsLightInsteadOfTheVolume) {
     const std::string picture =
         "\"$ROOM\" v.vdb -o a.exr --size 16x12 --samples 1 --point 0,1,0,50 ";

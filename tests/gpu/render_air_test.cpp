@@ -114,6 +114,49 @@ TEST_F(RenderAir, ShaftsAreAsPathsFindThem) {
         }
 }
 
+TEST_F(RenderAir, VolumeLightIsNearWhatItStandsFor) {
+    // The air's own light of a picture with nothing else in it, by the chain and exactly.
+    Scene scene = hall();
+    scene.lights = {scenes::sun({0.25, -1, -0.1}, 20000)};
+    const medium::Medium air{glm::dvec3(0.2), glm::dvec3(0.05), 0.5, {{-2, 0, -2}, {2, 3, 2}}};
+    const Volume volume = constant_volume(0);
+    const scene::Frame frame = scene::frame_of(volume.grid);
+    const visibility::Visibility visibility(scene, frame);
+    const reference::Paths traces(scene, visibility, frame, {.bounces = std::nullopt});
+    const raster::Raster raster(device(), scene, frame);
+    const volume::Levels levels(volume);
+    const medium::Fog exact(scene, visibility, frame, &levels, air, {0, 1024});
+    const medium::Fog rest(scene, visibility, frame, &levels, air, {0, 1024, false});
+    const medium::VolumeLight chain(scene, visibility, frame, false, air, {});
+    render::ViewSettings settings;
+    settings.camera = render::look_at({0.3, 1.5, 3.4}, {0, 1.3, 0}, glm::radians(60.0));
+    settings.size = glm::ivec2(160, 120);
+    settings.samples = 4;
+    settings.show = render::Show::direct;
+    const auto draw = [&](const medium::Fog* fog, const medium::VolumeLight* volume_light) {
+        settings.fog = fog;
+        settings.volume_light = volume_light;
+        Progress silent;
+        return render::render({scene, frame, visibility, traces}, levels, raster,
+                              *readers::reader_named("lpvbake"), settings, silent);
+    };
+    const render::Rendering truth = draw(&exact, nullptr), without = draw(&rest, nullptr),
+                            shown = draw(&rest, &chain);
+    const double added =
+        render::mean_luminance(truth.picture) - render::mean_luminance(without.picture);
+    EXPECT_GT(added, 1);
+    EXPECT_NEAR(render::mean_luminance(shown.picture) - render::mean_luminance(without.picture),
+                added, 0.1 * added);
+    EXPECT_GT(shown.steps.coarse, 0u);
+    EXPECT_EQ(truth.steps.all, 0u);
+    const double error = render::compare_pictures(shown.picture, truth.picture).rmse;
+    EXPECT_GT(error, 0.01 * added);
+    EXPECT_LT(error, 0.5 * added);
+    // Where no light is on its way to the eye nothing is added.
+    settings.show = render::Show::indirect;
+    EXPECT_EQ(draw(&rest, &chain).picture.samples, draw(&rest, nullptr).picture.samples);
+}
+
 TEST_F(RenderAir, InAFurnaceNothingIsSeenOfAirThatOnlyScatters) {
     // Luminance 6 from everywhere stays 6, whatever the phase; what is absorbed is missing.
     const Scene scene = scenes::furnace(2, 0.5f, 3.0f);

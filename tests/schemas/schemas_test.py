@@ -158,6 +158,8 @@ class Documents(unittest.TestCase):
         render = ["render", "box.gltf", "sn.vdb", "--threads", "1", "--size", "16x16", "-o", "picture.png"]
         run("render", *render, "--samples", "1")
         run("render", *render, "--samples", "1", "--reference", "1")
+        run("render", *render, "--samples", "1", "--medium", "scatter=0.1", "--fog-method", "nvidia")
+        run("render", *render, "--samples", "1", "--indirect", "rsm:2", "--compare", "rays")
         run("render_dry_run", *render, "--dry-run")
         run("bake", *bake, "-o", "local.vdb", "--local-transfer", "cells", "--radius", "0.5")
         run("render", "render", "box.gltf", "local.vdb", "--threads", "1", "--size", "16x16", "-o", "picture.png",
