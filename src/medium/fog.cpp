@@ -41,6 +41,21 @@ volume::LevelReading<glm::dvec3> read(const Volume& volume, glm::dvec3 point,
     return {weight > 0 ? sum / weight : glm::dvec3(0), weight > 0};
 }
 
+/// Where on a ray, seen from its origin, it crosses a cone around `axis` from `from`, between the
+/// ends of `part`.
+void add_crossings(glm::dvec3 from, glm::dvec3 axis, double cosine, glm::dvec3 direction,
+                   glm::dvec2 part, std::vector<double>& crossings) {
+    // That far (t direction - from) . axis is the cosine times the length; both squared.
+    const double square = cosine * cosine;
+    const double a = glm::dot(direction, axis), b = -glm::dot(from, axis);
+    const double two = a * a - square, one = a * b + square * glm::dot(from, direction),
+                 none = b * b - square * glm::dot(from, from);
+    const double root = std::sqrt(one * one - two * none);
+    for (const double t : {(-one - root) / two, (-one + root) / two})
+        if (t > part.x && t < part.y)
+            crossings.push_back(t);
+}
+
 } // namespace
 
 Fog::Fog(const Scene& scene, const visibility::Visibility& visibility, const scene::Frame& frame,
@@ -205,6 +220,19 @@ glm::dvec3 Fog::in_steps(const Source& source, const Part& part, glm::dvec2 lit)
 }
 
 glm::dvec3 Fog::of_lamp(const Source& source, const Part& part, glm::dvec2 lit) const {
+    if (source.light.type != LightType::spot)
+        return of_smooth_lamp(source, part, lit);
+    std::vector<double> cuts{lit.x, lit.y}; // its ramp begins and ends
+    for (const double cosine : {source.cone.cos_inner, source.cone.cos_outer})
+        add_crossings(source.at - part.origin, source.cone.axis, cosine, part.direction, lit, cuts);
+    std::ranges::sort(cuts);
+    glm::dvec3 sum(0.0);
+    for (std::size_t i = 0; i + 1 < cuts.size(); ++i)
+        sum += of_smooth_lamp(source, part, {cuts[i], cuts[i + 1]});
+    return sum;
+}
+
+glm::dvec3 Fog::of_smooth_lamp(const Source& source, const Part& part, glm::dvec2 lit) const {
     // t = middle + beside tan(angle), after Kulla and Fajardo 2012: dt / r^2 = d angle / beside.
     const double middle = glm::dot(source.at - part.origin, part.direction);
     const double beside = std::max(glm::length(source.at - part.at(middle)), nearest);

@@ -55,6 +55,7 @@ private:
     glm::dvec3 marched(const Source& source, const Part& part) const;
     glm::dvec3 of_parallel(const Source& source, const Part& part, glm::dvec2 lit) const;
     glm::dvec3 of_lamp(const Source& source, const Part& part, glm::dvec2 lit) const;
+    glm::dvec3 of_smooth_lamp(const Source& source, const Part& part, glm::dvec2 lit) const;
     /// Of either, where density is not the same everywhere: in steps in which light is even.
     glm::dvec3 in_steps(const Source& source, const Part& part, glm::dvec2 lit) const;
     std::vector<double> steps_in(const Source* source, const Part& part, glm::dvec2 lit) const;

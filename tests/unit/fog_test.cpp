@@ -174,6 +174,91 @@ TEST(LightDepths, ThePyramidSavesVisitsAndChangesNoBit) {
     }
 }
 
+/// The light of a lamp or sun before anything attenuates it, and whether its map lets it by.
+struct MarchedMap {
+    const Light& light;
+    std::vector<scene::RsmView> views;
+    std::vector<std::vector<float>> depths;
+    int size;
+
+    MarchedMap(const Light& of, const visibility::Visibility& visibility, int texels)
+        : light(of),
+          views(medium::views_into(of, visibility, frame, glm::dvec3(0), glm::dvec3(20))),
+          size(texels) {
+        for (const scene::RsmView& view : views)
+            depths.push_back(medium::depths_of(view, visibility, size));
+    }
+    bool reaches(glm::dvec3 place) const {
+        for (std::size_t i = 0; i < views.size(); ++i) {
+            const scene::RsmView& view = views[i];
+            const glm::dvec3 from = place - view.origin;
+            const double depth = glm::dot(from, view.axis);
+            const glm::dvec2 at = glm::dvec2(glm::dot(from, view.u) / glm::dot(view.u, view.u),
+                                             glm::dot(from, view.v) / glm::dot(view.v, view.v))
+                                  / (view.perspective ? depth : 1.0);
+            if ((view.perspective && !(depth > 0))
+                || glm::any(glm::greaterThanEqual(glm::abs(at), glm::dvec2(1))))
+                continue;
+            const glm::ivec2 texel(0.5 * (at + 1.0) * double(size));
+            return depth < double(depths[i][std::size_t(texel.y * size + texel.x)]);
+        }
+        return light.type == LightType::directional;
+    }
+    /// Of so many steps in a medium of 20 x 20 x 20 frame units.
+    double march(const Medium& medium, glm::dvec3 origin, glm::dvec3 way, double end,
+                 int steps) const {
+        double sum = 0;
+        const bool parallel = light.type == LightType::directional;
+        const scene::Cone cone(light);
+        for (int i = 0; i < steps; ++i) {
+            const double t = end * (i + 0.5) / steps;
+            const glm::dvec3 place = origin + t * way;
+            if (!reaches(place))
+                continue;
+            const glm::dvec3 at = light.position / unit;
+            const glm::dvec3 travel = glm::normalize(parallel ? light.direction : place - at);
+            const double before = medium::within(place, -travel, glm::dvec3(0), glm::dvec3(20), 0,
+                                                 parallel ? HUGE_VAL : glm::length(place - at))
+                                      ->y;
+            double arrives = light.intensity;
+            if (!parallel)
+                arrives /= glm::dot(place - at, place - at) * unit * unit;
+            if (light.type == LightType::spot)
+                arrives *= cone(travel);
+            sum += arrives * medium::phase(medium.g, -glm::dot(travel, way))
+                   * std::exp(-medium.extinction().x * unit * (t + before));
+        }
+        return medium.scatter.x * unit * end / steps * sum;
+    }
+};
+
+TEST(Fog, ExactIsWhatSmallStepsOnTheSameMapComeTo) {
+    Scene scene = blocks();
+    const Medium medium = air(glm::dvec3(0.08), glm::dvec3(0.02), 0.4);
+    for (const Light& light :
+         {scenes::sun({0.3, -1, 0.2}, 1000), scenes::point_light({5, 8, 5}, 99),
+          scenes::spot_light({5, 8.5, 4}, {0.1, -1, 0.2}, 99, 0.3, 0.6)}) {
+        scene.lights = {light};
+        const visibility::Visibility visibility(scene, frame);
+        const Fog exact(scene, visibility, frame, nullptr, medium, {0, 256});
+        const MarchedMap map(light, visibility, 256);
+        double difference = 0, coarse = 0, sum = 0;
+        for (int i = 0; i < 40; ++i) {
+            const glm::dvec3 origin(0.5 + i % 8 * 2.5, 3 + i / 8 * 3, 19);
+            const glm::dvec3 way = glm::normalize(glm::dvec3(10.1, 9.3, 8) - origin);
+            const double end = medium::within(origin, way, glm::dvec3(0), glm::dvec3(20), 0, 30)->y;
+            const double fog = exact.direct(origin, way, end).x;
+            const double marched = map.march(medium, origin, way, end, 40000);
+            difference += std::abs(fog - marched);
+            coarse += std::abs(fog - map.march(medium, origin, way, end, 40));
+            sum += marched;
+        }
+        EXPECT_GT(sum, 0);
+        EXPECT_LT(difference, 1e-4 * sum) << int(light.type);
+        EXPECT_GT(coarse, 1e-3 * sum) << int(light.type); // so steps matter here
+    }
+}
+
 TEST(Fog, ExactIsTheLimitOfMarching) {
     Scene scene = blocks();
     const Medium medium = air(glm::dvec3(0.08), glm::dvec3(0.02), 0.4);
