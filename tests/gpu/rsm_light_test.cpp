@@ -130,6 +130,97 @@ TEST_F(RsmPictures, WhatIsTakenToBeTooThickDarkensWhatIsLitBehindIt) {
               render::mean_luminance(draw(scene, by(Seen::none), eye, target).picture));
 }
 
+/// Under a thin plate, |x| < 0.64 m and 1.3 m high, light passes at a height of 1 m from x = -2 m
+/// to 1.5 m. The eye looks down on the plate from 1.6 m above it.
+struct UnderPlate {
+    Scene scene = room();
+    scene::RsmView view;
+
+    UnderPlate() {
+        scenes::add_box(scene, 0, {-0.64f, 1.29f, -0.8f}, {0.64f, 1.3f, 0.8f},
+                        scenes::Facing::outward);
+        scene.lights = {scenes::spot_light({-1, 1, 1.9}, {-1, 0, -1.9}, 500, 0.003, 0.004)};
+    }
+    /// Of an eye that is turned by so much towards +x.
+    render::SeenPlanes look(const visibility::Visibility& visibility, double angle,
+                            glm::ivec2 size) {
+        const glm::dvec3 eye(0, 2.9, 0);
+        view = render::view_of(
+            render::look_at(eye, eye + glm::dvec3(std::sin(angle), -std::cos(angle), 0),
+                            glm::radians(90.0)),
+            frame, size);
+        std::vector<render::SeenPlanes::Plane> planes;
+        for (int y = 0; y < size.y; ++y)
+            for (int x = 0; x < size.x; ++x) {
+                const glm::dvec3 along =
+                    view.along(2.0 * (glm::dvec2(x, y) + 0.5) / glm::dvec2(size) - 1.0);
+                const visibility::Hit hit =
+                    visibility.closest({glm::vec3(view.origin), glm::vec3(along), 0.0f, HUGE_VALF});
+                planes.push_back({view.origin + double(hit.t) * along, glm::dvec3(hit.normal)});
+            }
+        return {view, size, std::move(planes)};
+    }
+    /// The share of pairs that the planes hide.
+    double falsely_dark(const visibility::Visibility& visibility, const render::SeenPlanes& planes,
+                        double thickness, int samples) const {
+        RsmLightSettings settings;
+        settings.seen = Seen::ssdo;
+        settings.radius = 100;
+        settings.thickness = thickness;
+        settings.samples = samples;
+        settings.compare = true;
+        const RsmLight rsm(scene, frame, visibility, settings);
+        render::PairCount count;
+        uint64_t rays = 0;
+        for (uint32_t key = 0; key < 3000; ++key)
+            rsm.illuminance(frame.from_world({1.5, 1, 0}), {-1, 0, 0}, key * 77, &planes, rays,
+                            count);
+        EXPECT_GT(count.pairs, 20000u);
+        EXPECT_EQ(count.hidden, 0u); // by rays
+        return double(count.falsely_dark) / double(count.pairs);
+    }
+};
+
+TEST(RsmLight, UnderAThinPlateLightIsLostByTheOverlap) {
+    UnderPlate under;
+    const visibility::Visibility visibility(under.scene, frame);
+    const render::SeenPlanes planes = under.look(visibility, 0, glm::ivec2(200));
+    // Seen by the eye, the plate covers |x| < 0.64 * 1.9 / 1.6 of the way.
+    const double from = (1.5 - 0.76) / 3.5, to = (1.5 + 0.76) / 3.5;
+    for (const int samples : {1, 2, 3}) {
+        double open = 1; // no place, one in each part of the way, falls below the plate
+        for (int i = 0; i < samples; ++i) {
+            const double begin = double(i) / samples, end = double(i + 1) / samples;
+            open *= 1 - samples * std::max(0.0, std::min(end, to) - std::max(begin, from));
+        }
+        EXPECT_NEAR(under.falsely_dark(visibility, planes, 0.4, samples), 1 - open, 0.01)
+            << samples;
+    }
+    EXPECT_EQ(under.falsely_dark(visibility, planes, 0.25, 3), 0); // 0.3 m lie between
+}
+
+TEST(RsmLight, PanningChangesWhatTheFramesEdgeCutsAlone) {
+    UnderPlate under;
+    const visibility::Visibility visibility(under.scene, frame);
+    constexpr double size = 400;
+    const auto look = [&](double angle) {
+        return under.falsely_dark(visibility, under.look(visibility, angle, glm::ivec2(size)), 0.4,
+                                  1);
+    };
+    const double all = 2 * 0.76 / 3.5;
+    const double straight = look(0);
+    EXPECT_NEAR(straight, all, 0.01);
+    // All of the plate stays in the picture: but for its rim's pixels it is the same.
+    for (const double angle : {0.1, 0.2, -0.2})
+        EXPECT_NEAR(look(angle), straight, 0.003) << angle;
+    // The picture ends 45 degrees from its middle: at x = -1.9 tan(45 - angle) of the way.
+    for (const double angle : {0.5, 0.6, 0.7}) {
+        const double edge = -1.9 * std::tan(glm::radians(45.0) - angle);
+        EXPECT_NEAR(look(angle), (0.76 - edge) / 3.5, 0.01) << angle;
+        EXPECT_LT(look(angle), straight - 0.02);
+    }
+}
+
 TEST(RsmLight, TheMeanOverKeysIsTheSumOfAllTexels) {
     Scene scene = room();
     scenes::add_box(scene, 0, {-0.15f, 0, -2}, {0.15f, 1.0f, 2}, scenes::Facing::outward);
