@@ -304,7 +304,7 @@ void add_level_options(options::Options& options, BakeOptions& o) {
         .record(options::Recorded::if_changed);
 }
 
-/// Some of "visibility", "channels" and "sh".
+/// Some of "visibility", "channels", "shaft" and "sh".
 bake::DirectSettings parse_direct(const std::string& text) {
     bake::DirectSettings direct;
     for (const std::string& part : options::split(text, ','))
@@ -314,19 +314,26 @@ bake::DirectSettings parse_direct(const std::string& text) {
             direct.sh = true;
         else if (part == "channels")
             direct.channels = true;
+        else if (part == "shaft")
+            direct.shaft = true;
         else
-            options::refuse(part, "is none of visibility, channels and sh");
+            options::refuse(part, "is none of visibility, channels, shaft and sh");
     return direct;
 }
 
 void add_direct_options(options::Options& options, BakeOptions& o) {
     options
         .value(
-            "--direct", o.direct, "visibility,channels,sh", parse_direct,
+            "--direct", o.direct, "visibility,channels,shaft,sh", parse_direct,
             "Keep what punctual lights send straight to cells in grids beside the field: "
             "visibility: the share of each that arrives; channels: the same, four lights a cell; "
-            "sh: their light; see below")
+            "shaft: where it comes through holes; sh: their light; see below")
         .exclude({"at", "adaptive"})
+        .record(options::Recorded::if_changed);
+    options
+        .number("--shaft-closing", o.shaft_closing, 0, 1e9,
+                "Metres, of --direct shaft: holes are what no disc of this radius passes")
+        .need("direct")
         .record(options::Recorded::if_changed);
     options
         .number("--beams", o.beams, 1, 64,
@@ -543,6 +550,8 @@ void check_options(const BakeOptions& o) {
         && !o.direct && o.statics.empty() && !o.medium.medium)
         throw Error(ErrorKind::argument, "--beams, --sun-angle and --lamp-radius are of --direct, "
                                          "--static and --medium");
+    if (o.shaft_closing != bake::DirectSettings().shaft_closing && !(o.direct && o.direct->shaft))
+        throw Error(ErrorKind::argument, "--shaft-closing is of --direct shaft");
     if (!o.medium.density.empty())
         check_files({density_file(o.medium)}, {}, o.outputs.paths);
     if (!o.adjust.empty())
@@ -720,6 +729,7 @@ bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& read
     settings.direct.beams = o.beams;
     settings.direct.sun_angle = glm::radians(o.sun_angle);
     settings.direct.lamp_radii = o.lamp_radii;
+    settings.direct.shaft_closing = o.shaft_closing;
     settings.local_transfer = {o.local_transfer.has_value(), o.local_transfer.value_or(false),
                                o.radius.value_or(0)};
     if (!o.adjust.empty())

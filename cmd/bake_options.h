@@ -57,6 +57,7 @@ struct BakeOptions : SceneOptions, RunOptions {
     int beams = bake::DirectSettings().beams;
     double sun_angle = 0; ///< degrees
     std::vector<medium::LampRadius> lamp_radii;
+    double shaft_closing = bake::DirectSettings().shaft_closing; ///< metres
     MediumOptions medium;
     std::optional<bool> local_transfer; ///< true: of an object
     std::optional<double> radius;       ///< of that, metres

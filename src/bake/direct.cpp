@@ -65,6 +65,22 @@ private:
     std::vector<volume::GridView> grids_;
 };
 
+/// Adds what of a light comes through holes, where it is the largest share yet.
+void add_shaft(const Light& source, const medium::DirectLight& light,
+               const visibility::Visibility& visibility, const scene::Frame& frame,
+               const DirectSettings& settings, Volume& volume) {
+    const bool is_sized = source.type == LightType::directional
+                              ? settings.sun_angle > 0
+                              : medium::radius_of(source, settings.lamp_radii) > 0;
+    const std::vector<float> share = medium::shaft_share(
+        source, visibility, frame, volume.walls, settings.beams, settings.shaft_closing,
+        is_sized ? std::vector<float>() : light.visibility);
+    const std::span<float> largest =
+        volume::grids_of(volume, volume::kind_named("shaft"))[0].values();
+    for (std::size_t cell = 0; cell < share.size(); ++cell)
+        largest[cell] = std::max(largest[cell], share[cell]);
+}
+
 /// Tells of spheres that surfaces stand in.
 void warn_of_spheres(const Scene& scene, const DirectSettings& settings,
                      const visibility::Visibility& visibility, const scene::Frame& frame,
@@ -111,6 +127,8 @@ void add_direct(const Scene& scene, const BakePlan& plan, const visibility::Visi
         volume::set_grids(volume, volume::direct_kind(), volume::sh_count(volume.sh_order));
     if (settings.visibility)
         volume::set_grids(volume, volume::visibility_kind(), int(scene.lights.size()));
+    if (settings.shaft)
+        volume::set_grids(volume, volume::kind_named("shaft"), 1);
     std::optional<ShadowChannels> channels;
     if (settings.channels)
         channels.emplace(volume);
@@ -137,10 +155,14 @@ void add_direct(const Scene& scene, const BakePlan& plan, const visibility::Visi
             stages.warn("the light \"" + source.name
                         + "\" has no channel: it reaches cells that lights of all four reach; give "
                           "lights a range, or make it `static`");
+        if (settings.shaft)
+            add_shaft(source, light, visibility, frame, settings, volume);
         stages.progress().advance(1);
     }
     if (channels)
         volume.metadata["shadow_channels"] = channels->names();
+    if (settings.shaft)
+        volume.metadata["shaft_closing"] = format("%.6g", settings.shaft_closing);
     if (settings.visibility)
         volume.metadata["visibility"] =
             names.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);

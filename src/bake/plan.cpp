@@ -360,7 +360,7 @@ void plan_direct(const SceneFacts& scene, const Grid& grid, const std::string& o
     std::vector<Light> sending;
     std::ranges::copy_if(scene.lights, std::back_inserter(sending),
                          [&](const Light& light) { return direct.any() || light.is_static; });
-    const double beams = count_beams(sending, grid, direct.beams);
+    const double beams = count_beams(sending, grid, direct.beams) * (direct.shaft ? 3 : 1);
     plan.stages.push_back(
         {"beams",
          seconds::beam * beams + seconds::beam_cell * beams * std::cbrt(double(grid.size())),
@@ -370,7 +370,7 @@ void plan_direct(const SceneFacts& scene, const Grid& grid, const std::string& o
     plan.host_bytes += grid.size()
                        * (solver::models::bytes::beams_cell + 24 * coefficients
                           + 4 * uint64_t(direct.visibility ? scene.lights.size() : 0)
-                          + (direct.channels ? 17 : 0));
+                          + (direct.channels ? 17 : 0) + (direct.shaft ? 40 : 0));
 }
 
 /// Rays from each cell, and grids.
@@ -624,6 +624,8 @@ Volume grids_of(const BakePlan& plan) {
         volume::set_grids(grids, volume::visibility_kind(), plan.lights);
     if (plan.settings.direct.channels && plan.lights > 0)
         volume::set_grids(grids, volume::kind_named("shadow"), 4);
+    if (plan.settings.direct.shaft && plan.lights > 0)
+        volume::set_grids(grids, volume::kind_named("shaft"), 1);
     if (plan.settings.local_transfer.wanted) {
         volume::set_grids(grids, volume::local_transfer_kind(), 16);
         volume::set_grids(grids, volume::local_visibility_kind(), 9);

@@ -38,11 +38,13 @@ struct DirectSettings {
     bool visibility = false; ///< a grid a light
     bool sh = false;         ///< that of all lights together, to the field's order
     bool channels = false;   ///< `visibility` in four grids, shadow_0 to shadow_3
+    bool shaft = false;      ///< of all lights the largest share that comes through holes
     int beams = 4;           ///< medium::BeamSettings::per_cell
     double sun_angle = 0;    ///< medium::BeamSettings::sun_angle
     std::vector<medium::LampRadius> lamp_radii = {}; ///< of point and spot lights
+    double shaft_closing = 1; ///< metres: half of what a hole is narrower than
 
-    bool any() const { return visibility || sh || channels; }
+    bool any() const { return visibility || sh || channels || shaft; }
 };
 
 inline constexpr int most_layers_level = 4;

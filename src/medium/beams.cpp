@@ -1,6 +1,7 @@
 #include "medium/beams.h"
 
 #include "colour/colour.h"
+#include "medium/closed_map.h"
 #include "medium/medium.h"
 #include "scene/photometry.h"
 #include "visibility/tangents.h"
@@ -301,6 +302,7 @@ private:
             for (std::size_t i = 0; i < beams.size(); ++i) {
                 crossings.clear();
                 visibility_.crossings(rays[i], crossings);
+                close_holes(beams[i], crossings);
                 steps += walk(beams[i], crossings);
             }
         } else {
@@ -310,11 +312,24 @@ private:
                 crossings.clear();
                 if (hits[i].instance != visibility::no_hit)
                     crossings.push_back({hits[i].t, {}, 0.0f, 0, glm::vec3(1.0f)});
+                close_holes(beams[i], crossings);
                 steps += walk(beams[i], crossings);
             }
         }
         add(beams_, beams.size());
         add(steps_, steps);
+    }
+
+    void close_holes(const Beam& beam, std::vector<visibility::Crossing>& crossings) const {
+        if (!settings_.closed)
+            return;
+        const std::optional<double> reach = settings_.closed->reach(beam.origin, beam.direction);
+        if (!reach)
+            return;
+        const auto t = float(*reach - beam.traced_from);
+        std::erase_if(crossings,
+                      [t](const visibility::Crossing& crossing) { return crossing.t >= t; });
+        crossings.push_back({t, {}, 0.0f, 0, glm::vec3(1.0f)});
     }
 
     /// Through the grid, cell by cell, and in each from surface to surface.
@@ -629,6 +644,23 @@ DirectLight direct_light(const Light& light, const visibility::Visibility& visib
                          const scene::Frame& frame, std::span<const std::vector<glm::vec3>> walls,
                          const BeamSettings& settings) {
     return Beams(light, visibility, frame, walls, settings).light();
+}
+
+std::vector<float> shaft_share(const Light& light, const visibility::Visibility& visibility,
+                               const scene::Frame& frame,
+                               std::span<const std::vector<glm::vec3>> walls, int per_cell,
+                               double closing, std::vector<float> open) {
+    BeamSettings settings;
+    settings.per_cell = per_cell;
+    settings.order = 0;
+    if (open.empty())
+        open = direct_light(light, visibility, frame, walls, settings).visibility;
+    const ClosedMap map(light, visibility, frame, per_cell, closing);
+    settings.closed = &map;
+    const DirectLight closed = direct_light(light, visibility, frame, walls, settings);
+    for (std::size_t cell = 0; cell < open.size(); ++cell)
+        open[cell] = std::max(0.0f, open[cell] - closed.visibility[cell]);
+    return open;
 }
 
 namespace {

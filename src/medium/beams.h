@@ -11,6 +11,7 @@
 
 namespace lpvbake::medium {
 
+class ClosedMap;
 struct Medium;
 
 struct BeamSettings {
@@ -22,6 +23,7 @@ struct BeamSettings {
     /// and `visibility` means nothing. What is behind walls does not count, as without it.
     const Medium* medium = nullptr;
     std::vector<LampRadius> lamp_radii = {}; ///< of point and spot lights
+    const ClosedMap* closed = nullptr;       ///< not null: light goes no farther than that says
 };
 
 /// Of one light, by Grid::index.
@@ -56,6 +58,14 @@ struct DirectLight {
 DirectLight direct_light(const Light& light, const visibility::Visibility& visibility,
                          const scene::Frame& frame, std::span<const std::vector<glm::vec3>> walls,
                          const BeamSettings& settings);
+
+/// The share of a light that arrives through holes of what stands in its way that are narrower than
+/// 2 `closing` metres (ClosedMap), 0 to 1, a mean over the cell, by Grid::index; of its middle,
+/// without a medium. `open`: DirectLight::visibility by the same settings without either, or empty.
+std::vector<float> shaft_share(const Light& light, const visibility::Visibility& visibility,
+                               const scene::Frame& frame,
+                               std::span<const std::vector<glm::vec3>> walls, int per_cell,
+                               double closing, std::vector<float> open = {});
 
 /// Illuminance (lux, RGB) of the static lights among these on a surface at `point` (frame units, a
 /// hair off it) with unit normal n, shadows included: that of the lights' middles times the share

@@ -45,6 +45,9 @@ constexpr GridKind shadow{.name = "shadow",
                           .most = 4,
                           .quantity = {"share that arrives of the lights of a channel", "1"},
                           .subtracted = true};
+constexpr GridKind shaft{.name = "shaft",
+                         .quantity = {"share of a light that comes through holes", "1"},
+                         .subtracted = true};
 constexpr GridKind scatter{
     .name = "scatter",
     .channels = "rgb",
@@ -85,9 +88,9 @@ constexpr GridKind local_visibility{.name = "local_visibility",
                                     .quantity = {"what near surfaces leave to be seen", "1"},
                                     .subtracted = true};
 constexpr const GridKind* kinds[] = {
-    &light,          &occlusion,       &validity,  &wall,       &direct,        &visibility,
-    &shadow,         &scatter,         &scattered, &extinction, &sky_occlusion, &sky_direction,
-    &local_transfer, &local_visibility};
+    &light,      &occlusion,     &validity,      &wall,           &direct,
+    &visibility, &shadow,        &shaft,         &scatter,        &scattered,
+    &extinction, &sky_occlusion, &sky_direction, &local_transfer, &local_visibility};
 
 constexpr const char* coefficient_names[] = {
     "l0",    "l1_y",  "l1_z",  "l1_x",  "l2_xy", "l2_yz", "l2_z2", "l2_xz", "l2_x2y2",

@@ -56,7 +56,7 @@ namespace lpvbake::volume {
 
 using GridKinds = std::span<const GridKind* const>;
 
-/// sh (light), occlusion, validity, wall, direct, visibility, shadow, scatter, scattered,
+/// sh (light), occlusion, validity, wall, direct, visibility, shadow, shaft, scatter, scattered,
 /// extinction, sky_occlusion, sky_direction, local_transfer, local_visibility, in the order in
 /// which files and lists have them.
 GridKinds grid_kinds();

@@ -311,7 +311,12 @@ TEST_F(SceneCli, DirectLightIsKeptBesideTheField) {
     }
     EXPECT_EQ(std::filesystem::file_size(folder_ / "c_shadow.dds"), 148 + 4 * exact.grid.size());
     expect_error("bake " + box + "-o a.vdb --direct shadows", cmd::ExitCode::usage,
-                 "is none of visibility, channels and sh");
+                 "is none of visibility, channels, shaft and sh");
+    run("bake " + box + "-o d.vdb --resolution 6 --direct shaft --shaft-closing 0.3");
+    EXPECT_EQ(read_volume(folder_ / "d.vdb").metadata.at("shaft_closing"), "0.3");
+    EXPECT_EQ(run_json("info d.vdb")["grids"].back()["name"], "shaft");
+    expect_error("bake " + box + "-o a.vdb --direct sh --shaft-closing 2", cmd::ExitCode::usage,
+                 "--shaft-closing is of --direct shaft");
     expect_error("bake " + box + "-o a.vdb --sun-angle 1", cmd::ExitCode::usage, "--direct");
     expect_error("bake " + box + "-o a.vdb --direct sh --adaptive 0.1..0.2", cmd::ExitCode::usage,
                  "--adaptive");

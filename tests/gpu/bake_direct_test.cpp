@@ -121,6 +121,31 @@ TEST_F(BakedDirect, LightsThatReachNoCellInCommonShareAChannel) {
     }
 }
 
+TEST_F(BakedDirect, ShaftsChangeNoOtherGrid) {
+    Scene scene = scenes::cornell_box_with_sun(300);
+    scene.lights.push_back(scenes::point_light({0.1, 1.7, 0.3}, 20));
+    bake::DirectSettings direct{true, true, true};
+    direct.lamp_radii = {{"*", 0.02}};
+    const Volume without = run(scene, "gather", direct);
+    direct.shaft = true;
+    direct.shaft_closing = 0.3;
+    const Volume with = run(scene, "gather", direct);
+    std::size_t same = 0;
+    const auto before = volume::grids_of(without);
+    for (const volume::ConstGridView& own : volume::grids_of(with)) {
+        if (own.name() == "shaft")
+            continue;
+        EXPECT_EQ(own.name(), before[same].name());
+        EXPECT_TRUE(std::ranges::equal(own.values(), before[same++].values())) << own.name();
+    }
+    EXPECT_EQ(same, before.size());
+    EXPECT_EQ(with.metadata.at("shaft_closing"), "0.3");
+    EXPECT_FALSE(without.metadata.contains("shaft_closing"));
+    const auto shaft = grid(with, volume::kind_named("shaft"), 0);
+    for (const float share : shaft)
+        EXPECT_TRUE(share >= 0 && share <= 1) << share;
+}
+
 TEST_F(BakedDirect, WhatHasNoLightsHasNone) {
     Scene scene = scenes::cornell_box();
     scenes::add_quad(scene, scenes::add_material(scene, glm::vec3(0.5f), glm::vec3(9)),

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 #include <tbb/task_arena.h>
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 
@@ -426,6 +427,73 @@ TEST(Beams, ASpotOfASizeHasASoftRim) {
         partly += expected > 0.05 * full && expected < 0.8 * full;
     }
     EXPECT_GT(partly, 1);
+}
+
+/// A plate at a height of 12 metres with a slit from x = 7 on along z, turned around the middle of
+/// the slit.
+Scene plate_with_slit(float width, float turn) {
+    Scene scene;
+    const int grey = scenes::add_material(scene, glm::vec3(0.5f));
+    const float c = std::cos(turn), s = std::sin(turn);
+    const glm::vec3 middle(7 + width / 2, 12, 8), along(s, 0, c), across(c, 0, -s);
+    for (const float side : {-1.0f, 1.0f})
+        scenes::add_quad(scene, grey, middle + side * (width / 2) * across - 50.0f * along,
+                         side * 50.0f * across, 100.0f * along);
+    return scene;
+}
+
+TEST(Beams, ShaftsStandBehindHolesThatAreNarrowEnough) {
+    const double unit = 0.5; // 32 cells along an edge
+    const scene::Frame frame{glm::dvec3(0), unit, glm::dvec3(32)};
+    for (const float turn : {0.0f, 0.6f})
+        for (const float width : {1.5f, 2.5f}) { // discs of 2 metres across
+            SCOPED_TRACE(testing::Message() << width << ' ' << turn);
+            const Scene scene = plate_with_slit(width, turn);
+            const visibility::Visibility visibility(scene, frame);
+            for (const Light& light : {scenes::sun({0, -1, 0}, 1), scenes::sun({0.5, -1, 0.2}, 1),
+                                       scenes::point_light({8.2, 24, 8.1}, 1)}) {
+                const DirectLight direct = medium::direct_light(light, visibility, frame, {}, {});
+                const std::vector<float> shaft =
+                    medium::shaft_share(light, visibility, frame, {}, 4, 1.0, direct.visibility);
+                double lit = 0, in_shafts = 0, worst = 0;
+                for (std::size_t cell = 0; cell < shaft.size(); ++cell) {
+                    const bool below = cell / 32 % 32 < 24;
+                    const float expected = below && width < 2 ? direct.visibility[cell] : 0.0f;
+                    // A slanted plate closes the slit a little below it.
+                    if (cell / 32 % 32 < 21 || cell / 32 % 32 >= 24)
+                        worst = std::max(worst, double(std::abs(shaft[cell] - expected)));
+                    lit += below ? double(direct.visibility[cell]) : 0;
+                    in_shafts += double(shaft[cell]);
+                }
+                EXPECT_GT(lit, 500);
+                if (width < 2)
+                    EXPECT_GT(in_shafts, 0.93 * lit);
+                else
+                    EXPECT_EQ(in_shafts, 0);
+                EXPECT_LT(worst, light.type == LightType::directional ? 1e-6 : 0.3);
+            }
+        }
+}
+
+TEST(Beams, WithoutHolesOrWithOpenSidesThereAreNoShafts) {
+    // A plate whose one side is open, and beyond the grid a wall that leaves a wide gap.
+    Scene scene;
+    const int grey = scenes::add_material(scene, glm::vec3(0.5f));
+    scenes::add_quad(scene, grey, {-50, 12, -50}, {57, 0, 0}, {0, 0, 100});
+    scenes::add_quad(scene, grey, {16.5f, 13, -50}, {60, 0, 0}, {0, 0, 100});
+    const visibility::Visibility visibility(scene, cube(16));
+    for (const Light& light : {scenes::sun({0.1, -1, 0}, 1), scenes::point_light({12, 30, 8}, 1)}) {
+        const std::vector<float> none =
+            medium::shaft_share(light, visibility, cube(16), {}, 4, 1.0);
+        EXPECT_EQ(*std::ranges::max_element(none), 0.0f);
+        const std::vector<float> open = lit(scene, light, cube(16)).visibility;
+        EXPECT_EQ(none, medium::shaft_share(light, visibility, cube(16), {}, 4, 1.0, open));
+        // Closed by more than the gap, whose one side lies beyond the grid.
+        const std::vector<float> all = medium::shaft_share(light, visibility, cube(16), {}, 4, 6.0);
+        EXPECT_GT(all[index(16, {12, 4, 8})], 0.9f);
+        for (const float share : medium::shaft_share(light, visibility, cube(16), {}, 4, 0.0))
+            EXPECT_EQ(share, 0.0f);
+    }
 }
 
 TEST(Beams, ACellCountsAsFarAsItsWalls) {
