@@ -5,6 +5,8 @@
     blender --background --python show_volume.py -- room.glb room.vdb --render room.png
 
 A metre of air adds the mean luminance of its place, times --strength, to what is seen through it.
+Air of `lpvbake bake --medium` is shown as it is: what it scatters (grid scatter) as emission, times
+--strength, what it takes (extinction) as absorption.
 The scene keeps its lamps, and its camera, or gets one in front of everything.
 
 Blender turns glTF's axes on import (+Y up becomes +Z up) but no VDB's: `--target blender` writes
@@ -22,6 +24,7 @@ import mathutils
 import numpy
 
 GRID = "sh_l0"
+AIR = ("scatter", "extinction")
 MEAN = 0.5 / math.sqrt(math.pi)  # mean luminance of coefficient 1
 
 
@@ -62,30 +65,70 @@ def import_scene(path):
     gltf(filepath=path, **dict.fromkeys(units, "COMPAT"))
 
 
-def import_volume(path, material):
+def import_volume(path, strength):
     bpy.ops.object.volume_import(filepath=path)
     volume = bpy.context.object
-    if not volume.data.grids.load() or GRID not in volume.data.grids:
-        raise SystemExit(f"{path}: has no grid {GRID} {volume.data.grids.error_message}")
-    volume.data.materials.append(material)
+    grids = volume.data.grids
+    if not grids.load() or GRID not in grids:
+        raise SystemExit(f"{path}: has no grid {GRID} {grids.error_message}")
+    has_air = all(name in grids for name in AIR)
+    volume.data.materials.append(air(strength) if has_air else glow(strength))
     # It is seen, but lights nothing.
     for rays in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
         setattr(volume, "visible_" + rays, False)
 
 
+class VolumeMaterial:
+    """A material of emission, and of absorption that is added to it."""
+
+    def __init__(self, name):
+        self.material = bpy.data.materials.new(name)
+        self.material.use_nodes = True
+        self.nodes, self.links = self.material.node_tree.nodes, self.material.node_tree.links
+        self.nodes.clear()
+        self.output = self.nodes.new("ShaderNodeOutputMaterial").inputs["Volume"]
+
+    def grid(self, name):
+        values = self.nodes.new("ShaderNodeAttribute")
+        values.attribute_name = name
+        return values.outputs["Color"]
+
+    def add(self, shader):
+        if self.output.is_linked:
+            both = self.nodes.new("ShaderNodeAddShader")
+            self.links.new(self.output.links[0].from_socket, both.inputs[0])
+            self.links.new(shader, both.inputs[1])
+            shader = both.outputs["Shader"]
+        self.links.new(shader, self.output)
+
+    def emit(self, grid, strength):
+        emission = self.nodes.new("ShaderNodeEmission")
+        emission.inputs["Strength"].default_value = strength
+        self.links.new(self.grid(grid), emission.inputs["Color"])
+        self.add(emission.outputs["Emission"])
+
+    def absorb(self, grid):
+        """Absorption takes its density times 1 - its colour: a node for each channel."""
+        channels = self.nodes.new("ShaderNodeSeparateColor")
+        self.links.new(self.grid(grid), channels.inputs["Color"])
+        for channel, colour in (("Red", (0, 1, 1, 1)), ("Green", (1, 0, 1, 1)), ("Blue", (1, 1, 0, 1))):
+            absorption = self.nodes.new("ShaderNodeVolumeAbsorption")
+            absorption.inputs["Color"].default_value = colour
+            self.links.new(channels.outputs[channel], absorption.inputs["Density"])
+            self.add(absorption.outputs["Volume"])
+
+
 def glow(strength):
-    material = bpy.data.materials.new("glow")
-    material.use_nodes = True
-    nodes, links = material.node_tree.nodes, material.node_tree.links
-    nodes.clear()
-    values = nodes.new("ShaderNodeAttribute")
-    values.attribute_name = GRID
-    emission = nodes.new("ShaderNodeEmission")
-    emission.inputs["Strength"].default_value = strength * MEAN
-    output = nodes.new("ShaderNodeOutputMaterial")
-    links.new(values.outputs["Color"], emission.inputs["Color"])
-    links.new(emission.outputs["Emission"], output.inputs["Volume"])
-    return material
+    volume = VolumeMaterial("glow")
+    volume.emit(GRID, strength * MEAN)
+    return volume.material
+
+
+def air(strength):
+    volume = VolumeMaterial("air")
+    volume.emit(AIR[0], strength)
+    volume.absorb(AIR[1])
+    return volume.material
 
 
 def camera_in_front(scene):
@@ -144,7 +187,7 @@ def main():
 
     for file in map(str, map(pathlib.Path.resolve, map(pathlib.Path, options.files))):
         if file.lower().endswith(".vdb"):
-            import_volume(file, glow(options.strength))
+            import_volume(file, options.strength)
         else:
             import_scene(file)
     cameras = [thing for thing in scene.objects if thing.type == "CAMERA"]

@@ -38,6 +38,14 @@
 //     #define LPV_BRICKS
 //     Texture3D lpv_brick_places;
 //
+// Of air (`lpvbake bake --medium`) lpv_fog() marches a view ray through grids scatter and extinction, and with
+// LPV_FOG_SH through scattered_l0, ... of air that scatters forward, in LPV_ORDER:
+//
+//     #define LPV_FOG
+//     Texture3D lpv_scatter, lpv_extinction;
+//     #define LPV_FOG_SH                  // then no lpv_scatter
+//     Texture3D lpv_scattered[4];  // or 9
+//
 // Coefficients are canonical, as `lpvbake bake` writes them unless --sh-convention says otherwise,
 // in whatever --axes. A Lambert surface's luminance is albedo / pi times its irradiance.
 //
@@ -372,6 +380,77 @@ LpvSh lpv_bricks_trilinear(LpvBricks bricks, float3 position) {
 
 LpvSh lpv_bricks_facing(LpvBricks bricks, float3 position, float3 n) {
     return lpv_facing(lpv_brick(bricks, position), position, n);
+}
+#endif
+
+#ifdef LPV_FOG
+// ---- air on a view ray ----
+
+struct LpvFog {
+    float3 light; // what air adds to what is seen, nits
+    float3 left;  // the share of what is behind it that is left
+};
+
+// Luminance that the air at a place of the textures sends on, a metre, to who looks along `view`.
+float3 lpv_scatter_at(float3 uvw, float3 view) {
+#ifdef LPV_FOG_SH
+    LpvSh sh;
+#define LPV_SCATTERED(k) sh.c[k] = lpv_scattered[k].SampleLevel(lpv_sampler, uvw, 0.0).rgb;
+    LPV_EACH(LPV_SCATTERED)
+    float3 light = 0.28209479 * sh.c[0]
+                 + 0.48860251 * (sh.c[1] * view.y + sh.c[2] * view.z + sh.c[3] * view.x);
+#if LPV_ORDER == 2
+    light += 1.09254843 * (sh.c[4] * view.x * view.y + sh.c[5] * view.y * view.z + sh.c[7] * view.x * view.z)
+             + 0.31539157 * sh.c[6] * (3.0 * view.z * view.z - 1.0)
+             + 0.54627422 * sh.c[8] * (view.x * view.x - view.y * view.y);
+#endif
+    return max(light, 0.0);
+#else
+    return lpv_scatter.SampleLevel(lpv_sampler, uvw, 0.0).rgb;
+#endif
+}
+
+// (1 - exp(-lost * way)) / lost, by its series where little is lost.
+float lpv_fading(float lost, float way) {
+    float x = lost * way;
+    return x < 1e-2 ? way * (1.0 - x * (0.5 - x / 6.0)) : (1.0 - exp(-x)) / lost;
+}
+
+// The air of the volume on the way from `eye` along the unit vector `view`, as far as `end`, metres. Each
+// of `steps` steps adds scatter (1 - exp(-extinction d)) / extinction, whatever its length d, so that even
+// air is exact in one step (Hillaire 2015, Physically Based and Unified Volumetric Rendering in Frostbite).
+// `place` is where in a step its air is looked up: 0.5, or a pixel's own number from 0 to 1, which turns
+// bands into noise.
+LpvFog lpv_fog(LpvVolume volume, float3 eye, float3 view, float end, int steps, float place) {
+    LpvFog fog;
+    fog.light = float3(0.0, 0.0, 0.0);
+    fog.left = float3(1.0, 1.0, 1.0);
+    uint3 cells;
+    lpv_extinction.GetDimensions(cells.x, cells.y, cells.z);
+    float3 size = volume.cell * float3(cells);
+    float3 to = volume.origin - eye;
+    float from = 0.0;
+    for (int axis = 0; axis < 3; ++axis) {
+        if (view[axis] == 0.0) {
+            if (to[axis] > 0.0 || to[axis] + size[axis] < 0.0)
+                return fog;
+            continue;
+        }
+        float a = to[axis] / view[axis], b = (to[axis] + size[axis]) / view[axis];
+        from = max(from, min(a, b));
+        end = min(end, max(a, b));
+    }
+    if (from >= end)
+        return fog;
+    float part = (end - from) / float(steps);
+    for (int i = 0; i < steps; ++i) {
+        float3 uvw = (eye + (from + (float(i) + place) * part) * view - volume.origin) / size;
+        float3 lost = lpv_extinction.SampleLevel(lpv_sampler, uvw, 0.0).rgb;
+        float3 fading = float3(lpv_fading(lost.r, part), lpv_fading(lost.g, part), lpv_fading(lost.b, part));
+        fog.light += fog.left * fading * lpv_scatter_at(uvw, view);
+        fog.left *= exp(-part * lost);
+    }
+    return fog;
 }
 #endif
 

@@ -307,6 +307,40 @@ class Blender(unittest.TestCase):
         self.assertGreater(self.redness(both)[0], 0.1)
         self.assertLess(self.redness(both)[1], -0.02)
 
+    def air(self, name, extinction):
+        """A block of 10 x 10 x 10 cells of 0.1 m that scatters 1 nit a metre, and takes so much a metre,
+        RGB, of each of its halves along x."""
+        grids = []
+        for own, halves in (("sh_l0", ([1] * 3,) * 2), ("scatter", ([1] * 3,) * 2), ("extinction", extinction)):
+            values = np.zeros((10, 10, 10, 3), np.float32)
+            values[:5], values[5:] = halves
+            grid = pyopenvdb.Vec3SGrid()
+            grid.name = own
+            grid.copyFromArray(values)
+            grid.transform = pyopenvdb.createLinearTransform(voxelSize=0.1)
+            grids.append(grid)
+        path = self.folder / name
+        pyopenvdb.write(str(path), grids)
+        return path
+
+    def test_the_example_shows_what_air_scatters_and_takes(self):
+        # Across a block 1 m deep, (1 - exp(-s)) / s nits; the example exposes as it likes.
+        for left, right in (([0.2, 0.2, 0.2], [3.0, 1.0, 0.2]), ([0.5, 2.0, 1.0], [2.0, 0.5, 1.0])):
+            path = self.folder / "air.png"
+            blender(EXAMPLES / "blender/show_volume.py", self.air("air.vdb", (left, right)), "--render",
+                    path, "--size", "96x72", "--samples", "64")
+            shown = pixels(path)
+            light = np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
+            rows, columns = (np.flatnonzero(shown.max(axis=(2, along)) > 0.1) for along in (1, 0))
+            block = light[rows[0]:rows[-1] + 1, columns[0]:columns[-1] + 1]
+            height, width = np.array(block.shape[:2]) // 8
+            self.assertGreater(min(height, width), 2)
+            parts = [block[3 * height:5 * height, x * width:(x + 2) * width] for x in (1, 5)]
+            ratio = parts[1].mean(axis=(0, 1)) / parts[0].mean(axis=(0, 1))
+            wanted = [(-np.expm1(-b) / b) / (-np.expm1(-a) / a) for a, b in zip(left, right)]
+            print("air:", np.round(ratio, 3), "of", np.round(wanted, 3))
+            self.assertLess(np.abs(ratio / wanted - 1).max(), 0.08, (ratio, wanted))
+
     def test_the_example_says_what_is_wrong(self):
         for file in ("missing.vdb", __file__):
             result = subprocess.run(

@@ -2,6 +2,10 @@
 #include "device.h"
 #include "gpu/read_bricks.comp.h"
 #include "gpu/read_bricks.hlsl.h"
+#include "gpu/read_fog.comp.h"
+#include "gpu/read_fog.hlsl.h"
+#include "gpu/read_fog_sh.comp.h"
+#include "gpu/read_fog_sh.hlsl.h"
 #include "gpu/read_levels.comp.h"
 #include "gpu/read_levels.hlsl.h"
 #include "gpu/read_volume_bc6h_l1.comp.h"
@@ -483,6 +487,166 @@ TEST_F(ShadersTest, UnitysShaderReadsTheTargetsTextures) {
             lit += expected.y > 100 * filtering;
         }
         EXPECT_GT(lit, int(surfaces.size()) / 3);
+    }
+}
+
+/// Air by its cells, as shaders take it, and rays through it.
+struct Air {
+    Grid grid{{-1.0, 0.5, 2.0}, 0.25, {8, 5, 6}, {1, 0, 0, 0}};
+    std::vector<glm::vec3> scatter, extinction;
+    std::vector<std::vector<glm::vec3>> scattered;
+};
+
+/// Rays from in and around the grid, some of which end in it; `steps` of each.
+std::vector<Surface> view_rays(const Grid& grid, std::size_t count, float steps) {
+    std::vector<Surface> rays = random_surfaces(grid, count, 11);
+    std::mt19937 random(12);
+    std::uniform_real_distribution<float> end(0.0f, 3.0f);
+    for (std::size_t i = 0; i < count; ++i) {
+        if (i % 3 == 0) // from far away, to its middle
+            rays[i].point = glm::vec4(
+                glm::vec3(grid.center(grid.dims / 2)) - 5.0f * glm::vec3(rays[i].normal), 0.0f);
+        if (i % 7 == 0)
+            rays[i].normal = glm::vec4(0, i % 2 == 0 ? 1 : -1, 0, 0);
+        rays[i].point.w = i % 2 == 0 ? 100.0f : end(random);
+        rays[i].normal.w = steps;
+    }
+    return rays;
+}
+
+/// Where a ray is in a box, from x to y; x >= y: nowhere.
+glm::dvec2 part_in(glm::dvec3 lo, glm::dvec3 hi, const Surface& ray) {
+    glm::dvec2 part(0.0, ray.point.w);
+    for (int axis = 0; axis < 3; ++axis) {
+        const double from = lo[axis] - double(ray.point[axis]);
+        const double to = hi[axis] - double(ray.point[axis]), along = ray.normal[axis];
+        if (along == 0 && (from > 0 || to < 0))
+            return {0.0, 0.0};
+        if (along == 0)
+            continue;
+        part.x = std::max(part.x, std::min(from / along, to / along));
+        part.y = std::min(part.y, std::max(from / along, to / along));
+    }
+    return part;
+}
+
+struct FogShader {
+    Shader shader;
+    bool directed; ///< reads scattered_l0, ...
+};
+const std::array<FogShader, 4> fog_shaders{
+    FogShader{{"GLSL", 1, false, shaders::read_fog_comp}, false},
+    FogShader{{"HLSL", 1, true, shaders::read_fog_hlsl}, false},
+    FogShader{{"GLSL by direction", 2, false, shaders::read_fog_sh_comp}, true},
+    FogShader{{"HLSL by direction", 2, true, shaders::read_fog_sh_hlsl}, true}};
+
+class FogShadersTest : public ShadersTest {
+protected:
+    static std::vector<Irradiances> march(const FogShader& fog, const Air& air,
+                                          const std::vector<Surface>& rays) {
+        std::vector<Texture> textures;
+        const auto add = [&](const std::vector<glm::vec3>& cells) {
+            textures.push_back(
+                texture(air.grid, [&](std::size_t i) { return glm::vec4(cells[i], 1.0f); }));
+        };
+        for (int k = 0; k < volume::sh_count(fog.shader.order); ++k)
+            add(fog.directed ? air.scattered[std::size_t(k)] : air.extinction);
+        add(air.extinction); // in the validity's place, which is not read
+        add(air.scatter);
+        add(air.extinction);
+        add(air.extinction);
+        return run(fog.shader, air.grid, textures, rays);
+    }
+};
+
+// Light that is added: S (1 - e^(-s L)) / s over the way L through even air, in any number of
+// steps.
+TEST_F(FogShadersTest, EvenAirIsExactInAnyNumberOfSteps) {
+    const glm::dvec3 scatter(3, 0.5, 2), extinction(0.8, 0, 1e-4);
+    Air air;
+    air.scatter.assign(air.grid.size(), glm::vec3(scatter));
+    air.extinction.assign(air.grid.size(), glm::vec3(extinction));
+    const glm::dvec3 lo = air.grid.origin, hi = lo + air.grid.cell * glm::dvec3(air.grid.dims);
+    for (const FogShader& fog : fog_shaders) {
+        SCOPED_TRACE(fog.shader.name);
+        // The same from everywhere but for band 1 along +y, by which one looks.
+        air.scattered.assign(9, std::vector<glm::vec3>(air.grid.size(), glm::vec3(0)));
+        air.scattered[0].assign(air.grid.size(), glm::vec3(scatter / 0.28209479177387814));
+        air.scattered[1].assign(air.grid.size(), glm::vec3(0.2 * scatter / 0.4886025119029199));
+        for (const float steps : {1.0f, 3.0f, 50.0f}) {
+            const std::vector<Surface> rays = view_rays(air.grid, 1000, steps);
+            const std::vector<Irradiances> found = march(fog, air, rays);
+            int missed = 0;
+            for (std::size_t i = 0; i < rays.size(); ++i) {
+                const glm::dvec2 part = part_in(lo, hi, rays[i]);
+                const double way = std::max(0.0, part.y - part.x);
+                missed += way == 0;
+                const double directed = fog.directed ? 1 + 0.2 * double(rays[i].normal.y) : 1;
+                for (int c = 0; c < 3; ++c) {
+                    const double lost = extinction[c] * way;
+                    const double light = directed * scatter[c]
+                                         * (lost > 0 ? -std::expm1(-lost) / extinction[c] : way);
+                    ASSERT_NEAR(found[i].trilinear_l1[c], light, 2e-5 * (1 + light)) << i;
+                    ASSERT_NEAR(found[i].l1[c], std::exp(-lost), 2e-5) << i;
+                }
+            }
+            EXPECT_GT(missed, 50);
+            EXPECT_LT(missed, 600);
+        }
+    }
+}
+
+TEST_F(FogShadersTest, UnevenAirIsAsACpuMarchesIt) {
+    Air air;
+    air.scattered.resize(9);
+    for (std::size_t i = 0; i < air.grid.size(); ++i) {
+        const glm::vec3 p(air.grid.center(air.grid.cell_at(i)));
+        air.scatter.push_back(2.0f + glm::sin(3.0f * p + p.y));
+        air.extinction.push_back(0.7f * (1.0f + glm::cos(2.0f * p.z + p)));
+        for (std::size_t k = 0; k < 9; ++k)
+            air.scattered[k].push_back((k == 0 ? 3.0f : 0.3f) * air.scatter.back()
+                                       * (1.0f + 0.3f * glm::sin(float(k) + p)));
+    }
+    Volume lattice; // to interpolate by
+    lattice.grid = air.grid;
+    lattice.validity.assign(air.grid.size(), 1.0f);
+    lattice.sh_order = 0;
+    lattice.sh.assign(1, air.scatter);
+    const glm::dvec3 lo = air.grid.origin, hi = lo + air.grid.cell * glm::dvec3(air.grid.dims);
+    const double filtering = device().is_cpu() ? 1e-3 : 0.02;
+    const std::vector<Surface> rays = view_rays(air.grid, 200, 200);
+    for (const FogShader& fog : fog_shaders) {
+        SCOPED_TRACE(fog.shader.name);
+        const std::vector<Irradiances> found = march(fog, air, rays);
+        for (std::size_t i = 0; i < rays.size(); ++i) {
+            const glm::dvec2 part = part_in(lo, hi, rays[i]);
+            const glm::dvec3 view(rays[i].normal);
+            const volume::ShValues y = volume::sh_basis(2, glm::vec3(view));
+            glm::dvec3 light(0), left(1);
+            constexpr int steps = 2000;
+            const double step = std::max(0.0, part.y - part.x) / steps;
+            for (int s = 0; step > 0 && s < steps; ++s) {
+                const glm::dvec3 p = glm::dvec3(rays[i].point) + (part.x + (s + 0.5) * step) * view;
+                const volume::CellWeights weights =
+                    volume::weights_at(lattice, p, {0, 1, 0}, Reading::trilinear);
+                glm::dvec3 scatter(0), lost(0);
+                for (std::size_t w = 0; w < 8; ++w) {
+                    const std::size_t cell = weights.cell[w];
+                    const double weight = weights.weight[w];
+                    lost += weight * glm::dvec3(air.extinction[cell]);
+                    for (std::size_t k = 0; fog.directed && k < 9; ++k)
+                        scatter += weight * double(y[k]) * glm::dvec3(air.scattered[k][cell]);
+                    if (!fog.directed)
+                        scatter += weight * glm::dvec3(air.scatter[cell]);
+                }
+                light += step * left * glm::exp(-0.5 * step * lost) * glm::max(scatter, 0.0);
+                left *= glm::exp(-step * lost);
+            }
+            for (int c = 0; c < 3; ++c) {
+                ASSERT_NEAR(found[i].trilinear_l1[c], light[c], filtering * (1 + light[c])) << i;
+                ASSERT_NEAR(found[i].l1[c], left[c], filtering) << i;
+            }
+        }
     }
 }
 
