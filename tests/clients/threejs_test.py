@@ -297,6 +297,40 @@ class ThreeJs(unittest.TestCase):
         self.assertEqual(state, "failed")
         self.assertIn("door:2 is not NAME:WEIGHT of bulb", message)
 
+    def test_air_is_drawn_as_render_draws_it(self):
+        light = ["--no-scene-lights", "--point", "0.5,1.2,0.2,60,1:0.5:0.2"]
+        air = ["--medium", "scatter=0.3/0.2/0.1,absorb=0.05"]
+        run(LPVBAKE, "bake", self.scene, "-o", self.folder / "foggy.exr", "-o", self.folder / "foggy.vdb",
+            "--target", "threejs", *light, *air)
+        run(LPVBAKE, "convert", self.folder / "foggy.vdb", self.folder / "air.exr")
+        path = self.folder / "render_foggy.png"
+        run(LPVBAKE, "render", self.scene, self.folder / "foggy.json", "-o", path, "--camera", CAMERA, "--size",
+            f"{SIZE[0]}x{SIZE[1]}", "--samples", "1", "--exposure", EXPOSURE, *light, *air)
+        facts = json.loads((self.folder / "air.json").read_text())
+
+        def difference(*air):
+            page = f"{self.url}?scene=scene.gltf&volume=foggy.json&camera={CAMERA}&exposure={EXPOSURE}&panel=0"
+            self.assertEqual(self.chromium.open("&air=".join([page, *air])), ["ready", ""])
+            view = self.chromium.screenshot(self.folder / "view_foggy.png")
+            return float(np.mean(np.abs(view - picture(path))))
+
+        extinction, = [entry for entry in facts["files"] if entry["file"] == "air_extinction.exr"]
+        files = [extinction, {**extinction, "file": "even_scatter.exr"}]
+        (self.folder / "even_scatter.exr").write_bytes((self.folder / "air_extinction.exr").read_bytes())
+        (self.folder / "even.json").write_text(json.dumps({**facts, "files": files}))
+        half = {**facts["grid"], "cell": facts["grid"]["cell"] / 2}
+        (self.folder / "half.json").write_text(json.dumps({**facts, "grid": half}))
+        drawn, none = difference("air.json"), difference()
+        even, small = difference("even.json"), difference("half.json")
+        print(f"air: mean difference {drawn:.4f}, {none:.4f} without it, {even:.4f} and {small:.4f} of other air")
+        self.assertLess(drawn, TOLERANCE)
+        for other in (none, even, small):
+            self.assertGreater(other, 3 * TOLERANCE)
+        state, message = self.chromium.open(
+            f"{self.url}?scene=scene.gltf&volume=foggy.json&air=foggy.json&camera={CAMERA}")
+        self.assertEqual(state, "failed")
+        self.assertIn("foggy.json has no pictures of air", message)
+
     def test_says_what_is_wrong(self):
         run(LPVBAKE, "convert", self.folder / "volume.json", self.folder / "band.exr")
         state, message = self.chromium.open(f"{self.url}?scene=scene.gltf&volume=band.json")
