@@ -99,8 +99,15 @@ public:
         if (light.type == LightType::spot)
             cone_ = scene::Cone(light);
         channels_ = visibility.is_tinted() || settings.medium ? 3 : 1;
-        if (settings.medium)
-            peak_ = settings.medium->peak();
+        if (settings.medium) {
+            const Medium& air = *settings.medium;
+            const glm::dvec3 lost = air.extinction();
+            peak_ = air.peak();
+            is_grey_ = lost.x == lost.y && lost.y == lost.z;
+            fills_grid_ = air.is_even()
+                          && glm::all(glm::lessThanEqual(air.box.lo, frame.to_world(glm::dvec3(0))))
+                          && glm::all(glm::greaterThanEqual(air.box.hi, frame.to_world(size_)));
+        }
         lit_.resize(channels_ * grid_.size());
         dark_.resize(channels_ * grid_.size());
         if (shaped_)
@@ -347,7 +354,9 @@ private:
         glm::vec3 left(1.0f);
         std::size_t passed = 0;
         uint64_t steps = 0;
-        double column = settings_.medium ? column_before(beam) : 0;
+        glm::dvec3 through(1.0); // the air so far
+        if (settings_.medium)
+            through = passing(column_before(beam));
         for (double t = beam.begin; t < beam.end;) {
             const int axis = next.x <= next.y && next.x <= next.z ? 0 : next.y <= next.z ? 1 : 2;
             const double leaves = std::min(next[axis], beam.end);
@@ -357,7 +366,7 @@ private:
                 if (passed < crossings.size())
                     until = std::clamp(beam.traced_from + double(crossings[passed].t), t, leaves);
                 if (until > t)
-                    add_way(beam, cell, t, until, left, column);
+                    add_way(beam, cell, t, until, left, through);
                 t = until;
                 if (t < leaves) {
                     left *= crossings[passed].transmittance * crossings[passed].tint;
@@ -389,38 +398,56 @@ private:
         }
         return column(beam, from, beam.begin);
     }
-    /// What air lets through of a part of a beam, behind `before` of density, times the density
-    /// over its peak: the mean along the part.
-    glm::vec3 in_air(double before, double own, double length) const {
+    /// In the grid.
+    double own_column(const Beam& beam, double from, double to) const {
+        return fills_grid_ ? (to - from) * unit_ : column(beam, from, to);
+    }
+    /// What so much of the density lets through.
+    glm::dvec3 passing(double density) const {
+        const glm::dvec3 extinction = settings_.medium->extinction();
+        if (is_grey_)
+            return glm::dvec3(std::exp(-extinction.x * density));
+        return glm::exp(-extinction * density);
+    }
+    /// What arrives on a part of a beam of its light, of which `through` comes to where it begins
+    /// and `passes` of that through it, times the density over its peak: the mean along the part.
+    glm::vec3 in_air(glm::dvec3 through, glm::dvec3 passes, double own, double length) const {
         glm::vec3 share;
         const glm::dvec3 extinction = settings_.medium->extinction();
-        for (int c = 0; c < 3; ++c)
-            share[c] = float(std::exp(-extinction[c] * before) * decay(extinction[c], 0, own)
-                             / (peak_ * length * unit_));
+        for (int c = 0; c < 3; ++c) {
+            const double x = extinction[c] * own;
+            const double fading = x < 1e-3 ? own * (1 - x * (1.0 / 2 - x * (1.0 / 6 - x / 24)))
+                                           : (1 - passes[c]) / extinction[c];
+            share[c] = float(through[c] * fading / (peak_ * length * unit_));
+        }
         return share;
     }
 
-    /// A beam's way in a cell, of which `left` arrives; `before`: the density on its way to there,
-    /// to which that of this is added.
+    /// A beam's way in a cell, of which `left` arrives but for air; `through`: what that on its way
+    /// lets pass, to which that of this is added.
     void add_way(const Beam& beam, glm::ivec3 at, double from, double to, glm::vec3 left,
-                 double& before) {
+                 glm::dvec3& through) {
         const std::size_t cell = grid_.index(at);
-        const double start = from, before_start = before;
+        const double start = from;
+        const glm::dvec3 before = through;
         glm::vec3 seen = left;
         if (settings_.medium) {
-            const double own = column(beam, from, to);
-            seen *= in_air(before, own, to - from);
-            before += own;
+            const double own = own_column(beam, from, to);
+            const glm::dvec3 passes = passing(own);
+            seen *= in_air(before, passes, own, to - from);
+            through *= passes;
         }
         if (const uint32_t near_cell = near_of(at); near_cell != none)
             add_near(beam, near_cell, from, to, seen);
         if (walled_[cell]) {
             if (!clip(beam, cell, from, to))
                 return;
-            if (settings_.medium)
+            if (settings_.medium) {
+                const double own = own_column(beam, from, to);
                 seen = left
-                       * in_air(before_start + column(beam, start, from), column(beam, from, to),
+                       * in_air(before * passing(own_column(beam, start, from)), passing(own), own,
                                 to - from);
+            }
         }
         const double way = beam.weight * (to - from) * unit;
         const auto all = uint64_t(std::llround(way));
@@ -623,9 +650,11 @@ private:
     std::span<const std::vector<glm::vec3>> walls_;
     BeamSettings settings_;
     scene::Frame frame_;
-    double peak_ = 0; ///< of the medium's density
-    glm::dvec3 at_;   ///< of a light that has a place
-    double radius_;   ///< of a sphere, frame units
+    double peak_ = 0;         ///< of the medium's density
+    bool is_grey_ = false;    ///< it takes as much of all channels
+    bool fills_grid_ = false; ///< its density is 1 in all of the grid
+    glm::dvec3 at_;           ///< of a light that has a place
+    double radius_;           ///< of a sphere, frame units
     Grid grid_;
     bool parallel_ = false, shaped_ = false;
     scene::Cone cone_;

@@ -29,12 +29,12 @@ protected:
         return std::move(bake::bake(scene, plan, device(), silent).volume);
     }
     /// By the same paths whatever is static.
-    reference::Reference traced(const Scene& scene, const Grid& grid) {
+    reference::Reference traced(const Scene& scene, const Grid& grid, uint64_t rays = 64) {
         reference::ReferenceSettings settings;
         settings.paths.bounces = std::nullopt;
         settings.sh_order = 2;
         settings.probes = 500;
-        settings.rays = scene.lights.size() > 1 ? 1024 : 64; // of several one is drawn
+        settings.rays = scene.lights.size() > 1 ? 16 * rays : rays; // of several one is drawn
         Progress silent;
         return reference::make_reference(scene, grid, settings, silent);
     }
@@ -99,6 +99,93 @@ TEST_F(StaticLights, DirectAndIndirectAreWhatPathsFind) {
         }
         EXPECT_GT(compared, 60);
         EXPECT_LT(std::sqrt(difference / whole), scene.lights.size() > 1 ? 0.06 : 0.012);
+    }
+}
+
+/// Rooms and places whose lights are all static: the sun in the box, a lamp beside a pane of glass,
+/// a spot beside a lit panel, the sun and a blue sky outdoors, a lamp and a sun in the box.
+std::vector<Scene> scenes_of_all_light() {
+    std::vector<Scene> all(5, scenes::cornell_box());
+    all[0].lights = {scenes::sun({0.4, -0.6, -0.7}, 900)};
+    const int glass = scenes::add_material(all[1], {0.9f, 0.7f, 0.4f}, glm::vec3(0), true);
+    all[1].materials[std::size_t(glass)].transmission = 0.8f;
+    scenes::add_quad(all[1], glass, {0.75f, 0, -1}, {0, 0, 2}, {0, 2, 0});
+    all[1].lights = {scenes::point_light({-0.3, 1.7, 1.6}, 120)};
+    scenes::add_quad(all[2], scenes::add_material(all[2], glm::vec3(0.5f), glm::vec3(20)),
+                     {-0.4f, 1.98f, -0.6f}, {0.8f, 0, 0}, {0, 0, 0.4f});
+    all[2].lights = {scenes::spot_light({0.0, 1.8, 0.9}, {0, -0.7, -1}, 300, 0.3, 0.5)};
+    all[3] = scenes::floor_quad(8, {0.3f, 0.4f, 0.2f});
+    scenes::add_box(all[3], scenes::add_material(all[3], {0.7f, 0.5f, 0.4f}), {-0.9f, 0, -0.6f},
+                    {-0.3f, 1.1f, 0.4f}, scenes::Facing::outward);
+    scenes::add_box(all[3], scenes::add_material(all[3], {0.5f, 0.5f, 0.6f}), {0.2f, 0, -0.8f},
+                    {0.8f, 1.6f, -0.1f}, scenes::Facing::outward);
+    all[3].sky.luminance = {20, 40, 80};
+    all[3].lights = {scenes::sun({-0.5, -0.8, 0.3}, 900)};
+    all[4].lights = {scenes::sun({-0.2, -0.5, -0.9}, 300, {0.4f, 0.7f, 1.0f}),
+                     scenes::point_light({-0.6, 1.7, 1.5}, 40)};
+    for (Scene& scene : all)
+        for (Light& light : scene.lights)
+            light.is_static = true;
+    return all;
+}
+
+/// Whether cells around have as much of each light, so that the mean over the cell is what arrives
+/// in its middle; none for which a lamp is near, or the rim of a cone.
+bool is_even_at(const Scene& scene, const Volume& field, glm::ivec3 at) {
+    const auto seen = volume::grids_of(field, volume::visibility_kind());
+    for (std::size_t l = 0; l < scene.lights.size(); ++l) {
+        const Light& light = scene.lights[l];
+        const float own = seen[l].values()[field.grid.index(at)];
+        for (int axis = 0; axis < 3; ++axis)
+            for (const int step : {-1, 1}) {
+                glm::ivec3 beside = at;
+                beside[axis] = std::clamp(at[axis] + step, 0, field.grid.dims[axis] - 1);
+                if (std::abs(seen[l].values()[field.grid.index(beside)] - own) > 1e-4f)
+                    return false;
+            }
+        if (light.type == LightType::directional)
+            continue;
+        const glm::dvec3 way = field.grid.center(at) - light.position;
+        const double away = glm::length(way);
+        const double aside =
+            std::acos(std::clamp(glm::dot(way / away, light.direction), -1.0, 1.0));
+        if (away < 6 * cell
+            || (light.type == LightType::spot
+                && (std::abs(aside - light.outer_cone) < cell / away
+                    || std::abs(aside - light.inner_cone) < cell / away)))
+            return false;
+    }
+    return true;
+}
+
+TEST_F(StaticLights, AllLightIsWhatPathsFind) {
+    for (std::size_t number = 0; const Scene& scene : scenes_of_all_light()) {
+        SCOPED_TRACE(number++);
+        const Volume field = bake(scene, {.visibility = true});
+        const reference::Reference all =
+            traced(scene, field.grid, scene.lights.size() > 1 ? 128 : 1024);
+        double off = 0, noise = 0, whole = 0, sum = 0, sum_of_paths = 0;
+        int compared = 0;
+        for (std::size_t i = 0; i < field.grid.size(); ++i) {
+            if (field.validity[i] == 0 || all.volume.validity[i] == 0
+                || !is_even_at(scene, field, field.grid.cell_at(i)))
+                continue;
+            ++compared;
+            for (std::size_t k = 0; k < 9; ++k) {
+                const glm::dvec3 difference(field.sh[k][i] - all.volume.sh[k][i]);
+                off += glm::dot(difference, difference);
+                const glm::dvec3 error(all.error.sh[k][i]), paths(all.volume.sh[k][i]);
+                noise += glm::dot(error, error);
+                whole += glm::dot(paths, paths);
+            }
+            sum += double(field.sh[0][i].g);
+            sum_of_paths += double(all.volume.sh[0][i].g);
+        }
+        // What gathering itself loses stands beside the noise of the paths.
+        EXPECT_LT(std::sqrt(off / whole), std::hypot(std::sqrt(noise / whole), 0.015));
+        EXPECT_LT(std::sqrt(noise / whole), 0.04);
+        EXPECT_NEAR(sum / sum_of_paths, 1, 0.006);
+        EXPECT_GT(compared, 60);
     }
 }
 
