@@ -10,14 +10,13 @@ namespace lpvbake::medium {
 /// A part of a ray as a map sees it: m from 0 to 1 along it. Across the map, and by its key, it is
 /// straight.
 struct LightDepths::Line {
-    glm::dvec2 from, to; ///< in texels
+    glm::dvec2 from, way; ///< in texels; to where it ends
     double key_from, key_to;
 
     double key(double m) const { return key_from + m * (key_to - key_from); }
-    double at(double m, int axis) const { return from[axis] + m * (to[axis] - from[axis]); }
-    /// Where it crosses a border.
+    /// Where it crosses a border; infinite if it does not.
     double crossing(int axis, double border) const {
-        return (border - from[axis]) / (to[axis] - from[axis]);
+        return way[axis] == 0 ? HUGE_VAL : (border - from[axis]) / way[axis];
     }
 };
 
@@ -76,70 +75,86 @@ LightDepths::LightDepths(const Light& light, const visibility::Visibility& visib
     for (const scene::RsmView& view : views_into(light, visibility, frame, lo, hi)) {
         open_ = false;
         Map& map = maps_.emplace_back(Map{view, {}});
-        Level texels{size, depths_of(view, visibility, size), {}};
-        for (Key& key : texels.least)
-            key = view.perspective ? 1.0f / key : -key;
-        texels.most = texels.least;
+        Level texels{size, {}};
+        for (const float depth : depths_of(view, visibility, size)) {
+            const Key key = view.perspective ? 1.0f / depth : -depth;
+            texels.nodes.push_back({key, key});
+        }
         map.levels.push_back(std::move(texels));
         while (map.levels.back().size > 1) {
             const Level& fine = map.levels.back();
-            Level level{fine.size / 2, {}, {}};
+            Level level{fine.size / 2, {}};
             for (int y = 0; y < level.size; ++y)
                 for (int x = 0; x < level.size; ++x) {
-                    const auto first =
-                        2 * (std::size_t(y) * std::size_t(fine.size) + std::size_t(x));
-                    const auto next = first + std::size_t(fine.size);
-                    level.least.push_back(std::min({fine.least[first], fine.least[first + 1],
-                                                    fine.least[next], fine.least[next + 1]}));
-                    level.most.push_back(std::max({fine.most[first], fine.most[first + 1],
-                                                   fine.most[next], fine.most[next + 1]}));
+                    const Keys* const first =
+                        &fine.nodes[2 * (std::size_t(y) * std::size_t(fine.size) + std::size_t(x))];
+                    const Keys* const next = first + fine.size;
+                    level.nodes.push_back(
+                        {std::min({first[0].least, first[1].least, next[0].least, next[1].least}),
+                         std::max({first[0].most, first[1].most, next[0].most, next[1].most})});
                 }
             map.levels.push_back(std::move(level));
         }
     }
 }
 
-void LightDepths::descend(const Map& map, std::size_t l, int x, int y, const Line& line,
-                          bool pyramid, std::vector<glm::dvec2>& parts, uint64_t& visits) {
-    const Level& level = map.levels[l];
-    const double edge = double(1 << l);
-    double begin = 0, end = 1;
-    for (int axis = 0; axis < 2; ++axis) {
-        const double lo = (axis == 0 ? x : y) * edge, hi = lo + edge;
-        if (line.from[axis] == line.to[axis]) {
-            if (!(line.from[axis] >= lo && line.from[axis] < hi))
+/// Of a line that lies on the map.
+struct LightDepths::Descent {
+    const Map& map;
+    const Line& line;
+    bool pyramid;
+    std::vector<glm::dvec2>& parts; ///< those that are lit, by rising m
+    uint64_t visits = 0;
+
+    /// Looks at the part of the line from `begin` to `end`, which is that in a node.
+    void into(std::size_t l, int x, int y, double begin, double end) {
+        ++visits;
+        const Level& level = map.levels[l];
+        const Keys keys = level.nodes[std::size_t(y) * std::size_t(level.size) + std::size_t(x)];
+        const double a = line.key(begin), b = line.key(end);
+        const double least = double(keys.least), most = double(keys.most);
+        if (l == 0 || pyramid) {
+            if (std::min(a, b) >= most) {
+                add({begin, end}, parts);
                 return;
-            continue;
+            }
+            if (std::max(a, b) <= least)
+                return;
         }
-        const double a = line.crossing(axis, lo), b = line.crossing(axis, hi);
-        begin = std::max(begin, std::min(a, b));
-        end = std::min(end, std::max(a, b));
-    }
-    if (!(begin < end))
-        return;
-    ++visits;
-    const std::size_t node = std::size_t(y) * std::size_t(level.size) + std::size_t(x);
-    const double a = line.key(begin), b = line.key(end);
-    const double least = double(level.least[node]), most = double(level.most[node]);
-    if (l == 0 || pyramid) {
-        if (std::min(a, b) >= most) {
-            parts.push_back({begin, end});
+        if (l > 0) {
+            into_children(l, x, y, begin, end);
             return;
         }
-        if (std::max(a, b) <= least)
-            return;
+        const double turn = (most - line.key_from) / (line.key_to - line.key_from);
+        add(a < b ? glm::dvec2(std::max(begin, turn), end) : glm::dvec2(begin, std::min(end, turn)),
+            parts);
     }
-    if (l > 0) {
-        for (int i = 0; i < 4; ++i)
-            descend(map, l - 1, 2 * x + (i & 1), 2 * y + (i >> 1), line, pyramid, parts, visits);
-        return;
+    /// At most three of the four: it crosses each of the borders between them once.
+    void into_children(std::size_t l, int x, int y, double begin, double end) {
+        const int half = 1 << (l - 1);
+        const glm::ivec2 corner(2 * x, 2 * y);
+        glm::dvec2 cut;
+        glm::ivec2 side;
+        for (int axis = 0; axis < 2; ++axis) {
+            const double border = double((corner[axis] + 1) * half);
+            cut[axis] = line.crossing(axis, border);
+            side[axis] = line.way[axis] == 0 ? line.from[axis] >= border
+                                             : (cut[axis] <= begin) == (line.way[axis] > 0);
+            if (cut[axis] <= begin)
+                cut[axis] = HUGE_VAL; // behind
+        }
+        for (double at = begin; at < end;) {
+            const double next = std::min({cut.x, cut.y, end});
+            into(l - 1, corner.x + side.x, corner.y + side.y, at, next);
+            for (int axis = 0; axis < 2; ++axis)
+                if (cut[axis] <= next) {
+                    side[axis] = 1 - side[axis];
+                    cut[axis] = HUGE_VAL;
+                }
+            at = next;
+        }
     }
-    const double turn = (most - line.key_from) / (line.key_to - line.key_from);
-    if (a < b)
-        parts.push_back({std::max(begin, turn), end});
-    else
-        parts.push_back({begin, std::min(end, turn)});
-}
+};
 
 uint64_t LightDepths::lit_parts(glm::dvec3 origin, glm::dvec3 direction, double begin, double end,
                                 std::vector<glm::dvec2>& parts, bool pyramid) const {
@@ -191,9 +206,11 @@ uint64_t LightDepths::lit_parts(glm::dvec3 origin, glm::dvec3 direction, double 
                     1 / p0.z, 1 / p1.z};
         else
             line = {half * (glm::dvec2(p0) + 1.0), half * (glm::dvec2(p1) + 1.0), -p0.z, -p1.z};
+        line.way -= line.from;
         found.clear();
-        descend(map, map.levels.size() - 1, 0, 0, line, pyramid, found, visits);
-        std::ranges::sort(found, {}, &glm::dvec2::x);
+        Descent descent{map, line, pyramid, found};
+        descent.into(map.levels.size() - 1, 0, 0, 0, 1);
+        visits += descent.visits;
         for (glm::dvec2 part : found) {
             for (int i = 0; i < 2; ++i) {
                 const double m = part[i];

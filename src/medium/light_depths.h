@@ -36,17 +36,19 @@ public:
 private:
     /// Linear along a ray across a map: minus the depth, or for perspective one over it.
     using Key = float;
+    struct Keys {
+        Key least, most;
+    };
     struct Level {
         int size = 0;
-        std::vector<Key> least, most;
+        std::vector<Keys> nodes;
     };
     struct Map {
         scene::RsmView view;
         std::vector<Level> levels; ///< texels, then ever fewer
     };
     struct Line;
-    static void descend(const Map& map, std::size_t level, int x, int y, const Line& line,
-                        bool pyramid, std::vector<glm::dvec2>& parts, uint64_t& visits);
+    struct Descent;
 
     std::vector<Map> maps_;
     bool open_ = false; ///< parallel light without a map: nothing stands in its way
