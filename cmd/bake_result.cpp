@@ -66,6 +66,11 @@ report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
             document["levels"].push_back(report::grid_json(bricks->levels.lattice(level)));
         document["bricks"] = {{"expected", bricks->expected}};
     }
+    if (const auto& air = choice.plan.settings.medium) {
+        document["medium"] = medium_json(*air, o.medium.density);
+        document["medium"]["box"] = {air->box.lo.x, air->box.lo.y, air->box.lo.z,
+                                     air->box.hi.x, air->box.hi.y, air->box.hi.z};
+    }
     if (storage)
         document["storage"] = {{"sh_order", storage->order},
                                {"resolution", storage->resolution},

@@ -3,6 +3,7 @@
 #include "io/density.h"
 #include "lpvbake/error.h"
 #include "options/values.h"
+#include "report/json.h"
 
 #include <algorithm>
 #include <cmath>
@@ -96,6 +97,19 @@ void add_medium_options(options::Options& options, MediumOptions& o, const std::
                "Box of the medium, metres; default: that of the density, or the scene's")
         .need("medium")
         .record(options::Recorded::if_changed);
+}
+
+report::Json medium_json(const medium::Medium& air, const std::string& density) {
+    report::Json json{{"scatter", report::vector_json(air.scatter)},
+                      {"absorb", report::vector_json(air.absorb)},
+                      {"g", air.g},
+                      {"height", nullptr},
+                      {"density", nullptr}};
+    if (air.height)
+        json["height"] = {air.height->from, air.height->scale};
+    if (!density.empty())
+        json["density"] = density;
+    return json;
 }
 
 std::string density_file(const MediumOptions& o) {

@@ -4,6 +4,8 @@
 #include "medium/medium.h"
 #include "options/option.h"
 
+#include <nlohmann/json_fwd.hpp>
+
 #include <optional>
 #include <string>
 #include <vector>
@@ -26,5 +28,9 @@ std::string density_file(const MediumOptions& o);
 /// is asked for. Throws Error as io::read_density and medium::check_medium do.
 std::optional<medium::Medium> medium_of(const MediumOptions& o, const Scene& scene,
                                         std::vector<std::string>& warnings);
+
+/// As JSON has it: "scatter" and "absorb" (RGB, a metre), "g", "height" ([H0, H] or null) and
+/// "density" (its file, or null).
+nlohmann::ordered_json medium_json(const medium::Medium& air, const std::string& density);
 
 } // namespace lpvbake::cmd

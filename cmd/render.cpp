@@ -416,22 +416,13 @@ report::Json indirect_json(const RenderResult& r) {
     return json;
 }
 
-report::Json medium_json(const RenderResult& r) {
+report::Json fog_json(const RenderResult& r) {
     const MediumOptions& o = r.options.medium;
     if (!o.medium)
         return nullptr;
-    const medium::Medium& air = *o.medium;
-    report::Json json{{"scatter", report::vector_json(air.scatter)},
-                      {"absorb", report::vector_json(air.absorb)},
-                      {"g", air.g},
-                      {"height", nullptr},
-                      {"density", nullptr},
-                      {"method", name_of(r.options.fog)},
-                      {"beside_exact", nullptr}};
-    if (air.height)
-        json["height"] = {air.height->from, air.height->scale};
-    if (!o.density.empty())
-        json["density"] = o.density;
+    report::Json json = medium_json(*o.medium, o.density);
+    json["method"] = name_of(r.options.fog);
+    json["beside_exact"] = nullptr;
     if (r.by_exact)
         json["beside_exact"] = {{"energy", r.beside_exact.energy},
                                 {"l1", r.beside_exact.l1},
@@ -460,7 +451,7 @@ void print_json_result(const RenderResult& r, const Run& run) {
                             {"target", report::vector_json(target_of(r.view.camera))},
                             {"fov", glm::degrees(r.view.camera.yfov)}}},
                           {"dry_run", o.dry_run}};
-    document["medium"] = medium_json(r);
+    document["medium"] = fog_json(r);
     document["indirect"] = indirect_json(r);
     if (!o.dry_run) {
         document["relight"] = nullptr;

@@ -337,15 +337,33 @@ void plan_air(const SceneFacts& scene, const Grid& grid, const std::string& of, 
         throw Error(ErrorKind::unsupported,
                     "`medium` is of grids along the axes, not of turned volumes");
     const double beams = count_beams(scene.lights, grid, plan.settings.direct.beams);
+    const glm::dvec3 lost = air.extinction();
+    const bool is_plain = air.is_even() && lost.x == lost.y && lost.y == lost.z;
     plan.stages.push_back(
         {"air",
-         seconds::beam * beams + seconds::beam_air_cell * beams * std::cbrt(double(grid.size()))
+         seconds::beam * beams
+             + (is_plain ? seconds::beam_air_cell : seconds::beam_uneven_cell) * beams
+                   * std::cbrt(double(grid.size()))
              + seconds::air_cell * double(grid.size()),
          of + format("about %.2g beams of ", beams) + counted(scene.lights.size(), "light")});
     const auto coefficients =
         uint64_t(air.g == 0 ? 1 : volume::sh_count(plan.settings.solver.order()));
     plan.host_bytes += grid.size() * (solver::models::bytes::beams_cell + 48 * coefficients + 24)
                        + (air.density ? 4 * uint64_t(air.density->values.size()) : 0);
+}
+
+/// What closing the maps of shafts takes, seconds.
+double shaft_seconds(std::span<const Light> lights, const Grid& grid,
+                     const DirectSettings& direct) {
+    const double extent = std::cbrt(double(grid.size())) * direct.beams;
+    const double radius = std::min(direct.shaft_closing / grid.cell * direct.beams, 1.7 * extent);
+    const double edge = 1.2 * extent + 4 * radius;
+    double sum = 0;
+    for (const Light& light : lights)
+        sum += light.type == LightType::directional
+                   ? seconds::shaft_texel * 2 * edge * edge * radius
+                   : seconds::shaft_lamp;
+    return sum;
 }
 
 /// Beams through a grid, and what they sum.
@@ -361,10 +379,11 @@ void plan_direct(const SceneFacts& scene, const Grid& grid, const std::string& o
     std::ranges::copy_if(scene.lights, std::back_inserter(sending),
                          [&](const Light& light) { return direct.any() || light.is_static; });
     const double beams = count_beams(sending, grid, direct.beams) * (direct.shaft ? 3 : 1);
-    plan.stages.push_back(
-        {"beams",
-         seconds::beam * beams + seconds::beam_cell * beams * std::cbrt(double(grid.size())),
-         of + format("about %.2g beams of ", beams) + counted(count, "light")});
+    plan.stages.push_back({"beams",
+                           seconds::beam * beams
+                               + seconds::beam_cell * beams * std::cbrt(double(grid.size()))
+                               + (direct.shaft ? shaft_seconds(sending, grid, direct) : 0),
+                           of + format("about %.2g beams of ", beams) + counted(count, "light")});
     const auto coefficients =
         uint64_t(direct.sh || !direct.any() ? volume::sh_count(plan.settings.solver.order()) : 1);
     plan.host_bytes += grid.size()

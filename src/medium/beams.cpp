@@ -104,9 +104,9 @@ public:
             const glm::dvec3 lost = air.extinction();
             peak_ = air.peak();
             is_grey_ = lost.x == lost.y && lost.y == lost.z;
-            fills_grid_ = air.is_even()
-                          && glm::all(glm::lessThanEqual(air.box.lo, frame.to_world(glm::dvec3(0))))
-                          && glm::all(glm::greaterThanEqual(air.box.hi, frame.to_world(size_)));
+            is_even_ = air.is_even();
+            air_lo_ = frame.from_world(air.box.lo);
+            air_hi_ = frame.from_world(air.box.hi);
         }
         lit_.resize(channels_ * grid_.size());
         dark_.resize(channels_ * grid_.size());
@@ -354,9 +354,12 @@ private:
         glm::vec3 left(1.0f);
         std::size_t passed = 0;
         uint64_t steps = 0;
-        glm::dvec3 through(1.0); // the air so far
-        if (settings_.medium)
-            through = passing(column_before(beam));
+        AirOnWay air;
+        if (settings_.medium) {
+            air.through = passing(column_before(beam));
+            air.part = within(beam.origin, beam.direction, air_lo_, air_hi_, beam.begin, beam.end)
+                           .value_or(glm::dvec2(0.0));
+        }
         for (double t = beam.begin; t < beam.end;) {
             const int axis = next.x <= next.y && next.x <= next.z ? 0 : next.y <= next.z ? 1 : 2;
             const double leaves = std::min(next[axis], beam.end);
@@ -366,7 +369,7 @@ private:
                 if (passed < crossings.size())
                     until = std::clamp(beam.traced_from + double(crossings[passed].t), t, leaves);
                 if (until > t)
-                    add_way(beam, cell, t, until, left, through);
+                    add_way(beam, cell, t, until, left, air);
                 t = until;
                 if (t < leaves) {
                     left *= crossings[passed].transmittance * crossings[passed].tint;
@@ -398,9 +401,15 @@ private:
         }
         return column(beam, from, beam.begin);
     }
-    /// In the grid.
-    double own_column(const Beam& beam, double from, double to) const {
-        return fills_grid_ ? (to - from) * unit_ : column(beam, from, to);
+    /// Air on a beam's way through the grid.
+    struct AirOnWay {
+        glm::dvec3 through{1.0}; ///< what that so far lets pass
+        glm::dvec2 part{0.0};    ///< of the beam that is in the medium's box
+    };
+    double own_column(const Beam& beam, const AirOnWay& air, double from, double to) const {
+        if (!is_even_)
+            return column(beam, from, to);
+        return std::max(0.0, std::min(to, air.part.y) - std::max(from, air.part.x)) * unit_;
     }
     /// What so much of the density lets through.
     glm::dvec3 passing(double density) const {
@@ -423,19 +432,19 @@ private:
         return share;
     }
 
-    /// A beam's way in a cell, of which `left` arrives but for air; `through`: what that on its way
-    /// lets pass, to which that of this is added.
+    /// A beam's way in a cell, of which `left` arrives but for air, which is added to what is on
+    /// the way.
     void add_way(const Beam& beam, glm::ivec3 at, double from, double to, glm::vec3 left,
-                 glm::dvec3& through) {
+                 AirOnWay& air) {
         const std::size_t cell = grid_.index(at);
         const double start = from;
-        const glm::dvec3 before = through;
+        const glm::dvec3 before = air.through;
         glm::vec3 seen = left;
         if (settings_.medium) {
-            const double own = own_column(beam, from, to);
+            const double own = own_column(beam, air, from, to);
             const glm::dvec3 passes = passing(own);
             seen *= in_air(before, passes, own, to - from);
-            through *= passes;
+            air.through *= passes;
         }
         if (const uint32_t near_cell = near_of(at); near_cell != none)
             add_near(beam, near_cell, from, to, seen);
@@ -443,10 +452,10 @@ private:
             if (!clip(beam, cell, from, to))
                 return;
             if (settings_.medium) {
-                const double own = own_column(beam, from, to);
+                const double own = own_column(beam, air, from, to);
                 seen = left
-                       * in_air(before * passing(own_column(beam, start, from)), passing(own), own,
-                                to - from);
+                       * in_air(before * passing(own_column(beam, air, start, from)), passing(own),
+                                own, to - from);
             }
         }
         const double way = beam.weight * (to - from) * unit;
@@ -650,11 +659,12 @@ private:
     std::span<const std::vector<glm::vec3>> walls_;
     BeamSettings settings_;
     scene::Frame frame_;
-    double peak_ = 0;         ///< of the medium's density
-    bool is_grey_ = false;    ///< it takes as much of all channels
-    bool fills_grid_ = false; ///< its density is 1 in all of the grid
-    glm::dvec3 at_;           ///< of a light that has a place
-    double radius_;           ///< of a sphere, frame units
+    double peak_ = 0;                      ///< of the medium's density
+    bool is_grey_ = false;                 ///< it takes as much of all channels
+    bool is_even_ = false;                 ///< its density is 1 in all of its box
+    glm::dvec3 air_lo_{0.0}, air_hi_{0.0}; ///< its box, frame units
+    glm::dvec3 at_;                        ///< of a light that has a place
+    double radius_;                        ///< of a sphere, frame units
     Grid grid_;
     bool parallel_ = false, shaped_ = false;
     scene::Cone cone_;

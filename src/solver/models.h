@@ -38,11 +38,14 @@ inline constexpr double fit = 0.1; ///< the points that check it
 inline constexpr double fit_ray = 2.5e-7;
 inline constexpr double fit_point = 1.5e-5; ///< all steps of its solution
 
-inline constexpr double beam = 2e-7;        ///< of 2026-11-30, with its ray
-inline constexpr double beam_cell = 1.2e-8; ///< of its way
-inline constexpr double beam_air_cell = 5e-8;
-inline constexpr double air_cell = 2e-7;  ///< of the medium's mean and of what is scattered
-inline constexpr double local_ray = 2e-7; ///< of 2026-11-30, with what it adds
+inline constexpr double beam = 2e-7;      ///< of 2026-11-30, with its ray
+inline constexpr double beam_cell = 1e-8; ///< of its way
+inline constexpr double beam_air_cell = 2.5e-8;
+inline constexpr double beam_uneven_cell = 5.5e-8; ///< in air that is not even or not grey
+inline constexpr double shaft_lamp = 1.1;          ///< to close the map of a lamp
+inline constexpr double shaft_texel = 4e-9; ///< of the sun's map, for each in a disc's radius
+inline constexpr double air_cell = 2e-7;    ///< of the medium's mean and of what is scattered
+inline constexpr double local_ray = 2e-7;   ///< of 2026-11-30, with what it adds
 
 inline constexpr double geometry_patch = 5e-7;
 inline constexpr double links_cell = 15e-6; ///< as validity_cell

@@ -22,6 +22,7 @@ LOADED = {path.stem: json.loads(path.read_text()) for path in SCHEMAS.glob("*.js
 SMALL = ["--threads", "1", "--resolution", "8"]
 # Members that are there after one option alone.
 OPTIONAL = [("bake", "fit"), ("convert", "fit"), ("bake", "verified"), ("bake", "points"),
+            ("bake", "medium"), ("bake_dry_run", "medium"),
             ("bake_dry_run", "points"), ("bake", "storage"), ("bake_dry_run", "storage"),
             ("bake", "levels"), ("bake_dry_run", "levels"), ("bake", "bricks"),
             ("bake_dry_run", "bricks"), ("bricks", "atlas"), ("bricks", "file"),
@@ -161,6 +162,9 @@ class Documents(unittest.TestCase):
         run("render", *render, "--samples", "1", "--medium", "scatter=0.1", "--fog-method", "nvidia")
         run("render", *render, "--samples", "1", "--indirect", "rsm:2", "--compare", "rays")
         run("render_dry_run", *render, "--dry-run")
+        air = [*bake, "-o", "air.vdb", "--medium", "scatter=0.1/0.2/0.3,g=0.5,height=1:2"]
+        run("bake", *air)
+        run("bake_dry_run", *air, "--dry-run")
         run("bake", *bake, "-o", "local.vdb", "--local-transfer", "cells", "--radius", "0.5")
         run("render", "render", "box.gltf", "local.vdb", "--threads", "1", "--size", "16x16", "-o", "picture.png",
             "--samples", "1", "--relight", "lrt")
