@@ -30,6 +30,7 @@ constexpr Wording table[] = {
     {"`height`", "height=H0:H"},
     {"`isa`", "--isa"},
     {"`iterations`", "--iterations"},
+    {"`lamp_radius`", "--lamp-radius"},
     {"`layers`", "--layers"},
     {"`layers_level`", "--layers-level"},
     {"`level`", "--level"},

@@ -328,6 +328,17 @@ double count_beams(std::span<const Light> lights, const Grid& grid, int per_cell
     return beams;
 }
 
+/// Of a sphere that is much larger than the grid, next to no beam would meet that.
+void check_lamps(std::span<const Light> lights, const Grid& grid, const DirectSettings& direct) {
+    const double most = 2 * grid.cell * glm::length(glm::dvec3(grid.dims));
+    for (const Light& light : lights)
+        if (const double radius = medium::radius_of(light, direct.lamp_radii); radius > most)
+            throw Error(ErrorKind::argument,
+                        format("`lamp_radius`: the light \"%s\" would be a sphere of %.4g m, more "
+                               "than twice as large as the grid; %.4g m is the most",
+                               light.name.c_str(), radius, most));
+}
+
 /// What air scatters in a grid.
 void plan_air(const SceneFacts& scene, const Grid& grid, const std::string& of, BakePlan& plan) {
     if (!plan.settings.medium)
@@ -337,6 +348,7 @@ void plan_air(const SceneFacts& scene, const Grid& grid, const std::string& of, 
         throw Error(ErrorKind::unsupported,
                     "`medium` is of grids along the axes, not of turned volumes");
     const double beams = count_beams(scene.lights, grid, plan.settings.direct.beams);
+    check_lamps(scene.lights, grid, plan.settings.direct);
     const glm::dvec3 lost = air.extinction();
     const bool is_plain = air.is_even() && lost.x == lost.y && lost.y == lost.z;
     plan.stages.push_back(
@@ -352,16 +364,24 @@ void plan_air(const SceneFacts& scene, const Grid& grid, const std::string& of, 
                        + (air.density ? 4 * uint64_t(air.density->values.size()) : 0);
 }
 
-/// What closing the maps of shafts takes, seconds.
-double shaft_seconds(std::span<const Light> lights, const Grid& grid,
-                     const DirectSettings& direct) {
+/// The map of a directional light that is closed for shafts: a disc's radius, and how many texels
+/// it has along an edge.
+struct ShaftMap {
+    double radius, edge;
+};
+
+ShaftMap shaft_map(const Grid& grid, const DirectSettings& direct) {
     const double extent = std::cbrt(double(grid.size())) * direct.beams;
     const double radius = std::min(direct.shaft_closing / grid.cell * direct.beams, 1.7 * extent);
-    const double edge = 1.2 * extent + 4 * radius;
+    return {radius, 1.2 * extent + 4 * radius};
+}
+
+/// What closing the maps of shafts takes, seconds.
+double shaft_seconds(std::span<const Light> lights, const ShaftMap& map) {
     double sum = 0;
     for (const Light& light : lights)
         sum += light.type == LightType::directional
-                   ? seconds::shaft_texel * 2 * edge * edge * radius
+                   ? seconds::shaft_texel * 2 * map.edge * map.edge * map.radius
                    : seconds::shaft_lamp;
     return sum;
 }
@@ -378,11 +398,13 @@ void plan_direct(const SceneFacts& scene, const Grid& grid, const std::string& o
     std::vector<Light> sending;
     std::ranges::copy_if(scene.lights, std::back_inserter(sending),
                          [&](const Light& light) { return direct.any() || light.is_static; });
+    check_lamps(sending, grid, direct);
+    const ShaftMap map = shaft_map(grid, direct);
     const double beams = count_beams(sending, grid, direct.beams) * (direct.shaft ? 3 : 1);
     plan.stages.push_back({"beams",
                            seconds::beam * beams
                                + seconds::beam_cell * beams * std::cbrt(double(grid.size()))
-                               + (direct.shaft ? shaft_seconds(sending, grid, direct) : 0),
+                               + (direct.shaft ? shaft_seconds(sending, map) : 0),
                            of + format("about %.2g beams of ", beams) + counted(count, "light")});
     const auto coefficients =
         uint64_t(direct.sh || !direct.any() ? volume::sh_count(plan.settings.solver.order()) : 1);
@@ -390,6 +412,8 @@ void plan_direct(const SceneFacts& scene, const Grid& grid, const std::string& o
                        * (solver::models::bytes::beams_cell + 24 * coefficients
                           + 4 * uint64_t(direct.visibility ? scene.lights.size() : 0)
                           + (direct.channels ? 17 : 0) + (direct.shaft ? 40 : 0));
+    if (direct.shaft)
+        plan.host_bytes += uint64_t(16 * map.edge * map.edge);
 }
 
 /// Rays from each cell, and grids.

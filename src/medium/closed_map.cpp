@@ -30,14 +30,14 @@ void least_of_rows(const std::vector<float>& in, glm::ivec2 count, int reach,
         for (int x = 0; x < padded; ++x)
             forth[std::size_t(x)] = x % window == 0
                                         ? row[std::size_t(x)]
-                                        : std::min(forth[std::size_t(x - 1)], row[std::size_t(x)]);
+                                        : std::min(forth[std::size_t(x) - 1], row[std::size_t(x)]);
         for (int x = padded - 1; x >= 0; --x)
             back[std::size_t(x)] = x % window == window - 1
                                        ? row[std::size_t(x)]
-                                       : std::min(back[std::size_t(x + 1)], row[std::size_t(x)]);
+                                       : std::min(back[std::size_t(x) + 1], row[std::size_t(x)]);
         for (int x = 0; x < count.x; ++x)
             out[std::size_t(y) * std::size_t(count.x) + std::size_t(x)] =
-                std::min(back[std::size_t(x)], forth[std::size_t(x + window - 1)]);
+                std::min(back[std::size_t(x)], forth[std::size_t(x) + std::size_t(window) - 1]);
     });
 }
 
@@ -197,7 +197,8 @@ std::size_t ClosedMap::texel_of(glm::dvec3 direction) {
                         direction[(axis + 2) % 3] / size[axis]);
     const glm::ivec2 texel =
         glm::clamp(glm::ivec2(0.5 * (at + 1.0) * double(face_texels)), 0, face_texels - 1);
-    return std::size_t((face * face_texels + texel.y) * face_texels + texel.x);
+    return (std::size_t(face) * face_texels + std::size_t(texel.y)) * face_texels
+           + std::size_t(texel.x);
 }
 
 void ClosedMap::make_around(const visibility::Visibility& visibility, glm::dvec3 size,

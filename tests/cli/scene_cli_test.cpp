@@ -347,6 +347,10 @@ TEST_F(SceneCli, LampsHaveASize) {
     EXPECT_NE(warned.find("surfaces stand inside of the light \"point\", a sphere of 1.5 m"),
               warned.npos);
     expect_error("bake " + box + "-o a.vdb --lamp-radius 0.1", cmd::ExitCode::usage, "--direct");
+    for (const char* what : {"--direct sh", "--medium scatter=0.1"})
+        expect_error("bake " + box + what + " -o a.vdb --lamp-radius 1e9 --dry-run",
+                     cmd::ExitCode::usage,
+                     "--lamp-radius: the light \"point\" would be a sphere of 1e+09 m");
     expect_error("bake " + box + direct + "-o a.vdb --lamp-radius =1", cmd::ExitCode::usage,
                  "NAMES=METRES");
     expect_error("bake " + box + direct + "-o a.vdb --lamp-radius -1", cmd::ExitCode::usage, "-1");
