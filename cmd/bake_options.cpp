@@ -132,6 +132,9 @@ std::vector<const solver::SolverKind*> solvers_of(const BakeOptions& o) {
             why = "--" + option;
         solvers = left;
     };
+    if (o.scattering)
+        keep("scattering",
+             solvers_with([](const solver::SolverKind& kind) { return kind.in_air; }));
     if (!o.at.empty())
         keep("at", solvers_with([](const solver::SolverKind& kind) { return kind.at_places; }));
     if (o.adaptive)
@@ -304,6 +307,15 @@ void add_level_options(options::Options& options, BakeOptions& o) {
         .record(options::Recorded::if_changed);
 }
 
+/// "inf", or a whole number from 1.
+options::Bounces parse_scattering(const std::string& text) {
+    const options::Bounces times = options::parse_bounces(text);
+    if (times.most == 0)
+        options::refuse(text, "is neither a whole number from 1 nor inf; light that is not "
+                              "scattered is that without --medium");
+    return times;
+}
+
 /// Some of "visibility", "channels", "shaft" and "sh".
 bake::DirectSettings parse_direct(const std::string& text) {
     bake::DirectSettings direct;
@@ -456,6 +468,14 @@ void add_bake_options(options::Options& options, BakeOptions& o) {
     add_medium_options(
         options, o.medium,
         "Air that light goes through: grids of what it scatters and of what it takes");
+    options
+        .value("--scattering", o.scattering, "N|inf", parse_scattering,
+               "The field, too, is that in the medium, by sn: light is taken on all ways, and "
+               "scattered N times at most, 1 to 10000, or until 0.1 % is missing; default: the "
+               "field is as without the medium, and what it scatters of it is scattered once")
+        .need("medium")
+        .implies("inf")
+        .record(options::Recorded::if_changed);
     add_solver_options(options, o);
     add_output_options(options, o.outputs);
     options
@@ -552,6 +572,10 @@ void check_options(const BakeOptions& o) {
                                          "--static and --medium");
     if (o.shaft_closing != bake::DirectSettings().shaft_closing && !(o.direct && o.direct->shaft))
         throw Error(ErrorKind::argument, "--shaft-closing is of --direct shaft");
+    if (o.scattering && o.verify)
+        throw Error(ErrorKind::argument,
+                    "--verify: the field is that in a medium (--scattering), and paths know of "
+                    "none; verify a bake without it");
     if (!o.medium.density.empty())
         check_files({density_file(o.medium)}, {}, o.outputs.paths);
     if (!o.adjust.empty())
@@ -730,6 +754,8 @@ bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& read
     settings.direct.sun_angle = glm::radians(o.sun_angle);
     settings.direct.lamp_radii = o.lamp_radii;
     settings.direct.shaft_closing = o.shaft_closing;
+    if (o.scattering)
+        settings.scattering = bake::Scattering{o.scattering->most};
     settings.local_transfer = {o.local_transfer.has_value(), o.local_transfer.value_or(false),
                                o.radius.value_or(0)};
     if (!o.adjust.empty())

@@ -59,6 +59,7 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::vector<medium::LampRadius> lamp_radii;
     double shaft_closing = bake::DirectSettings().shaft_closing; ///< metres
     MediumOptions medium;
+    std::optional<options::Bounces> scattering; ///< none: the field is as without the medium
     std::optional<bool> local_transfer; ///< true: of an object
     std::optional<double> radius;       ///< of that, metres
     std::vector<GivenVolume> volume;

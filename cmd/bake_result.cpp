@@ -70,6 +70,9 @@ report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
         document["medium"] = medium_json(*air, o.medium.density);
         document["medium"]["box"] = {air->box.lo.x, air->box.lo.y, air->box.lo.z,
                                      air->box.hi.x, air->box.hi.y, air->box.hi.z};
+        report::Json& times = document["medium"]["scattering"] = nullptr;
+        if (const auto& scattering = choice.plan.settings.scattering)
+            times = scattering->times ? report::Json(*scattering->times) : report::Json("inf");
     }
     if (storage)
         document["storage"] = {{"sh_order", storage->order},

@@ -80,6 +80,10 @@ reference::PathRules rules_of(const Volume& volume) {
             holds(volume, &volume::LightContent::emitters)};
 }
 
+bool is_in_air(const Volume& volume) {
+    return fact_in(volume, "scattering") != nullptr;
+}
+
 void make_static(const std::string& path, const Volume& volume, Scene& scene) {
     const std::string* list = fact_in(volume, "static_lights");
     if (!list)

@@ -28,6 +28,8 @@ void check_order(const std::string& scene, const std::string& volume, const char
 bool holds(const Volume& volume, std::optional<volume::Reflections> volume::LightContent::*source);
 /// Which light the volume holds, as its metadata say; all where they do not.
 reference::PathRules rules_of(const Volume& volume);
+/// Whether its field is that in a medium (bake --scattering).
+bool is_in_air(const Volume& volume);
 /// Makes those lights of the scene static whose direct light the volume holds. Throws Error
 /// (invalid) where the volume's list of them is none.
 void make_static(const std::string& path, const Volume& volume, Scene& scene);

@@ -9,6 +9,7 @@
 #include "io/levels.h"
 #include "io/slice.h"
 #include "lpvbake/error.h"
+#include "medium/lit_air.h"
 #include "medium_options.h"
 #include "read_light.h"
 #include "render/camera.h"
@@ -636,6 +637,21 @@ transfer::Propagated relight(const RenderOptions& o, const Scene& scene,
     return relit;
 }
 
+/// Of a field that is that in a medium.
+void check_air(const RenderOptions& o, const Volume& volume, TerminalProgress& progress) {
+    if (!is_in_air(volume))
+        return;
+    if (o.reference > 0)
+        throw Error(ErrorKind::unsupported,
+                    o.volume
+                        + ": --reference: paths know light that is scattered once, and the field "
+                          "is that in a medium (--scattering); bake it without");
+    if (!o.medium.medium)
+        progress.warn(o.volume
+                      + ": the field is that in a medium, of which the picture shows no more; give "
+                        "the bake's --medium");
+}
+
 void run(const RenderOptions& o) {
     check_options(o);
     Run run(o, o, all_outputs(o));
@@ -651,6 +667,7 @@ void run(const RenderOptions& o) {
         make_static(o.volume, volume, scene);
     if (scene::triangle_count(scene) == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to draw");
+    check_air(o, volume, run.progress);
     warn_of_mismatch(o, scene, levels, run.progress);
     std::vector<std::string> warnings;
     const std::optional<medium::Medium> air = medium_of(o.medium, scene, warnings);
@@ -670,6 +687,12 @@ void run(const RenderOptions& o) {
     reference::PathRules rules = rules_of(volume);
     rules.emitters = rules.emitters && !o.no_emitters;
     const reference::Paths paths(scene, visibility, frame, rules);
+    std::optional<visibility::Visibility> hazy; // where surfaces are lit through the air
+    std::optional<reference::Paths> dimmed;
+    if (air && is_in_air(volume)) {
+        hazy.emplace(visibility.in_air(std::make_shared<medium::DarkAir>(*air, frame)));
+        dimmed.emplace(scene, *hazy, frame, rules);
+    }
     render::ViewSettings view;
     const std::optional<visibility::Visibility> eye = render::eye_of(scene, frame);
     const visibility::Visibility& seen = eye ? *eye : visibility;
@@ -681,7 +704,7 @@ void run(const RenderOptions& o) {
     if (!o.dry_run) {
         const raster::Raster raster(*device, scene, frame, scene::is_asked);
         run.end_stage("prepare");
-        const render::LitScene lit{scene, frame, seen, paths};
+        const render::LitScene lit{scene, frame, seen, dimmed ? *dimmed : paths};
         const std::optional<volume::VolumeSet> filled = filled_for(sampler, levels);
         const volume::Levels field(levels);
         view.air = air ? &*air : nullptr;

@@ -140,6 +140,11 @@ void measure(const VerifyOptions& o, const Scene& scene, const std::optional<Bou
 
 void run(const VerifyOptions& o, const volume::VolumeSet& levels) {
     const Volume& given = levels.levels.front();
+    if (is_in_air(given))
+        throw Error(ErrorKind::unsupported,
+                    o.volume
+                        + ": the field is that in a medium (--scattering), and paths know of none; "
+                          "verify a bake without it");
     Run run(o, o, {});
     const Scene scene = run.load();
     run.end_stage("load");

@@ -48,6 +48,7 @@ constexpr Wording table[] = {
     {"`rays`", "--rays"},
     {"`receive_only`", "--receive-only"},
     {"`resolution`", "--resolution"},
+    {"`scattering`", "--scattering"},
     {"`scene`", "--scene"},
     {"`sh_order`", "--sh-order"},
     {"`sky`", "--sky"},

@@ -5,6 +5,7 @@
 #include "bake/direct.h"
 #include "bake/lighting.h"
 #include "bake/local_transfer.h"
+#include "bake/scattering.h"
 #include "bake/surface_fit.h"
 #include "surface/lit_surfaces.h"
 #include "text.h"
@@ -140,13 +141,16 @@ void fit_volume(const BakePlan& plan, const Level& level, Surfaces& surfaces,
                            reader.name));
 }
 
-/// What is told of a level that is solved.
-void finish_level(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
-                  const Level& level, Surfaces& surfaces, solver::Stages& stages, Volume& volume) {
+void find_walls_of(const Level& level, const BakePlan& plan, solver::Stages& stages,
+                   Volume& volume) {
     stages.begin("walls");
     volume.walls = find_walls(level.visibility, level.frame, volume, level.cache(plan));
     stages.end(share_with_walls(volume.walls));
+}
 
+/// What is told of a level that is solved and has its walls.
+void finish_level(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
+                  const Level& level, Surfaces& surfaces, solver::Stages& stages, Volume& volume) {
     add_air(level.axes.scene, plan, level.visibility, level.frame, stages, volume);
     add_direct(level.axes.scene, plan, level.visibility, level.frame, stages, volume);
     add_local_transfer(level.axes.scene, plan, level.visibility, level.frame, stages, volume);
@@ -241,7 +245,8 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
         if (coupled || l == order.front())
             make(l);
 
-    const visibility::Visibility visibility = open_scene(scene, plan, stages);
+    const std::shared_ptr<medium::LitAir> air = air_in(plan);
+    const visibility::Visibility visibility = open_scene(scene, plan, stages).in_air(air);
     const Axes world{scene, visibility, plan.settings.adjust, layers_in(plan)};
     Surfaces surfaces{light_scene(scene, plan, visibility, stages, world.layers), plan.frame};
     const surface::LitSurfaces* lit = plan.lit ? &surfaces.lit : nullptr;
@@ -295,6 +300,9 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
             solvers[l]->solve(inputs, stages, volume);
         else
             solvers[l]->solve_layers(inputs, stages, volume, layers);
+        find_walls_of(level, plan, stages, volume);
+        if (air)
+            add_scattered(inputs, plan, *solvers[l], *air, stages, volume);
         if (!coupled)
             solvers[l].reset();
         finish_level(scene, plan, device, level, surfaces, stages, volume);

@@ -38,7 +38,7 @@ surface::LightingSettings lighting_of(const BakePlan& plan) {
     lighting.emitters = plan.emitters;
     lighting.maps = plan.maps.count > 0;
     lighting.rays = plan.settings.solver.lighting_rays();
-    lighting.cache = plan.settings.cache;
+    lighting.cache = plan.settings.scattering ? nullptr : plan.settings.cache; // it knows no air
     return lighting;
 }
 

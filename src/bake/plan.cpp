@@ -339,6 +339,69 @@ void check_lamps(std::span<const Light> lights, const Grid& grid, const DirectSe
                                light.name.c_str(), radius, most));
 }
 
+/// Light crosses so many mean free paths of a medium, at most, on the shortest way through the
+/// middle of its box.
+double depth_of(const medium::Medium& air) {
+    const glm::dvec3 middle = 0.5 * (air.box.lo + air.box.hi), extinction = air.extinction();
+    double least = HUGE_VAL;
+    for (int axis = 0; axis < 3; ++axis) {
+        glm::dvec3 from = middle, to = middle;
+        from[axis] = air.box.lo[axis];
+        to[axis] = air.box.hi[axis];
+        least = std::min(least, air.column(from, to));
+    }
+    return least * std::max({extinction.r, extinction.g, extinction.b});
+}
+
+constexpr double most_depth = 10; ///< of light that is scattered until nothing is missing
+
+/// What is scattered more than once.
+void check_scattering(bool statics, const BakeSettings& settings) {
+    if (!settings.scattering)
+        return;
+    const auto refuse = [](const std::string& text) { throw Error(ErrorKind::argument, text); };
+    if (!settings.medium)
+        refuse("`scattering` needs a `medium`");
+    if (!settings.solver.kind().in_air)
+        refuse("`scattering` is of `solver` sn");
+    if (statics)
+        refuse("`scattering` is without `static` lights: all light in the field is attenuated");
+    if (settings.points > 0 || settings.adaptive || !settings.layers.empty()
+        || !settings.levels.empty() || !settings.volumes.empty() || settings.fit
+        || settings.local_transfer.wanted)
+        refuse("`scattering` is of one grid, without `fit`, `layers` and local transfer");
+    if (const double depth = depth_of(*settings.medium);
+        !settings.scattering->times && depth > most_depth)
+        throw Error(ErrorKind::invalid,
+                    format("light crosses %.3g mean free paths of the `medium`, and is scattered "
+                           "too often to be followed to the end; give a number by `scattering`, or "
+                           "%.2g times the medium",
+                           depth, most_depth / depth));
+}
+
+/// About how often light is scattered before next to nothing of it is left.
+int expected_orders(const BakeSettings& settings) {
+    const double depth = depth_of(*settings.medium);
+    const int all = int(std::ceil(3 + 2.6 * std::min(depth, most_depth)));
+    return settings.scattering->times ? std::min(*settings.scattering->times - 1, all) : all;
+}
+
+/// Each order is lit and solved as the field was.
+void plan_scattering(const solver::Cost& cost, BakePlan& plan) {
+    if (!plan.settings.scattering || plan.settings.scattering->times == 1)
+        return;
+    double seconds = 0;
+    for (const StageReport& stage : plan.stages)
+        seconds += stage.name == "lighting" ? stage.seconds : 0;
+    for (const StageReport& stage : cost.stages)
+        seconds += stage.name == "walls" ? 0 : stage.seconds;
+    const int orders = expected_orders(plan.settings);
+    plan.stages.push_back({"scattering", orders * seconds, format("about %d orders", orders)});
+    plan.host_bytes +=
+        plan.grid.size() * (plan.settings.medium->g == 0 ? 12 : 108)
+        + 24 * plan.grid.size() * uint64_t(volume::sh_count(plan.settings.solver.order()));
+}
+
 /// What air scatters in a grid.
 void plan_air(const SceneFacts& scene, const Grid& grid, const std::string& of, BakePlan& plan) {
     if (!plan.settings.medium)
@@ -529,6 +592,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     if (settings.medium && (settings.points > 0 || settings.adaptive || !settings.layers.empty()))
         throw Error(ErrorKind::argument,
                     "`medium` is of grids and levels, not of `at`, `adaptive` and `layers`");
+    check_scattering(beamed_lights(scene.lights, {}) > 0, plan.settings);
     if (!settings.local_transfer.object)
         scene::check_light_arrives(scene.path, {.punctual = !scene.lights.empty(),
                                                 .emitters = plan.emitters,
@@ -579,6 +643,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
         plan.stages.insert(plan.stages.end(), cost.stages.begin(), cost.stages.end());
         if (level == 0)
             plan.skipped.insert(plan.skipped.end(), cost.skipped.begin(), cost.skipped.end());
+        plan_scattering(cost, plan);
         plan_air(scene, grid, of_level(level, plan), plan);
         plan_direct(scene, grid, of_level(level, plan), plan);
         plan_local_transfer(grid, of_level(level, plan), plan);

@@ -58,6 +58,11 @@ struct LocalTransferSettings {
     double radius_of(double cell) const; ///< in a grid of such cells
 };
 
+/// How often light is scattered in a medium.
+struct Scattering {
+    std::optional<int> times; ///< at most; none: until next to nothing is missing
+};
+
 /// Defaults are those of the program: sn, order 2, all reflections.
 struct BakeSettings {
     BakeSettings() : BakeSettings(*solver_kinds().front()) {}
@@ -80,9 +85,12 @@ struct BakeSettings {
     /// Whose picture of the surfaces the volume is fitted to (bake/surface_fit.h); null: nobody's,
     /// it is the field at the cells' centres.
     const readers::Reader* fit = nullptr;
-    bool dering = true;                     ///< before it is fitted (bake/surface_fit.h)
-    DirectSettings direct;                  ///< of one grid or of levels
-    std::optional<medium::Medium> medium;   ///< of them, too, and not of turned grids
+    bool dering = true;                   ///< before it is fitted (bake/surface_fit.h)
+    DirectSettings direct;                ///< of one grid or of levels
+    std::optional<medium::Medium> medium; ///< of them, too, and not of turned grids
+    /// The field is that in the medium, of one grid by a solver of SolverKind::in_air; none: it is
+    /// as without it.
+    std::optional<Scattering> scattering;
     LocalTransferSettings local_transfer;   ///< of grids
     std::vector<volume::Adjustment> adjust; ///< of validity, and of what is fitted
     /// Of the light, by a solver that has SolverKind::layers, in grids, levels or volumes of what

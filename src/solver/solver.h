@@ -206,6 +206,7 @@ struct SolverKind {
     bool at_places = false; ///< it can solve given places, not only a grid
     Layering layers = Layering::none;
     Nesting nesting = Nesting::none;
+    bool in_air = false; ///< it can solve where Visibility::air() takes and sends light
     std::span<const Parameter> parameters;
     /// From the fastest to the most accurate, at least one. One is Quality::balanced, or else the
     /// first stands for it.

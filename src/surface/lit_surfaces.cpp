@@ -226,7 +226,13 @@ struct KeptOfElement {
     glm::vec3 tint(uint32_t ray) const { return rays.tint(element, ray); }
 };
 
-/// What lights a side without another reflection: suns, emitters and sky.
+/// Air that sends light, which then is all there is; null: none.
+const visibility::Air* lit_air(const visibility::Visibility& visibility) {
+    const visibility::Air* const air = visibility.air();
+    return air && air->is_lit() ? air : nullptr;
+}
+
+/// What lights a side without another reflection: suns, emitters and sky, or air.
 struct DirectLight {
     const LitSurfaces& lit;
     const visibility::Visibility& visibility;
@@ -241,10 +247,14 @@ struct DirectLight {
     template <class From, class Meet, class Kept = AllAnew>
     glm::vec3 by_rays(const From& side, const Meet& meet, const Kept& kept = {}) const {
         glm::vec3 around{0.0f};
+        const visibility::Air* const air = lit_air(visibility);
         const glm::vec3 direct = emitted(
             side,
             [&](const Meeting& meeting) {
-                if (meeting.none())
+                if (air)
+                    around += air->sent(meeting.from, meeting.direction, 0.0f,
+                                        meeting.none() ? HUGE_VALF : meeting.hit.t);
+                else if (meeting.none())
                     around += meeting.hit.tint * scene::sky_rest(sky, meeting.direction);
                 meet(meeting);
             },
@@ -605,7 +615,8 @@ void reflect(const Scene& scene, const scene::Frame& frame, const LightingSettin
                 share * (lamps.of(side, layer) + suns.of(side, layer));
     });
     lit.bounces = 1;
-    if (!emission.empty() || scene::has_sky(scene) || settings.bounces != 1)
+    if (!emission.empty() || scene::has_sky(scene) || settings.bounces != 1
+        || lit_air(*lit.visibility))
         reflect_around(scene, frame, settings, layers, emission, keeper, lit, progress);
     if (settings.maps)
         each_side([&](uint32_t side, glm::vec3 share) {
@@ -631,13 +642,14 @@ LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& vis
         lit.receivers = std::move(cover.receivers);
     }
     Keeper keeper(settings.cache, lit);
-    const Direct direct = settings.bounces != 0
+    const bool dark = lit_air(visibility) != nullptr; // but for the air
+    const Direct direct = settings.bounces != 0 && !dark
                               ? light_directly(scene, frame, layers, keeper, lit, progress)
                               : Direct{};
     keeper.settle(lit);
     lit.luminance.assign(2 * lit.patches.size(), glm::vec3(0.0f));
     lit.layers.assign(layers.size() * lit.luminance.size(), glm::vec3(0.0f));
-    const std::vector<glm::vec3> emission = settings.emitters && scene::has_emitters(scene)
+    const std::vector<glm::vec3> emission = settings.emitters && !dark && scene::has_emitters(scene)
                                                 ? emission_of(lit.patches)
                                                 : std::vector<glm::vec3>{};
     if (settings.bounces != 0)

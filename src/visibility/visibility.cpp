@@ -397,13 +397,32 @@ RTCDevice new_device(Isa isa) {
 
 Visibility::Visibility(std::shared_ptr<Impl> impl, float scale, glm::vec3 offset)
     : impl_(std::move(impl)),
-      captures_(std::make_unique<Captures>()),
+      captures_(std::make_shared<Captures>()),
       scale_(scale),
       offset_(offset) {}
 
 Visibility Visibility::in_frame(const scene::Frame& own, const scene::Frame& other) const {
-    return {impl_, scale_ * float(other.unit / own.unit),
-            to_structure(glm::vec3(own.from_world(other.origin)))};
+    Visibility placed(impl_, scale_ * float(other.unit / own.unit),
+                      to_structure(glm::vec3(own.from_world(other.origin))));
+    placed.air_ = air_;
+    return placed;
+}
+
+Visibility Visibility::in_air(std::shared_ptr<const Air> air) const {
+    Visibility other(impl_, scale_, offset_);
+    other.captures_ = captures_;
+    other.air_ = std::move(air);
+    return other;
+}
+
+void Visibility::dim(const Ray& ray, Hit& hit) const {
+    if (air_)
+        hit.tint *= air_->left(ray.origin, ray.direction, ray.t_min,
+                               hit.instance == no_hit ? ray.t_max : hit.t);
+}
+
+glm::vec3 Visibility::left_in_air(const Ray& ray) const {
+    return air_ ? air_->left(ray.origin, ray.direction, ray.t_min, ray.t_max) : glm::vec3(1.0f);
 }
 
 Visibility::Visibility(const Scene& scene, const scene::Frame& frame, Isa isa,
@@ -669,7 +688,10 @@ glm::vec3 Visibility::hi() const {
 }
 
 Hit Visibility::closest(const Ray& ray) const {
-    return nearest(*impl_, to_structure(ray), Seen::by_light);
+    const Ray placed = to_structure(ray);
+    Hit hit = nearest(*impl_, placed, Seen::by_light);
+    dim(placed, hit);
+    return hit;
 }
 
 Hit Visibility::closest_front(const Ray& ray) const {
@@ -705,8 +727,10 @@ float Visibility::transmittance(const Ray& ray) const {
 }
 
 glm::vec3 Visibility::filter(const Ray& ray) const {
-    return left_of<glm::vec3>(*impl_, to_structure(ray),
-                              [&](const Ray& of) { return filter_of_others(of); });
+    const Ray placed = to_structure(ray);
+    const glm::vec3 passed =
+        left_of<glm::vec3>(*impl_, placed, [&](const Ray& of) { return filter_of_others(of); });
+    return passed == glm::vec3(0.0f) ? passed : passed * left_in_air(placed);
 }
 
 glm::vec3 Visibility::filter_of_others(const Ray& ray) const {
@@ -738,7 +762,7 @@ bool Visibility::is_veiled() const {
 }
 
 bool Visibility::is_tinted() const {
-    return impl_->any_tinting;
+    return impl_->any_tinting || air_;
 }
 
 std::span<const Ray> Visibility::to_structure(std::span<const Ray> rays,
@@ -769,6 +793,7 @@ void Visibility::closest_of_eights(std::span<const Ray> rays, Bundle bundle,
                              {hit.u[i], hit.v[i]}, {hit.Ng_x[i], hit.Ng_y[i], hit.Ng_z[i]});
             look_back(query, some[i], unsigned(i), hits[first + i]);
             turn_to_front(*impl_, some[i], hits[first + i]);
+            dim(some[i], hits[first + i]);
         }
     }
 }
@@ -783,10 +808,14 @@ void Visibility::filter_of_eights(std::span<const Ray> rays, Bundle bundle,
         Packet packet(some);
         query.met_others = 0;
         rtcOccluded8(packet.valid, impl_->bvh, &query.context, &packet.r.ray);
-        for (size_t i = 0; i < some.size(); ++i)
-            result[first + i] = packet.r.ray.tfar[i] < 0.0f    ? glm::vec3(0.0f)
-                                : query.met_others & (1u << i) ? filter_of_others(some[i])
-                                                               : glm::vec3(1.0f);
+        for (size_t i = 0; i < some.size(); ++i) {
+            glm::vec3& passed = result[first + i];
+            passed = packet.r.ray.tfar[i] < 0.0f    ? glm::vec3(0.0f)
+                     : query.met_others & (1u << i) ? filter_of_others(some[i])
+                                                    : glm::vec3(1.0f);
+            if (air_ && passed != glm::vec3(0.0f))
+                passed *= left_in_air(some[i]);
+        }
     }
 }
 

@@ -7,6 +7,7 @@
 
 #include "scene/frame.h"
 #include "scene/roles.h"
+#include "visibility/air.h"
 #include "visibility/isa.h"
 
 #include <cstdint>
@@ -39,7 +40,8 @@ struct Hit {
     glm::vec2 barycentric{0};   ///< weights of the triangle's second and third vertex
     glm::vec3 normal{0};        ///< unit, out of the triangle's front
     Facing facing = Facing::front;
-    glm::vec3 tint{1.0f}; ///< what the surfaces that the ray has passed make of light, hit or not
+    glm::vec3 tint{
+        1.0f}; ///< what surfaces and air that the ray has passed make of light, hit or not
 };
 
 /// One surface on the way of a ray.
@@ -87,6 +89,10 @@ public:
     /// The same surfaces, asked in units of frame `other` where this is asked in those of `own`.
     /// Both have one structure.
     Visibility in_frame(const scene::Frame& own, const scene::Frame& other) const;
+    /// The same surfaces in air, in the frame that the structure was built in: what is left of
+    /// light is among the tints of hits and in what filter() tells. Null: in none.
+    Visibility in_air(std::shared_ptr<const Air> air) const;
+    const Air* air() const { return air_.get(); }
     /// Units of the frame that the structure was built in, in one of this one's.
     float scale() const { return scale_; }
 
@@ -96,9 +102,10 @@ public:
     Hit closest(const Ray& ray) const;
     /// The same for an eye, to which the back of a single-sided surface is never there.
     Hit closest_front(const Ray& ray) const;
-    /// Product of the shares that all surfaces on the segment let through, 0 to 1.
+    /// Product of the shares that all surfaces on the segment let through, 0 to 1; not of air.
     float transmittance(const Ray& ray) const;
-    /// What is left of light on the segment, a channel: those shares and the tints.
+    /// What is left of light on the segment, a channel: those shares, the tints, and what air
+    /// leaves.
     glm::vec3 filter(const Ray& ray) const;
     /// The tints alone, of what light or, with `fronts`, an eye has passed; those of surfaces at
     /// the segment's end are not among them.
@@ -107,7 +114,7 @@ public:
     std::string tracer() const;
     /// Some surface lets a part of the light pass.
     bool is_veiled() const;
-    /// Some surface colours what it lets through.
+    /// Some surface colours what it lets through, or air does.
     bool is_tinted() const;
     /// All surfaces on the segment by rising t. A ray through an edge that two triangles of an
     /// instance share meets them as one.
@@ -154,6 +161,9 @@ private:
     struct Captures;
     friend class PackedRays;
     Visibility(std::shared_ptr<Impl> impl, float scale, glm::vec3 offset);
+    /// Of a ray in the structure's frame.
+    void dim(const Ray& ray, Hit& hit) const;
+    glm::vec3 left_in_air(const Ray& ray) const;
     bool is_placed() const { return scale_ != 1.0f || offset_ != glm::vec3(0.0f); }
     /// From this frame to that of the structure.
     glm::vec3 to_structure(glm::vec3 point) const {
@@ -168,7 +178,8 @@ private:
     /// Where no surface on the segment is opaque.
     glm::vec3 filter_of_others(const Ray& ray) const;
     std::shared_ptr<Impl> impl_;
-    std::unique_ptr<Captures> captures_;
+    std::shared_ptr<Captures> captures_;
+    std::shared_ptr<const Air> air_;
     float scale_ = 1.0f;
     glm::vec3 offset_{0.0f};
 };

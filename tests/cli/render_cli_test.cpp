@@ -320,6 +320,29 @@ TEST_F(RenderCli, AirAttenuatesAndScatters) {
     expect_error(picture + "-o a.png --fog-method march:4", cmd::ExitCode::usage, "--medium");
 }
 
+TEST_F(RenderCli, AFieldInAirIsShownInIt) {
+    const CliResult baked =
+        run_lpvbake(folder_, "bake \"$ROOM\" -o air.vdb --resolution 8 --medium scatter=0.05,"
+                             "absorb=0.1 --scattering 2 --bounces 1");
+    ASSERT_EQ(baked.status, 0) << baked.err;
+    EXPECT_NE(baked.out.find("\nscattering"), std::string::npos) << baked.out;
+    const std::string picture = "\"$ROOM\" air.vdb --size 16x12 --samples 2 --point 0,1,1,50 ";
+    const CliResult clear = run(picture + "-o clear.exr");
+    EXPECT_NE(clear.err.find("--medium"), std::string::npos) << clear.err;
+    const CliResult dim = run(picture + "-o dim.exr --show direct --medium absorb=1");
+    EXPECT_EQ(dim.status, 0) << dim.err;
+    run(picture + "-o bright.exr --show direct --medium absorb=1e-7");
+    const image::Pixels less = exr("dim.exr"), more = exr("bright.exr");
+    double left = 0, sum = 0;
+    for (std::size_t i = 0; i < less.samples.size(); ++i) {
+        left += double(less.samples[i]);
+        sum += double(more.samples[i]);
+    }
+    EXPECT_GT(left, 0);
+    EXPECT_LT(left, 0.5 * sum);
+    expect_error(picture + "-o a.exr --reference 2", cmd::ExitCode::unsupported, "--scattering");
+}
+
 TEST_F(RenderCli, VolumeLightTellsHowFarItIsFromExact) {
     const std::string picture = "\"$ROOM\" v.vdb -o a.exr --size 48x36 --samples 1 --sun 30,50,1e5 "
                                 "--medium scatter=0.2,g=0.2 ";

@@ -164,7 +164,7 @@ class Documents(unittest.TestCase):
         run("render_dry_run", *render, "--dry-run")
         air = [*bake, "-o", "air.vdb", "--medium", "scatter=0.1/0.2/0.3,g=0.5,height=1:2"]
         run("bake", *air)
-        run("bake_dry_run", *air, "--dry-run")
+        run("bake_dry_run", *air, "--dry-run", "--solver", "sn", "--scattering", "2")
         run("bake", *bake, "-o", "local.vdb", "--local-transfer", "cells", "--radius", "0.5")
         run("render", "render", "box.gltf", "local.vdb", "--threads", "1", "--size", "16x16", "-o", "picture.png",
             "--samples", "1", "--relight", "lrt")

@@ -93,7 +93,13 @@ void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
                                            visibility::Bundle::tight, hits);
         for (size_t i = 0; i < places.size(); ++i) {
             const Sight sight = light.sight(hits[i], -travel[d]);
-            luminance[i * stride + d] = glm::vec4(light.luminance(sight, -travel[d]), 0.0f);
+            glm::vec4& arrives = luminance[i * stride + d];
+            const float end = sight.side == Sight::sky ? HUGE_VALF : hits[i].t;
+            arrives =
+                glm::vec4(light.part == LightPart::surfaces
+                              ? light.luminance(sight, -travel[d])
+                              : light.air->sent(points[i], -travel[d], 0.0f, end),
+                          light.air ? light.air->column(points[i], -travel[d], 0.0f, end) : 0.0f);
             if (sights)
                 sights->sides[first + i * stride + d] = sight.side;
             if (sights && !sights->tints.empty())

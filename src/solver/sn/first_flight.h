@@ -17,6 +17,12 @@ struct Sight {
     glm::vec3 tint;
 };
 
+/// Which part of the light is swept.
+enum class LightPart {
+    surfaces, ///< that of surfaces and the sky
+    air,      ///< what air sends before those
+};
+
 /// Light of surfaces and the sky; refers to them.
 struct SnLight {
     const surface::LitSurfaces& lit;
@@ -26,6 +32,9 @@ struct SnLight {
     /// One of LitSurfaces::layers instead: of surfaces the share that is seen of all light.
     const scene::LightLayer* layer = nullptr;
     size_t index = 0; ///< of the layer
+    /// Null: there is none. `visibility` knows nothing of it.
+    const visibility::Air* air = nullptr;
+    LightPart part = LightPart::surfaces; ///< air: where there is some
 
     Sight sight(const visibility::Hit& hit, glm::vec3 direction) const;
     /// What a ray of this direction sees, nits.
@@ -53,7 +62,8 @@ struct SnPlace {
 };
 
 /// The luminance (nits) that arrives along each direction of travel in up to eight cells:
-/// luminance[cell * stride + direction]. What the rays met is kept in `sights`, if it is not null,
+/// luminance[cell * stride + direction], of surfaces as it leaves them, and in w the column of air
+/// before them. What the rays met is kept in `sights`, if it is not null,
 /// from `first` on.
 void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
                     std::span<const glm::vec3> travel, size_t stride,

@@ -70,8 +70,8 @@ public:
     SnSolver(const gpu::Device& device, const Grid& grid, const SnSettings& settings)
         : settings_(settings),
           program_(std::async(in_background(), [&device, &grid, settings] {
-              return SnProgram(device, grid, settings);
-          })) {}
+                       return SnProgram(device, grid, settings);
+                   }).share()) {}
 
     void solve(const Inputs& inputs, Stages& stages, Volume& volume) override {
         solve_layers(inputs, stages, volume, {});
@@ -81,22 +81,24 @@ public:
                       std::span<Volume> volumes) override {
         const gather::Layers layers{inputs.layers, volumes};
         find_validity(inputs, stages, volume);
-        const SnProgram sn = program_.get();
-        const Sky& sky = inputs.scene.sky;
+        const SnProgram& sn = program_.get();
+        const visibility::Air* const air = inputs.visibility.air();
+        const Sky none, &sky = air && air->is_lit() ? none : inputs.scene.sky;
         stages.begin("gather");
         const float limit =
             sn.gather_peaks(*inputs.lit, inputs.visibility, sky, stages.progress(), volume, layers);
-        stages.end(format("what is brighter than %.4g nits", double(limit)));
+        stages.end(air ? "nothing: in air all light is swept"
+                       : format("what is brighter than %.4g nits", double(limit)));
         stages.begin("sweep", 100);
         sn.sweep(*inputs.lit, inputs.visibility, sky, limit, stages.progress(), volume, layers,
-                 {inputs.cache, inputs.frame});
+                 {air ? nullptr : inputs.cache, inputs.frame});
         stages.end(format("%d directions", settings_.directions));
         volume.metadata["directions"] = std::to_string(settings_.directions);
     }
 
 private:
     SnSettings settings_;
-    std::future<SnProgram> program_;
+    std::shared_future<SnProgram> program_;
 };
 
 } // namespace
@@ -108,6 +110,7 @@ constinit const SolverKind sn_kind{
     .default_bounces = std::nullopt,
     .layers = Layering::any,
     .nesting = Nesting::independent,
+    .in_air = true,
     .parameters = parameters,
     .ladder = ladder,
     .map_size = [](const Grid&, const SolverSettings&) { return 0; },

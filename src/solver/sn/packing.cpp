@@ -18,6 +18,7 @@ Directions direction_table(const Octant& octant, std::span<const glm::dvec3> pos
     Directions directions;
     directions.table.assign(stride * direction_vec4s, glm::vec4(0.0f));
     directions.weights.assign(stride * coefficients, 0.0f);
+    directions.air.assign(stride * air_direction_vec4s, glm::vec4(0.0f));
     for (size_t i = 0; i < positive.size(); ++i) {
         const glm::dvec3 d = positive[i];
         const int along = d.x > d.y ? d.x > d.z ? 0 : 2 : d.y > d.z ? 1 : 2;
@@ -36,6 +37,10 @@ Directions direction_table(const Octant& octant, std::span<const glm::dvec3> pos
         for (size_t k = 0; k < coefficients; ++k)
             directions.weights[coefficients * i + k] =
                 float(4.0 * glm::pi<double>() / total * double(basis[k]));
+        const volume::ShValues seen = volume::sh_basis(2, -travel);
+        for (uint32_t k = 0; k < 9; ++k)
+            directions.air[air_direction_vec4s * i + k / 4][int(k % 4)] = seen[k];
+        directions.air[air_direction_vec4s * i + 3].x = float(1.0 / d[along]);
     }
     return directions;
 }
@@ -45,16 +50,18 @@ void fill_ring(const SnLight& light, const Directions& directions, uint32_t stri
     ring.resize(texels);
     for (size_t i = 0; i < ring.size(); ++i) {
         const size_t d = i % stride;
-        ring[i] = d < directions.travel.size() ? glm::vec4(
-                      light.luminance({Sight::sky, glm::vec3(1.0f)}, -directions.travel[d]), 0.0f)
-                                               : glm::vec4(0.0f);
+        ring[i] =
+            light.part == LightPart::surfaces && d < directions.travel.size() ? glm::vec4(
+                light.luminance({Sight::sky, glm::vec3(1.0f)}, -directions.travel[d]), 0.0f)
+                                                                              : glm::vec4(0.0f);
     }
 }
 
 void pack_fronts(const FrontOrder& order, const SweepLayout& layout, uint32_t stride,
-                 uint64_t bytes, int begin, Chunk& chunk) {
+                 uint64_t bytes, uint32_t air_vec4s, int begin, Chunk& chunk) {
+    const uint64_t of_cell = std::max(sizeof(Entry), air_vec4s * sizeof(glm::vec4));
     const auto fits = [&](int end) {
-        return order.cells_of(begin, end) * sizeof(Entry) <= bytes
+        return order.cells_of(begin, end) * of_cell <= bytes
                && uint64_t(order.given_of(begin, end)) * stride * sizeof(glm::vec4) <= bytes;
     };
     chunk.begin = begin;
@@ -66,6 +73,28 @@ void pack_fronts(const FrontOrder& order, const SweepLayout& layout, uint32_t st
     chunk.cell_slots.resize(cells.size());
     std::ranges::transform(cells, chunk.cell_slots.begin(),
                            [&](const Entry& entry) { return float(entry.slot % layout.slots()); });
+}
+
+void pack_air(const FrontOrder& order, const Grid& grid, const Directions& directions,
+              const visibility::Air& air, uint32_t coefficients, Chunk& chunk) {
+    glm::vec3 half(0.0f);
+    for (const glm::vec3 travel : directions.travel) {
+        const glm::vec3 size = glm::abs(travel);
+        half += travel * (0.5f / std::max({size.x, size.y, size.z}));
+    }
+    half /= float(directions.travel.size());
+    const uint32_t first = order.first[size_t(chunk.begin)];
+    const size_t count = order.cells_of(chunk.begin, chunk.end);
+    const size_t vec4s = air_vec4s(coefficients);
+    chunk.air.assign(count * vec4s, glm::vec4(0.0f));
+    tbb::parallel_for(size_t(0), count, [&](size_t i) {
+        const glm::vec3 centre = glm::vec3(grid.cell_at(order.cells[first + i].cell)) + 0.5f;
+        const visibility::Air::Place place = air.at(centre - half);
+        glm::vec4* const row = &chunk.air[i * vec4s];
+        row[0] = place.density * glm::vec4(air.extinction(), 1.0f);
+        for (uint32_t k = 0; k < 3 * coefficients; ++k)
+            row[1 + k / 4][int(k % 4)] = place.source[k / 3][int(k % 3)];
+    });
 }
 
 void trace_given(const FrontOrder& order, const SnLight& light, const Directions& directions,

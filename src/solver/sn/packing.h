@@ -17,6 +17,7 @@ struct Directions {
     std::vector<glm::vec3> travel; ///< unit, world axes; fewer than the stride: the rest is padding
     std::vector<glm::vec4> table;  ///< direction_vec4s each
     std::vector<float> weights;    ///< of the coefficients
+    std::vector<glm::vec4> air;    ///< air_direction_vec4s each
 };
 
 /// Of directions in octant (+, +, +), at most `stride`; `total` is the number over the sphere.
@@ -34,11 +35,23 @@ struct Chunk {
     std::vector<float> cell_slots;     ///< of the cells, without their front's base
     std::vector<uint32_t> given_slots; ///< of what is given
     std::vector<glm::vec4> given;      ///< its luminance, nits: [given * stride + direction]
+    std::vector<glm::vec4> air;        ///< air_vec4s of each cell; empty where there is none
 };
 
-/// Lists the fronts from `begin` on that fit `bytes` in each of the lists, one at least.
+/// Of a cell in air whose source has so many coefficients.
+constexpr uint32_t air_vec4s(uint32_t coefficients) {
+    return 1 + sh_vec4s(coefficients);
+}
+
+/// Lists the fronts from `begin` on that fit `bytes` in each of the lists, one at least; where
+/// cells are in air, with so many vec4s each.
 void pack_fronts(const FrontOrder& order, const SweepLayout& layout, uint32_t stride,
-                 uint64_t bytes, int begin, Chunk& chunk);
+                 uint64_t bytes, uint32_t air_vec4s, int begin, Chunk& chunk);
+
+/// Lists what the air is on the way into the chunk's cells, in its middle for the mean of the
+/// directions, with so many coefficients of its source.
+void pack_air(const FrontOrder& order, const Grid& grid, const Directions& directions,
+              const visibility::Air& air, uint32_t coefficients, Chunk& chunk);
 
 /// Finds the luminance of what is given there; and what rays met, unless `sights` is null.
 void trace_given(const FrontOrder& order, const SnLight& light, const Directions& directions,

@@ -14,6 +14,7 @@ layout(constant_id = spec_local_size) const uint local_size = 8u;
 layout(constant_id = spec_march) const uint march = 4u;
 layout(constant_id = spec_coefficients) const uint coefficients = 9u;
 layout(constant_id = spec_directions) const uint directions = 8u;
+layout(constant_id = spec_columns) const uint columns = 0u; // 1: texels hold the air passed, too
 
 layout(push_constant) uniform Push { ProjectPush push; };
 
@@ -44,7 +45,10 @@ void main() {
             sum[4u * i + 3u] = before.w;
         }
         [[unroll]] for (uint direction = 0u; direction < directions; ++direction) {
-            const vec3 luminance = texelFetch(ring, int(texel + direction)).xyz;
+            const vec4 in_ring = texelFetch(ring, int(texel + direction));
+            vec3 luminance = in_ring.xyz;
+            if (columns > 0u)
+                luminance *= exp(-in_ring.w * vec3(push.red, push.green, push.blue));
             [[unroll]] for (uint k = 0u; k < coefficients; ++k) {
                 const uint i = direction * coefficients + k;
                 const float weight = weights[i / 4u][i % 4u];

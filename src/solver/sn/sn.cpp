@@ -145,6 +145,12 @@ float SnProgram::gather_peaks(const surface::LitSurfaces& lit,
                               const visibility::Visibility& visibility, const Sky& sky,
                               Progress& progress, Volume& volume,
                               const gather::Layers& layers) const {
+    if (visibility.air()) { // the gather knows of none: all is swept
+        volume.sh_order = settings_.order;
+        volume.sh.assign(size_t(volume::sh_count(settings_.order)),
+                         std::vector(volume.grid.size(), glm::vec3(0.0f)));
+        return HUGE_VALF;
+    }
     const float limit = peak * mean_luminance({lit, visibility, sky}, volume.grid, volume.validity);
     const bool bright = is_peak(sky, limit);
     const std::vector<scene::LightLayer> gathered = sky_layers(layers.light, bright);
@@ -168,7 +174,7 @@ public:
           plan_(plan_sweep(program.device_, program.grid_, program.settings_.order, program.stride_,
                            program.largest_)),
           occupancy_(find_occupied(lit.patches, program.grid_.dims)),
-          boundary_(reaches_out(lit, visibility, program.grid_)),
+          boundary_(visibility.air() || reaches_out(lit, visibility, program.grid_)),
           sweeps_(sweeps),
           progress_(progress) {}
 
@@ -201,7 +207,11 @@ public:
         const int count = program_.settings_.directions;
         const std::vector<glm::dvec3> positive = sn_octant_directions(count);
         const size_t batches = (positive.size() + stride - 1) / stride;
-        Sweeper sweeper(program_.device_, program_.grid_, plan_, program_.sweep_);
+        std::optional<SweptAir> air;
+        if (light.air)
+            air.emplace(program_.device_, *light.air, light.part, stride, program_.settings_.order);
+        Sweeper sweeper(program_.device_, program_.grid_, plan_, program_.sweep_,
+                        air ? &*air : nullptr);
         size_t chunks = 0;
         for (int number = 0; number < 8; ++number) {
             const Octant octant(program_.grid_, plan_.layout, number);
@@ -216,7 +226,11 @@ public:
                 fill_ring(light, directions, stride, plan_.ring_texels(), ring_);
                 sweeper.begin(directions, ring_);
                 for (int begin = 0; begin < order.fronts(); begin = chunk_.end) {
-                    pack_fronts(order, plan_.layout, stride, plan_.chunk, begin, chunk_);
+                    pack_fronts(order, plan_.layout, stride, plan_.chunk,
+                                air ? air_vec4s(air->coefficients) : 0, begin, chunk_);
+                    if (air)
+                        pack_air(order, program_.grid_, directions, air->air, air->coefficients,
+                                 chunk_);
                     find_given(light, order, directions, chunks++);
                     sweeper.run(order, chunk_);
                     const double share = double(chunk_.end) / order.fronts();
@@ -289,10 +303,16 @@ void SnProgram::sweep(const surface::LitSurfaces& lit, const visibility::Visibil
         return; // peaks are all there is
     progress.begin("sweep", 100);
     const bool bright = is_peak(sky, limit);
-    SnLight light{lit, visibility, bright ? Sky() : sky_along(sky, settings_.directions), limit};
+    const visibility::Visibility clear = visibility.in_air(nullptr);
+    SnLight light{lit, clear, bright ? Sky() : sky_along(sky, settings_.directions), limit};
+    light.air = visibility.air();
     Sweeping sweeping(*this, lit, visibility, 1 + layers.light.size(), progress);
     sweeping.use(kept, lit);
     sweeping.run(light, volume);
+    if (light.air && light.air->is_lit()) {
+        light.part = LightPart::air;
+        Sweeping(*this, lit, visibility, 1, progress).run(light, volume);
+    }
     const std::vector<scene::LightLayer> swept = sky_layers(layers.light, !bright);
     for (light.index = 0; light.index < swept.size(); ++light.index) {
         light.layer = &swept[light.index];

@@ -1,6 +1,6 @@
-// What the kernels of the sweep (transport.comp, given.comp, project.comp) and the host have to
-// agree on. This file is included by both languages, so it keeps to what C++20 and GLSL 4.60 have
-// in common outside of the blocks that test for __cplusplus.
+// What the kernels of the sweep (transport.comp, transport_air.comp, given.comp, project.comp) and
+// the host have to agree on. This file is included by both languages, so it keeps to what C++20 and
+// GLSL 4.60 have in common outside of the blocks that test for __cplusplus.
 #ifndef LPVBAKE_SOLVER_SN_SWEEP_H
 #define LPVBAKE_SOLVER_SN_SWEEP_H
 
@@ -35,6 +35,10 @@ LPVBAKE_SHARED_CONST uint binding_ring_out = 1u;   // storage buffer, float[], f
 LPVBAKE_SHARED_CONST uint binding_slots = 2u;      // uniform texel buffer, R32F: a slot each
 LPVBAKE_SHARED_CONST uint binding_directions = 3u; // uniform texel buffer, RGBA32F
 
+// transport_air.comp, beside these.
+LPVBAKE_SHARED_CONST uint binding_air = 4u;            // uniform texel buffer, RGBA32F
+LPVBAKE_SHARED_CONST uint binding_air_directions = 5u; // uniform texel buffer, RGBA32F
+
 // given.comp: luminance of places where it is known.
 LPVBAKE_SHARED_CONST uint binding_given_ring = 0u;   // storage buffer, vec4[]
 LPVBAKE_SHARED_CONST uint binding_given_slots = 1u;  // storage buffer, uint[]
@@ -51,12 +55,17 @@ LPVBAKE_SHARED_CONST uint binding_sh_out = 4u;          // storage buffer, vec4[
 // Specialization constants.
 LPVBAKE_SHARED_CONST uint spec_local_size = 0u;   // invocations of a work group
 LPVBAKE_SHARED_CONST uint spec_march = 1u;        // cells that follow each other in an invocation
-LPVBAKE_SHARED_CONST uint spec_coefficients = 2u; // project: of a cell
+LPVBAKE_SHARED_CONST uint spec_coefficients = 2u; // project: of a cell; in air: of its source
 LPVBAKE_SHARED_CONST uint spec_directions = 3u;   // project: of a dispatch
+LPVBAKE_SHARED_CONST uint spec_columns = 4u;      // project: 1 of surfaces in air
 
 // A direction takes two vec4s of the table: the weights of its four taps, and their distance in
 // slots.
 LPVBAKE_SHARED_CONST uint direction_vec4s = 2u;
+// And four more in air: nine harmonics and three zeros, then the way through a cell, cells.
+// A cell takes one, what is taken of light a cell's edge and the density, and its source's
+// coefficients, three channels each, without gaps.
+LPVBAKE_SHARED_CONST uint air_direction_vec4s = 4u;
 
 // Weights that a dispatch of project.comp reads, at most.
 LPVBAKE_SHARED_CONST uint max_project_weights = 288u;
@@ -66,6 +75,7 @@ struct TransportPush {
     uint stride;              // texels a slot: directions of the batch
     uint out_base;            // slot that the front starts with
     uint base1, base2, base3; // the same of the fronts before
+    float red, green, blue;   // what air takes, as Air::extinction
 };
 
 struct GivenPush {
@@ -78,16 +88,17 @@ struct GivenPush {
 struct ProjectPush {
     uint first, last; // entries of the list of cells
     uint stride;
-    uint ring_base;  // first direction of those that are added
-    uint first_cell; // the cell that the window of coefficients starts with
-    uint sh_base;    // where that cell's coefficients start, in vec4s
+    uint ring_base;         // first direction of those that are added
+    uint first_cell;        // the cell that the window of coefficients starts with
+    uint sh_base;           // where that cell's coefficients start, in vec4s
+    float red, green, blue; // as TransportPush
 };
 
 #ifdef __cplusplus
-static_assert(sizeof(TransportPush) == 28);
+static_assert(sizeof(TransportPush) == 40);
 static_assert(offsetof(TransportPush, base3) == 24);
 static_assert(sizeof(GivenPush) == 20);
-static_assert(sizeof(ProjectPush) == 24);
+static_assert(sizeof(ProjectPush) == 36);
 
 /// vec4s of a cell's coefficients: three channels each, without gaps.
 constexpr uint sh_vec4s(uint coefficients) {

@@ -5,6 +5,7 @@
 #include "solver/sn/given.comp.h"
 #include "solver/sn/project.comp.h"
 #include "solver/sn/transport.comp.h"
+#include "solver/sn/transport_air.comp.h"
 #include "volume/sh.h"
 
 #include <tbb/parallel_for.h>
@@ -97,39 +98,69 @@ SweepPlan plan_sweep(const gpu::Device& device, const Grid& grid, int order, uin
             (weights + info.window_alignment - 1) / info.window_alignment * info.window_alignment};
 }
 
+namespace {
+
+gpu::Program compile_project(const gpu::Device& device, uint32_t stride, int order, bool columns) {
+    using gpu::Binding;
+    constexpr Binding bindings[] = {Binding::texels_rgba32, Binding::storage, Binding::uniform,
+                                    Binding::texels_rgba32, Binding::storage};
+    const SweepTiling tiling = tiling_for(device);
+    const uint32_t constants[] = {tiling.local_size, tiling.project_march,
+                                  uint32_t(volume::sh_count(order)),
+                                  projected_directions(stride, order), columns ? 1u : 0u};
+    return gpu::Program(device, shaders::project_comp, bindings, sizeof(ProjectPush), constants);
+}
+
+gpu::Program compile_transport_in_air(const gpu::Device& device, uint32_t coefficients) {
+    using gpu::Binding;
+    constexpr Binding bindings[] = {Binding::texels_rgba32, Binding::storage,
+                                    Binding::texels_r32,    Binding::texels_rgba32,
+                                    Binding::texels_rgba32, Binding::texels_rgba32};
+    const SweepTiling tiling = tiling_for(device);
+    const uint32_t constants[] = {tiling.local_size, tiling.march, coefficients};
+    return gpu::Program(device, shaders::transport_air_comp, bindings, sizeof(TransportPush),
+                        constants);
+}
+
+} // namespace
+
 SweepPrograms compile_sweep(const gpu::Device& device, uint32_t stride, int order) {
     using gpu::Binding;
     const SweepTiling tiling = tiling_for(device);
     constexpr Binding transport[] = {Binding::texels_rgba32, Binding::storage, Binding::texels_r32,
                                      Binding::texels_rgba32};
     constexpr Binding given[] = {Binding::storage, Binding::storage, Binding::texels_rgba32};
-    constexpr Binding project[] = {Binding::texels_rgba32, Binding::storage, Binding::uniform,
-                                   Binding::texels_rgba32, Binding::storage};
     const uint32_t constants[] = {tiling.local_size, tiling.march};
-    const uint32_t project_constants[] = {tiling.local_size, tiling.project_march,
-                                          uint32_t(volume::sh_count(order)),
-                                          projected_directions(stride, order)};
     return {
         gpu::Program(device, shaders::transport_comp, transport, sizeof(TransportPush), constants),
         gpu::Program(device, shaders::given_comp, given, sizeof(GivenPush), constants),
-        gpu::Program(device, shaders::project_comp, project, sizeof(ProjectPush),
-                     project_constants)};
+        compile_project(device, stride, order, false)};
 }
 
+SweptAir::SweptAir(const gpu::Device& device, const visibility::Air& of, LightPart part,
+                   uint32_t stride, int order)
+    : air(of),
+      coefficients(part == LightPart::air ? uint32_t(of.coefficients()) : 0),
+      transport(compile_transport_in_air(device, coefficients)),
+      project(compile_project(device, stride, order, part == LightPart::surfaces)) {}
+
 Sweeper::Sweeper(const gpu::Device& device, const Grid& grid, const SweepPlan& plan,
-                 const SweepPrograms& programs)
+                 const SweepPrograms& programs, const SweptAir* in_air)
     : device_(device),
       grid_(grid),
       plan_(plan),
       programs_(programs),
+      in_air_(in_air),
       sh_(device, grid.size() * plan.cell_bytes),
       ring_(device, plan.ring_texels() * texel),
       table_(device, plan.stride * direction_vec4s * texel),
       weights_(device, plan.stride / plan.at_once * plan.weight_bytes),
+      air_table_(device, plan.stride * air_direction_vec4s * texel),
       cells_(device, texel),
       cell_slots_(device, texel),
       given_slots_(device, texel),
       given_(device, texel),
+      air_(device, texel),
       batch_(device) {
     gpu::clear(device, sh_);
 }
@@ -137,6 +168,8 @@ Sweeper::Sweeper(const gpu::Device& device, const Grid& grid, const SweepPlan& p
 void Sweeper::begin(const Directions& directions, std::span<const glm::vec4> ring) {
     const size_t coefficients = size_t(volume::sh_count(plan_.order));
     put(device_, table_, std::span(directions.table));
+    if (in_air_)
+        put(device_, air_table_, std::span(directions.air));
     for (uint32_t d = 0; d < plan_.stride; d += plan_.at_once)
         gpu::upload(device_, weights_, d / plan_.at_once * plan_.weight_bytes,
                     std::as_bytes(std::span(directions.weights)
@@ -173,6 +206,8 @@ void Sweeper::upload(const FrontOrder& order, const Chunk& chunk) {
         replace(device_, given_slots_, std::span(chunk.given_slots));
         replace(device_, given_, std::span(chunk.given));
     }
+    if (in_air_)
+        replace(device_, air_, std::span(chunk.air));
 }
 
 gpu::Groups Sweeper::groups_of(uint32_t entries) const {
@@ -192,10 +227,14 @@ void Sweeper::record_transport(uint32_t first, uint32_t last, int front) {
     if (last == first)
         return;
     const auto base = [&](int lag) { return plan_.layout.base(front + int(ring_fronts) - lag); };
-    const gpu::Window windows[] = {gpu::whole(ring_), gpu::whole(ring_), gpu::whole(cell_slots_),
-                                   gpu::whole(table_)};
-    const TransportPush push{first, last, plan_.stride, base(0), base(1), base(2), base(3)};
-    batch_.dispatch(programs_.transport, windows, bytes_of(push), groups_of(last - first));
+    const gpu::Window windows[] = {gpu::whole(ring_),  gpu::whole(ring_), gpu::whole(cell_slots_),
+                                   gpu::whole(table_), gpu::whole(air_),  gpu::whole(air_table_)};
+    const glm::vec3 taken = in_air_ ? in_air_->air.extinction() : glm::vec3(0.0f);
+    const TransportPush push{first,   last,    plan_.stride, base(0), base(1),
+                             base(2), base(3), taken.x,      taken.y, taken.z};
+    batch_.dispatch(in_air_ ? in_air_->transport : programs_.transport,
+                    std::span(windows).first(in_air_ ? 6 : 4), bytes_of(push),
+                    groups_of(last - first));
 }
 
 void Sweeper::record_project(std::span<const Entry> cells, uint32_t first, uint32_t last) {
@@ -210,7 +249,9 @@ void Sweeper::record_project(std::span<const Entry> cells, uint32_t first, uint3
                 ++until;
         const uint64_t start = slab_of(first) * slab_cells;
         const uint64_t stop = std::min(start + slab_cells, uint64_t(grid_.size()));
-        ProjectPush push{first, until, plan_.stride, 0, uint32_t(start), 0};
+        const glm::vec3 taken = in_air_ ? in_air_->air.extinction() : glm::vec3(0.0f);
+        ProjectPush push{first, until,   plan_.stride, 0,      uint32_t(start),
+                         0,     taken.x, taken.y,      taken.z};
         const gpu::Window coefficients = gpu::window_over(sh_, start * quads, stop * quads, texel,
                                                           plan_.alignment, push.sh_base);
         for (uint32_t d = 0; d < plan_.stride; d += plan_.at_once) {
@@ -221,7 +262,7 @@ void Sweeper::record_project(std::span<const Entry> cells, uint32_t first, uint3
                 {&weights_, d / plan_.at_once * plan_.weight_bytes, plan_.weight_bytes},
                 coefficients,
                 coefficients};
-            batch_.dispatch(programs_.project, windows, bytes_of(push),
+            batch_.dispatch(in_air_ ? in_air_->project : programs_.project, windows, bytes_of(push),
                             {(until - first + a_group - 1) / a_group, 1, 1});
         }
     }

@@ -12,6 +12,16 @@ struct SweepPrograms {
     gpu::Program transport, given, project;
 };
 
+/// Air that is swept through, with the kernels for the light of surfaces or for its own.
+struct SweptAir {
+    const visibility::Air& air;
+    uint32_t coefficients; ///< of a cell's source; 0: of surfaces
+    gpu::Program transport, project;
+
+    SweptAir(const gpu::Device& device, const visibility::Air& air, LightPart part, uint32_t stride,
+             int order);
+};
+
 /// How a sweep is cut: by what a binding can see.
 struct SweepPlan {
     SweepLayout layout;
@@ -56,8 +66,9 @@ inline constexpr uint64_t chunk_bytes = uint64_t(20) << 20;
 /// The buffers of a sweep, and what runs on them. The arguments outlive it.
 class Sweeper {
 public:
+    /// `air`: null where there is none.
     Sweeper(const gpu::Device& device, const Grid& grid, const SweepPlan& plan,
-            const SweepPrograms& programs);
+            const SweepPrograms& programs, const SweptAir* air = nullptr);
 
     /// Begins with other directions, and what the ring starts with.
     void begin(const Directions& directions, std::span<const glm::vec4> ring);
@@ -77,8 +88,11 @@ private:
     const Grid& grid_;
     const SweepPlan& plan_;
     const SweepPrograms& programs_;
+    const SweptAir* in_air_;
     gpu::Buffer sh_, ring_, table_, weights_;
-    gpu::Buffer cells_, cell_slots_, given_slots_, given_; ///< of a chunk, as large as the largest
+    gpu::Buffer air_table_;
+    /// Of a chunk, as large as the largest.
+    gpu::Buffer cells_, cell_slots_, given_slots_, given_, air_;
     gpu::Batch batch_;
 };
 
