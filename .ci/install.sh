@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Installs the Debian packages (bookworm) that the build, the tests and the examples need, with
-# --clients also the large programs of the client tests; does nothing where all are there. Run as
-# root or with sudo.
+# --clients also the large programs of the client tests, with --farm also Slurm; does nothing where
+# all are there. Run as root or with sudo.
 set -euo pipefail
 
 packages=(
@@ -19,10 +19,15 @@ packages=(
     clang clang-tidy-14 libclang-rt-14-dev gcovr
     libopenvdb-tools libnanovdb-tools openimageio-tools python3 python3-openvdb python3-openimageio python3-numpy python3-jsonschema
 )
-if [[ ${1:-} == --clients ]]; then
-    packages+=(blender chromium chromium-driver godot3-server nodejs libogre-1.12-dev
-        mono-mcs mono-runtime mmdebstrap dpkg-dev zstd)
-fi
+for option in "$@"; do
+    case $option in
+    --clients)
+        packages+=(blender chromium chromium-driver godot3-server nodejs libogre-1.12-dev
+            mono-mcs mono-runtime mmdebstrap dpkg-dev zstd)
+        ;;
+    --farm) packages+=(slurm-wlm munge procps) ;;
+    esac
+done
 
 missing=()
 for package in "${packages[@]}"; do

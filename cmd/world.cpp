@@ -342,10 +342,11 @@ std::string fault_of(const io::World::Row& row) {
 std::vector<std::size_t> rows_of(const WorldOptions& o, const io::World& world) {
     std::vector<std::size_t> rows;
     for (const auto& [first, last] : o.rows) {
-        if (last >= world.rows.size())
+        if (first >= world.rows.size())
             throw Error(ErrorKind::argument, format("--rows: there is no row %zu; %s has 0 to %zu",
-                                                    last, o.file.c_str(), world.rows.size() - 1));
-        for (std::size_t row = first; row <= last; ++row)
+                                                    first, o.file.c_str(), world.rows.size() - 1));
+        // The last of equal parts may go beyond the end.
+        for (std::size_t row = first; row <= std::min(last, world.rows.size() - 1); ++row)
             if (std::ranges::count(rows, row) == 0)
                 rows.push_back(row);
     }
@@ -519,9 +520,8 @@ options::Action declare(options::Options& options) {
     options.choice("--kind", o.kind, kinds, "Kind of the tiles' files");
     options
         .value("--rows", o.rows, "LIST", parse_rows,
-               "Bake rows of a plan, counted from 0, as 0-9,12; those that are up to date are "
-               "left "
-               "as they are")
+               "Bake rows of a plan, counted from 0, as 0-9,12, of a range those that there are; "
+               "rows that are up to date are left as they are")
         .exclude({"check"});
     options.flag("--check", o.check,
                  "Name rows that are missing, damaged or of something else, and measure what "

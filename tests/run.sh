@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
 # Installs what is missing, builds everything and runs all tests.
 #
-#   tests/run.sh [--clients] [--allow-skip] [--no-fuzz] [--preset NAME]
+#   tests/run.sh [--clients] [--farm] [--allow-skip] [--no-fuzz] [--preset NAME]
 #
 #   --clients     also the tests with Blender, Chromium, Godot, OGRE and Node as clients, beside the
 #                 readers that always run (vdb_print, oiiotool, Python's pyopenvdb). Installs them,
 #                 and takes three.js, ktx-parse and gltf-validator from the npm registry.
+#   --farm        also a Slurm cluster on loopback, which bakes a world. Installs Slurm; needs root.
 #   --allow-skip  tests that did not run (no Vulkan device, no reader) do not fail the run.
 #   --no-fuzz     leaves out the fuzzers, which are built apart and run for seconds each.
 #   --preset      default, debug, sanitize, tsan or lto (see CMakePresets.json).
@@ -16,11 +17,13 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 allow_skip=false
 clients=false
+farm=false
 fuzz=true
 preset=default
 while [[ $# -gt 0 ]]; do
     case $1 in
     --clients) clients=true ;;
+    --farm) farm=true ;;
     --no-fuzz) fuzz=false ;;
     --allow-skip) allow_skip=true ;;
     --preset)
@@ -39,13 +42,17 @@ while [[ $# -gt 0 ]]; do
     shift
 done
 
+install=()
+options=(-DLPVBAKE_CLIENTS=OFF -DLPVBAKE_FARM=OFF)
 if $clients; then
-    .ci/install.sh --clients
-    options=(-DLPVBAKE_CLIENTS=ON)
-else
-    .ci/install.sh
-    options=(-DLPVBAKE_CLIENTS=OFF)
+    install+=(--clients)
+    options[0]=-DLPVBAKE_CLIENTS=ON
 fi
+if $farm; then
+    install+=(--farm)
+    options[1]=-DLPVBAKE_FARM=ON
+fi
+.ci/install.sh "${install[@]}"
 presets=("$preset")
 if $fuzz; then
     presets+=(fuzz)

@@ -199,6 +199,7 @@ TEST_F(WorldCli, WhatCannotBeIsRefusedByName) {
     ASSERT_EQ(run("world " + to + "--tile 16 --scenario 'a:--sky #ffffff,1'").status, 0);
     refused("w.world.json", "--rows 0-9 or --check");
     refused("w.world.json --rows 9", "there is no row 9");
+    refused("w.world.json --rows 9-12", "there is no row 9");
     refused("w.world.json --rows 3-1", "ends before it begins");
     refused("w.world.json --rows a", "is no list of rows");
     refused("w.world.json --cell-size 1", "is planned");
