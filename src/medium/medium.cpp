@@ -63,9 +63,12 @@ double Medium::column(glm::dvec3 from, glm::dvec3 to) const {
         return 0;
     const double length = glm::length(way);
     const auto part = [&](double t0, double t1) {
-        return height ? length * share_of(height, from.y + t0 * way.y)
-                            * decay(way.y / height->scale, 0, t1 - t0)
-                      : length * (t1 - t0);
+        if (!height)
+            return length * (t1 - t0);
+        // From the denser end on: from the other one, far above, it would be 0 times infinity.
+        const double thinning = way.y / height->scale;
+        return length * share_of(height, from.y + (thinning < 0 ? t1 : t0) * way.y)
+               * decay(std::abs(thinning), 0, t1 - t0);
     };
     if (!density)
         return part(in->x, in->y);

@@ -89,6 +89,20 @@ TEST(Media, ColumnsAreSumsOfDensity) {
     EXPECT_EQ(all[0].grain(), 0);
 }
 
+TEST(Media, ThinLayersUnderHighAirHaveColumns) {
+    Medium medium = air(glm::dvec3(1), glm::dvec3(0));
+    medium.box = {{-2, 0, -2}, {2, 1000, 2}};
+    for (const double scale : {1.0, 0.01, 1e-6}) { // e^-1000 and less at the upper end
+        medium.height = medium::Falloff{0, scale};
+        EXPECT_NEAR(medium.column({0, 1100, 0}, {0, -1, 0}), scale, 1e-12 * scale);
+        EXPECT_NEAR(medium.column({0, -1, 0}, {0, 1100, 0}), scale, 1e-12 * scale);
+        EXPECT_EQ(medium.column({0, 1000, 0}, {0, 999, 0}), 0);
+        medium.height = medium::Falloff{1000, -scale}; // under a ceiling
+        EXPECT_NEAR(medium.column({0, 1100, 0}, {0, -1, 0}), scale, 1e-9 * scale);
+        EXPECT_NEAR(medium.column({0, -1, 0}, {0, 1100, 0}), scale, 1e-9 * scale);
+    }
+}
+
 TEST(Media, TooDenseIsRefused) {
     Medium medium = air(glm::dvec3(1), glm::dvec3(0));
     medium::check_medium(medium, "air");
