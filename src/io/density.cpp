@@ -132,7 +132,12 @@ volume::Density read_density(const std::string& path, const std::string& name,
                         place + " holds " + printable(grid->valueType()) + ", not float");
         return density_of(*floats, place, warnings);
     } catch (const openvdb::Exception& failure) {
-        throw Error(ErrorKind::invalid, path + ": " + without_label(failure.what()));
+        // "IoError: ...": a program's name for it says nothing to who runs it.
+        std::string_view what = failure.what();
+        if (const std::size_t label = what.find("Error: "); label != std::string_view::npos)
+            what.remove_prefix(label + 7);
+        throw Error(ErrorKind::invalid,
+                    path + ": cannot be read as an OpenVDB file: " + printable(what, 300));
     } catch (const std::bad_alloc&) {
         throw Error(ErrorKind::memory, path + ": its grid does not fit this machine's memory");
     }

@@ -119,7 +119,20 @@ TEST_F(Density, RefusesOrClampsWhatIsNone) {
     expect_refused({far}, ErrorKind::memory, "voxels are too many");
     const std::string text = folder_ / "text.vdb";
     std::ofstream(text) << "no grids here, but text that is longer than a header has to be";
-    EXPECT_THROW((void)io::read_density(text, "", warnings_), Error);
+    const auto message = [&] {
+        try {
+            (void)io::read_density(text, "", warnings_);
+        } catch (const Error& error) {
+            return std::string(error.what());
+        }
+        return std::string("is read");
+    };
+    EXPECT_EQ(message(), text + ": cannot be read as an OpenVDB file: not a VDB file");
+    const std::string whole = write({with(1)});
+    std::filesystem::copy_file(whole, text, std::filesystem::copy_options::overwrite_existing);
+    std::filesystem::resize_file(text, std::filesystem::file_size(whole) - 30);
+    EXPECT_TRUE(message().starts_with(text + ": cannot be read as an OpenVDB file: ")) << message();
+    EXPECT_EQ(message().find("Error"), std::string::npos) << message();
     EXPECT_THROW((void)io::read_density(folder_ / "none.vdb", "", warnings_), Error);
 }
 
