@@ -170,7 +170,14 @@ BakePlan plan_pilot(const SceneFacts& facts, const BakeSettings& settings,
     pilot.solver.set("vpls", many_clusters + solver::more_clusters + solver::few_clusters);
     pilot.fit = nullptr;
     pilot.points = most_cells;
-    return plan_bake(facts, pilot, device);
+    // What no points have: beams of static lights, and air.
+    pilot.direct = {};
+    pilot.medium.reset();
+    pilot.scattering.reset();
+    SceneFacts looked_at = facts;
+    for (Light& light : looked_at.lights)
+        light.is_static = false;
+    return plan_bake(looked_at, pilot, device);
 }
 
 std::optional<solver::Pilot> run_pilot(const Scene& scene, const BakePlan& plan,

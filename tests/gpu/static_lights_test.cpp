@@ -1,5 +1,6 @@
 // Static lights: their direct light in the field, beside paths that have it too.
 #include "bake/bake.h"
+#include "bake/pilot.h"
 #include "gpu/device.h"
 #include "reference/reference.h"
 #include "scenes.h"
@@ -187,6 +188,30 @@ TEST_F(StaticLights, AllLightIsWhatPathsFind) {
         EXPECT_NEAR(sum / sum_of_paths, 1, 0.006);
         EXPECT_GT(compared, 60);
     }
+}
+
+TEST_F(StaticLights, APilotLooksAtTheLightThatIsThereWithoutStaticsAndAir) {
+    const Scene scene = scenes_of_all_kinds()[1], fixed = with_static(scene);
+    bake::BakeSettings settings(*bake::find_solver("gather"));
+    settings.bounds = bounds_of(scene);
+    settings.grid.resolution = 12;
+    const auto look = [&](const Scene& at, const bake::BakeSettings& by) {
+        bake::Wish wish;
+        wish.error = 0.05;
+        Progress silent;
+        bake::add_pilot(at, bake::survey(at), by, device(), silent, wish);
+        EXPECT_TRUE(wish.pilot);
+        EXPECT_GT(wish.pilot_seconds, 0);
+        return wish;
+    };
+    const bake::Wish plain = look(scene, settings);
+    settings.direct = {.visibility = true, .sh = true};
+    settings.medium = medium::Medium{glm::dvec3(0.1), glm::dvec3(0), 0.3, bounds_of(scene)};
+    const bake::Wish wish = look(fixed, settings);
+    EXPECT_EQ(wish.pilot_seconds, plain.pilot_seconds);
+    EXPECT_EQ(wish.pilot->bands, plain.pilot->bands);
+    EXPECT_EQ(wish.pilot->clusters, plain.pilot->clusters);
+    EXPECT_GT(wish.pilot->bands[0], 0);
 }
 
 TEST_F(StaticLights, NoneComesIntoASealedRoom) {
