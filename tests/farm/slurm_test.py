@@ -1,4 +1,5 @@
-"""A world baked by a Slurm cluster: rows.sh and check.sh of examples/slurm, with tasks that are killed.
+"""A world baked by a Slurm cluster: rows.sh and check.sh of examples/slurm, with tasks that are killed;
+and by Make.
 
     slurm_test.py LPVBAKE SCENE EXAMPLES
 
@@ -188,6 +189,12 @@ class Farm(unittest.TestCase):
         self.submit(plan, "afterok")
         self.assertEqual(self.settle()["JobState"], "COMPLETED")
         self.assertEqual(before, {path: path.stat().st_mtime_ns for path in plan.parent.glob("*.vdb")})
+
+    def test_make_bakes_the_same(self):
+        plan = self.plan_in(pathlib.Path(self.root.name) / "made")
+        make = ["make", "-s", "-j2", "-f", EXAMPLES / "farms/Makefile", f"LPVBAKE={LPVBAKE}", f"PLAN={plan}", f"ROWS={ROWS}"]
+        subprocess.run(make, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self.assertEqual(self.hashes(plan), self.hashes(self.hand))
 
     def test_rows_that_fail_are_named(self):
         plan = self.plan_in(pathlib.Path(self.root.name) / "failed")
