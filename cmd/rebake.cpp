@@ -145,7 +145,7 @@ void run(RebakeOptions& o) {
     check_baked(o.file, first);
     const std::string settings = fact_in(first, "settings"),
                       output_settings = fact_in(first, "output_settings");
-    const std::set<std::string> groups{"Grid", "Scene", "Light", "Solver", "Output", "Run"};
+    const std::set<std::string> groups{"Grid", "Scene", "Light", "Air", "Solver", "Output", "Run"};
     for (const std::string& text : {settings, output_settings})
         options::read_recorded(text, o.file + ": its settings", groups, o.bake_table);
     const std::string kind = kind_of(o.file);

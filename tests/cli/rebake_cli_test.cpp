@@ -52,6 +52,12 @@ TEST_F(RebakeCli, AVolumeIsBakedAgainByItsSettings) {
          "h.volumes.json"},
         {"--adaptive 0.125..0.25 -o i.vdb", "i.levels.json"},
         {"--resolution 8 --target threejs -o j.glb", "j.glb"},
+        {"--resolution 8 --medium scatter=0.2/0.1/0.1,g=0.3,height=0:1 "
+         "--medium-bounds=-1,0,-1,1,1,1"
+         " --direct sh,shaft --lamp-radius 0.1 -o k.vdb",
+         "k.vdb"},
+        {"--resolution 8 --medium scatter=0.2 --scattering 3 -o l.exr", "l.exr"},
+        {"--resolution 8 --static bulb --beams 2 -o m.vdb", "m.vdb"},
     };
     for (const auto& [options, file] : bakes) {
         bake(options);
