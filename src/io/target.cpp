@@ -326,6 +326,15 @@ std::vector<std::string> warnings_of(const Target& target, const std::string& pa
     if (!reads.empty() && std::find(reads.begin(), reads.end(), volume_format(path)) == reads.end())
         warnings.push_back(path + ": " + name + " reads " + format_list(" and ", false, reads)
                            + "; this has its convention and axes, and no more");
+    const Packing packing = target.pictures.packing;
+    if (volume_format(path)->has_pictures && !volume.others.empty()
+        && (packing == Packing::cube || packing == Packing::vrc || packing == Packing::atlas)) {
+        std::string kinds;
+        for (const OtherGrids& other : volume.others)
+            kinds += (kinds.empty() ? "" : ", ") + std::string(other.kind->name);
+        warnings.push_back(path + ": the pictures of " + name + " have no place for " + kinds
+                           + "; write a .vdb too");
+    }
     return warnings;
 }
 

@@ -20,6 +20,8 @@ constexpr std::array<glm::dvec2, 4> gauss{glm::dvec2{-0.8611363115940526, 0.3478
                                           {0.8611363115940526, 0.3478548451374538}};
 constexpr double widest_angle = 0.2; ///< at a lamp, of a piece that the rule is used on
 constexpr double finest = 0.25;      ///< of Medium::grain(), a step
+constexpr int most_steps = 4096;     ///< of a lit part: a layer may be thinner than any of them
+constexpr double nothing = 1e-10;    ///< of light, that a step takes and nobody sees
 constexpr double nearest = 1e-3;     ///< frame units that a ray passes a lamp by, at least
 
 /// The sum of a volume's coefficients times those of `basis`, of valid cells by their trilinear
@@ -171,7 +173,7 @@ glm::dvec3 Fog::of_parallel(const Source& source, const Part& part, glm::dvec2 l
 
 std::vector<double> Fog::steps_in(const Source* source, const Part& part, glm::dvec2 lit) const {
     const double grain = std::min(1.0, finest * air_.medium().grain() / frame_.unit);
-    const int count = std::max(1, int(std::ceil((lit.y - lit.x) / grain)));
+    const int count = int(std::ceil(std::clamp((lit.y - lit.x) / grain, 1.0, double(most_steps))));
     std::vector<double> ends{lit.x};
     for (int i = 0; i < count; ++i) {
         const double from = ends.back(), to = lit.x + (lit.y - lit.x) * (i + 1) / count;
@@ -198,12 +200,14 @@ glm::dvec3 Fog::in_steps(const Source& source, const Part& part, glm::dvec2 lit)
     const double beside =
         parallel ? 1 : std::max(glm::length(source.at - part.at(middle)), nearest);
     const std::vector<double> ends = steps_in(&source, part, lit);
+    const glm::dvec3 extinction = air_.extinction();
+    const double thickest = std::max({extinction.x, extinction.y, extinction.z});
     double before = air_.column(part.at(part.begin), part.at(lit.x));
     glm::dvec3 sum(0.0);
     for (std::size_t i = 0; i + 1 < ends.size(); ++i) {
         const double from = ends[i], to = ends[i + 1], t = 0.5 * (from + to);
         const double own = air_.column(part.at(from), part.at(to));
-        if (own > 0) {
+        if (own * thickest > nothing) {
             const glm::dvec3 place = part.at(t);
             double more = 1; // the mean of 1 / r^2 over that in the middle
             if (!parallel && to > from)

@@ -254,5 +254,22 @@ TEST(FogOfOtherDensity, StepsComeToWhatManyDo) {
     }
 }
 
+TEST(FogOfOtherDensity, OfAThinLayerIsSeenAllThatItScatters) {
+    Scene scene = nothing();
+    scene.lights = {scenes::sun({0.3, -1, 0.2}, 1000)};
+    const scene::Frame frame{glm::dvec3(0), 0.2, glm::dvec3(20)};
+    const visibility::Visibility visibility(scene, frame);
+    for (const double height : {1e-2, 1e-4, 1e-6, 1e-8}) {
+        Medium medium = air(glm::dvec3(1e-3 / height), glm::dvec3(0), 0);
+        medium.height = medium::Falloff{medium.box.lo.y, height};
+        const medium::Fog fog(scene, visibility, frame, nullptr, medium, {});
+        // Thin, and the sun comes through it: depth over the cosine, evenly to all sides.
+        const glm::dvec3 along = glm::normalize(glm::dvec3(0.5, -1, 0.3));
+        const double seen = fog.direct({0, 15, 0}, along, 200).x;
+        const double expected = 1000 * 1e-3 / -along.y / (4 * glm::pi<double>());
+        EXPECT_NEAR(seen, expected, 0.004 * expected) << height;
+    }
+}
+
 } // namespace
 } // namespace lpvbake

@@ -1,7 +1,9 @@
 // What is stored in so many bytes.
 #include "bake/storage.h"
 #include "unit/volumes.h"
+#include "volume/grids.h"
 
+#include <algorithm>
 #include <cmath>
 
 using namespace lpvbake;
@@ -100,4 +102,19 @@ TEST(Storage, SaysWhatTheLeastIs) {
     EXPECT_EQ(none.kind, ErrorKind::argument);
     EXPECT_EQ(error_of("a.nvdb", [] { choose(wish(1 << 20, "a.nvdb")); }).kind,
               ErrorKind::argument);
+}
+
+TEST(StoredForTargets, GridsThatPicturesHaveNoPlaceForAreNamed) {
+    TemporaryFolder folder;
+    Volume volume = random_volume(glm::ivec3(4), 2, false, 1);
+    volume::set_grids(volume, volume::kind_named("scatter"), 1);
+    const auto warned = [&](const char* target) {
+        const auto report = io::write_for(*io::target_named(target), folder / "a.exr", volume);
+        return std::ranges::any_of(report.warnings, [](const std::string& each) {
+            return each.find("no place for scatter") != std::string::npos;
+        });
+    };
+    EXPECT_TRUE(warned("threejs"));
+    EXPECT_TRUE(warned("vrc"));
+    EXPECT_FALSE(warned("unity"));
 }
