@@ -4,6 +4,7 @@
 #include "lpvbake/error.h"
 #include "options/values.h"
 #include "report/json.h"
+#include "text.h"
 
 #include <algorithm>
 #include <cmath>
@@ -131,6 +132,13 @@ std::optional<medium::Medium> medium_of(const MediumOptions& o, const Scene& sce
     }
     air.box = o.bounds.value_or(air.box);
     medium::check_medium(air, "--medium" + (o.density.empty() ? "" : " of " + o.density));
+    const Bounds scene_box = bounds_of(scene);
+    if (glm::any(glm::greaterThan(air.box.lo, scene_box.hi))
+        || glm::any(glm::lessThan(air.box.hi, scene_box.lo)))
+        warnings.push_back(format("--medium: its box, from %.4g,%.4g,%.4g to %.4g,%.4g,%.4g, lies "
+                                  "beside the scene; --medium-bounds places it",
+                                  air.box.lo.x, air.box.lo.y, air.box.lo.z, air.box.hi.x,
+                                  air.box.hi.y, air.box.hi.z));
     return air;
 }
 

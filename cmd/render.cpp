@@ -637,16 +637,20 @@ transfer::Propagated relight(const RenderOptions& o, const Scene& scene,
     return relit;
 }
 
-/// Of a field that is that in a medium.
-void check_air(const RenderOptions& o, const Volume& volume, TerminalProgress& progress) {
+/// Of a field that is that in a medium, where it is shown in this one.
+void check_air(const RenderOptions& o, const std::optional<medium::Medium>& air,
+               const Volume& volume, TerminalProgress& progress) {
     if (!is_in_air(volume))
         return;
+    const auto own = volume.metadata.find("medium");
+    if (air && own != volume.metadata.end() && own->second != medium::text_of(*air))
+        progress.warn(o.volume + ": the field is that in another medium, --medium " + own->second);
     if (o.reference > 0)
         throw Error(ErrorKind::unsupported,
                     o.volume
                         + ": --reference: paths know light that is scattered once, and the field "
                           "is that in a medium (--scattering); bake it without");
-    if (!o.medium.medium)
+    if (!air)
         progress.warn(o.volume
                       + ": the field is that in a medium, of which the picture shows no more; give "
                         "the bake's --medium");
@@ -667,11 +671,11 @@ void run(const RenderOptions& o) {
         make_static(o.volume, volume, scene);
     if (scene::triangle_count(scene) == 0)
         throw Error(ErrorKind::invalid, scene.path + ": no triangles to draw");
-    check_air(o, volume, run.progress);
-    warn_of_mismatch(o, scene, levels, run.progress);
     std::vector<std::string> warnings;
     const std::optional<medium::Medium> air = medium_of(o.medium, scene, warnings);
+    check_air(o, air, volume, run.progress);
     run.warn(warnings);
+    warn_of_mismatch(o, scene, levels, run.progress);
     warn_of_lamps(o, scene, run.progress);
     const std::unique_ptr<gpu::Device> device = opening.get();
     run.end_stage("load");

@@ -331,6 +331,12 @@ TEST_F(RenderCli, AFieldInAirIsShownInIt) {
     EXPECT_NE(clear.err.find("--medium"), std::string::npos) << clear.err;
     const CliResult dim = run(picture + "-o dim.exr --show direct --medium absorb=1");
     EXPECT_EQ(dim.status, 0) << dim.err;
+    EXPECT_NE(dim.err.find("another medium, --medium scatter=0.05/"), std::string::npos) << dim.err;
+    const CliResult same = run(picture + "-o a.exr --medium scatter=0.05,absorb=0.1");
+    EXPECT_EQ(same.err.find("another medium"), std::string::npos) << same.err;
+    EXPECT_NE(run(picture + "-o a.exr --medium scatter=1 --medium-bounds 50,0,0,51,1,1")
+                  .err.find("beside the scene"),
+              std::string::npos);
     run(picture + "-o bright.exr --show direct --medium absorb=1e-7");
     const image::Pixels less = exr("dim.exr"), more = exr("bright.exr");
     double left = 0, sum = 0;
