@@ -20,28 +20,36 @@ void set_air_grids(const medium::Medium& medium, Volume& volume) {
     volume::set_grids(volume, volume::kind_named("extinction"), 1);
 }
 
+DirectInAir direct_in_air(const Scene& scene, const BakePlan& plan,
+                          const visibility::Visibility& visibility, const scene::Frame& frame,
+                          const Volume& volume, int order, Progress& progress) {
+    medium::BeamSettings beams = beam_settings(plan.settings.direct);
+    beams.order = order;
+    beams.medium = &*plan.settings.medium;
+    DirectInAir direct;
+    direct.sh.assign(std::size_t(volume::sh_count(order)),
+                     std::vector(volume.grid.size(), glm::vec3(0.0f)));
+    for (std::size_t i = 0; i < scene.lights.size(); ++i) {
+        const medium::DirectLight light =
+            medium::direct_light(scene.lights[i], visibility, frame, volume.walls, beams);
+        direct.beams += light.beams;
+        for (std::size_t k = 0; k < direct.sh.size(); ++k)
+            for (std::size_t cell = 0; cell < direct.sh[k].size(); ++cell)
+                direct.sh[k][cell] += light.sh[k][cell];
+        progress.advance(i + 1);
+    }
+    return direct;
+}
+
 void add_air(const Scene& scene, const BakePlan& plan, const visibility::Visibility& visibility,
              const scene::Frame& frame, solver::Stages& stages, Volume& volume) {
     if (!plan.settings.medium)
         return;
     const medium::Medium& air = *plan.settings.medium;
     stages.begin("air", scene.lights.size() + 1);
-    medium::BeamSettings beams = beam_settings(plan.settings.direct);
-    beams.order = air.g == 0 ? 0 : volume.sh_order;
-    beams.medium = &air;
-    const auto count = std::size_t(volume::sh_count(beams.order));
-    const std::size_t cells = volume.grid.size();
-    std::vector<std::vector<glm::vec3>> direct(count, std::vector(cells, glm::vec3(0.0f)));
-    uint64_t sent = 0;
-    for (const Light& source : scene.lights) {
-        const medium::DirectLight light =
-            medium::direct_light(source, visibility, frame, volume.walls, beams);
-        sent += light.beams;
-        for (std::size_t k = 0; k < count; ++k)
-            for (std::size_t cell = 0; cell < cells; ++cell)
-                direct[k][cell] += light.sh[k][cell];
-        stages.progress().advance(1);
-    }
+    const DirectInAir direct = direct_in_air(scene, plan, visibility, frame, volume,
+                                             air.g == 0 ? 0 : volume.sh_order, stages.progress());
+    const std::size_t count = direct.sh.size(), cells = volume.grid.size();
     set_air_grids(air, volume);
     float* const scatter = volume::grids_of(volume, volume::kind_named("scatter"))[0].data;
     float* const extinction = volume::grids_of(volume, volume::kind_named("extinction"))[0].data;
@@ -55,9 +63,9 @@ void add_air(const Scene& scene, const BakePlan& plan, const visibility::Visibil
         std::copy_n(&lost.x, 3, extinction + 3 * cell);
         for (std::size_t k = 0; k < count; ++k) {
             const int band = k == 0 ? 0 : k < 4 ? 1 : k < 9 ? 2 : k < 16 ? 3 : 4;
-            const glm::vec3 light(
-                air.scatter * std::pow(air.g, band)
-                * (density * glm::dvec3(volume.sh[k][cell]) + peak * glm::dvec3(direct[k][cell])));
+            const glm::vec3 light(air.scatter * std::pow(air.g, band)
+                                  * (density * glm::dvec3(volume.sh[k][cell])
+                                     + peak * glm::dvec3(direct.sh[k][cell])));
             if (k == 0) {
                 const glm::vec3 mean = glm::max(volume::sh_y0 * light, glm::vec3(0.0f));
                 std::copy_n(&mean.x, 3, scatter + 3 * cell);
@@ -67,7 +75,7 @@ void add_air(const Scene& scene, const BakePlan& plan, const visibility::Visibil
         }
     });
     volume.metadata["medium"] = medium::text_of(air);
-    stages.end(medium::text_of(air) + ", " + counted(sent, "beam"));
+    stages.end(medium::text_of(air) + ", " + counted(direct.beams, "beam"));
 }
 
 } // namespace lpvbake::bake

@@ -1,13 +1,10 @@
 #include "bake/scattering.h"
 
-#include "bake/direct.h"
+#include "bake/air.h"
 #include "bake/lighting.h"
 #include "lpvbake/error.h"
 #include "surface/lit_surfaces.h"
 #include "text.h"
-#include "volume/sh.h"
-
-#include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <limits>
@@ -39,35 +36,14 @@ glm::dvec3 power_of(const medium::LitAir& air, std::span<const std::vector<glm::
     return sum;
 }
 
-/// The direct light of lamps and suns, of each cell its mean over what scatters it.
-std::vector<std::vector<glm::vec3>> direct_in_air(const solver::Inputs& inputs,
-                                                  const BakePlan& plan, const Volume& volume) {
-    medium::BeamSettings beams = beam_settings(plan.settings.direct);
-    beams.order = plan.settings.medium->g == 0 ? 0 : 2;
-    beams.medium = &*plan.settings.medium;
-    std::vector<std::vector<glm::vec3>> sum(std::size_t(volume::sh_count(beams.order)),
-                                            std::vector(volume.grid.size(), glm::vec3(0.0f)));
-    for (const Light& source : inputs.scene.lights) {
-        const medium::DirectLight light =
-            medium::direct_light(source, inputs.visibility, inputs.frame, volume.walls, beams);
-        for (std::size_t k = 0; k < sum.size(); ++k)
-            for (std::size_t cell = 0; cell < sum[k].size(); ++cell)
-                sum[k][cell] += light.sh[k][cell];
-    }
-    return sum;
-}
-
 /// What lights the cells where the air alone sends light.
 Volume field_of_air(const solver::Inputs& inputs, const BakePlan& plan, solver::Solver& solver,
                     Progress& progress) {
     Silent silent(progress);
     std::vector<std::string> warnings; // those of the field have been told
     solver::Stages stages(silent, warnings, inputs.scene.path);
-    surface::LightingSettings lighting = lighting_of(plan);
-    lighting.maps = false;
-    lighting.cache = nullptr;
-    const surface::LitSurfaces lit =
-        surface::light_surfaces(inputs.scene, inputs.visibility, inputs.frame, lighting, silent);
+    const surface::LitSurfaces lit = surface::light_surfaces(
+        inputs.scene, inputs.visibility, inputs.frame, lighting_of(plan), silent);
     const solver::Inputs own{inputs.scene,      inputs.device, inputs.grid, inputs.frame,
                              inputs.visibility, &lit,          {},          inputs.adjust};
     Volume field;
@@ -146,7 +122,10 @@ void add_scattered(const solver::Inputs& inputs, const BakePlan& plan, solver::S
     if (times == 1)
         return;
     stages.begin("scattering");
-    const std::vector<std::vector<glm::vec3>> direct = direct_in_air(inputs, plan, volume);
+    const std::vector<std::vector<glm::vec3>> direct =
+        direct_in_air(inputs.scene, plan, inputs.visibility, inputs.frame, volume,
+                      plan.settings.medium->g == 0 ? 0 : 2, stages.progress())
+            .sh;
     air.scatter(volume.sh, direct);
     Series series(power_of(air, volume.sh, false) + power_of(air, direct, true));
     double missing = 0;

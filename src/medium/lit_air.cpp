@@ -13,16 +13,14 @@ namespace {
 constexpr double nothing = 1e-6; ///< of the peak, what a cell has by rounding alone
 
 } // namespace
+
 DarkAir::DarkAir(const Medium& medium, const scene::Frame& frame)
-    : medium_(medium),
-      frame_(frame),
-      lo_(frame.from_world(medium.box.lo)),
-      hi_(frame.from_world(medium.box.hi)),
-      extinct_(medium.extinction() * frame.unit) {}
+    : air_(medium, frame),
+      frame_(frame) {}
 
 visibility::Air::Place DarkAir::at(glm::vec3 place) const {
     Place air;
-    air.density = float(medium_.density_at(frame_.to_world(glm::dvec3(place))));
+    air.density = float(air_.medium().density_at(frame_.to_world(glm::dvec3(place))));
     return air;
 }
 
@@ -39,12 +37,13 @@ LitAir::LitAir(const Medium& medium, const Grid& grid, const scene::Frame& frame
 
 void LitAir::scatter(std::span<const std::vector<glm::vec3>> even,
                      std::span<const std::vector<glm::vec3>> by_density) {
-    const double peak = medium_.peak();
+    const Medium& medium = air_.medium();
+    const double peak = medium.peak();
     std::vector<glm::vec3> sources(std::size_t(coefficients_) * grid_.size(), glm::vec3(0.0f));
-    const glm::vec3 extinction(medium_.extinction());
+    const glm::vec3 extinction(medium.extinction());
     glm::vec3 albedo(0.0f);
     for (int c = 0; c < 3; ++c)
-        albedo[c] = extinction[c] > 0 ? float(medium_.scatter[c]) / extinction[c] : 0;
+        albedo[c] = extinction[c] > 0 ? float(medium.scatter[c]) / extinction[c] : 0;
     tbb::parallel_for(std::size_t(0), grid_.size(), [&](std::size_t cell) {
         if (!(density_[cell] > nothing * peak))
             return;
@@ -58,7 +57,7 @@ void LitAir::scatter(std::span<const std::vector<glm::vec3>> even,
                 light += denser * by_density[i][cell];
             const double band = k == 0 ? 0 : k < 4 ? 1 : 2;
             sources[std::size_t(coefficients_) * cell + i] =
-                float(std::pow(medium_.g, band)) * albedo * light;
+                float(std::pow(medium.g, band)) * albedo * light;
         }
     });
     sources_ = std::move(sources);
@@ -66,22 +65,16 @@ void LitAir::scatter(std::span<const std::vector<glm::vec3>> even,
 
 float DarkAir::column(glm::vec3 origin, glm::vec3 direction, float begin, float end) const {
     const glm::dvec3 from(origin), along(direction);
-    const auto in = within(from, along, lo_, hi_, double(begin), double(end));
-    if (!in)
-        return 0;
-    if (medium_.is_even())
-        return float((in->y - in->x) * glm::length(along));
-    return float(
-        medium_.column(frame_.to_world(from + in->x * along), frame_.to_world(from + in->y * along))
-        / frame_.unit);
+    const auto in = within(from, along, air_.lo(), air_.hi(), double(begin), double(end));
+    return in ? float(air_.column(from + in->x * along, from + in->y * along)) : 0.0f;
 }
 
 glm::vec3 LitAir::sent(glm::vec3 origin, glm::vec3 direction, float begin, float end) const {
     glm::vec3 sum(0.0f);
     if (!is_lit())
         return sum;
-    const auto in =
-        within(glm::dvec3(origin), glm::dvec3(direction), lo_, hi_, double(begin), double(end));
+    const auto in = within(glm::dvec3(origin), glm::dvec3(direction), air_.lo(), air_.hi(),
+                           double(begin), double(end));
     if (!in)
         return sum;
     const float length = glm::length(direction);

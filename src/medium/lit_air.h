@@ -1,7 +1,7 @@
 // A medium as light meets it on its way between surfaces, and as it sends what it scatters.
 #pragma once
 
-#include "medium/medium.h"
+#include "medium/medium_in_frame.h"
 #include "scene/frame.h"
 #include "visibility/air.h"
 #include "volume/volume.h"
@@ -19,14 +19,12 @@ public:
     DarkAir(const Medium& medium, const scene::Frame& frame);
 
     float column(glm::vec3 origin, glm::vec3 direction, float begin, float end) const override;
-    glm::vec3 extinction() const override { return extinct_; }
+    glm::vec3 extinction() const override { return air_.extinction(); }
     Place at(glm::vec3 place) const override;
 
 protected:
-    Medium medium_;
+    MediumInFrame air_;
     scene::Frame frame_;
-    glm::dvec3 lo_, hi_; ///< of the medium, frame units
-    glm::vec3 extinct_;  ///< over a frame unit, at density 1
 };
 
 class LitAir final : public DarkAir {
