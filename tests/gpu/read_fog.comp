@@ -3,28 +3,4 @@
 #define LPV_ORDER 1
 #define LPV_FOG
 layout(set = 0, binding = 0) uniform sampler3D lpv_sh[4];
-layout(set = 0, binding = 1) uniform sampler3D lpv_validity;
-layout(set = 0, binding = 5) uniform sampler3D fog_grids[3];
-#define lpv_scatter fog_grids[0]
-#define lpv_extinction fog_grids[1]
-#include "../../examples/shaders/lpvbake.glsl"
-
-layout(local_size_x = 64) in;
-layout(set = 0, binding = 3) readonly buffer Rays { vec4 surfaces[]; }; // eye and end, view and steps
-layout(set = 0, binding = 4) writeonly buffer Results { vec4 irradiances[]; }; // 5 a ray
-layout(push_constant) uniform Push {
-    vec3 origin;
-    float cell;
-    uint count;
-} push;
-
-void main() {
-    uint i = gl_GlobalInvocationID.x;
-    if (i >= push.count)
-        return;
-    LpvVolume volume = LpvVolume(push.origin, push.cell);
-    vec4 eye = surfaces[2 * i], view = surfaces[2 * i + 1];
-    LpvFog fog = lpv_fog(volume, eye.xyz, view.xyz, eye.w, int(view.w), 0.5);
-    irradiances[5 * i] = vec4(fog.light, 0.0);
-    irradiances[5 * i + 1] = vec4(fog.left, 0.0);
-}
+#include "read_fog_body.glsl"
