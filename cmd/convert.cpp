@@ -3,11 +3,13 @@
 #include "bake/volume_fit.h"
 #include "commands.h"
 #include "io/levels.h"
+#include "io/vdb.h"
 #include "lpvbake/error.h"
 #include "lpvbake/scene.h"
 #include "scene_options.h"
 #include "volume/dilate.h"
 #include "volume/sh.h"
+#include "world_volume.h"
 
 #include <algorithm>
 #include <iterator>
@@ -22,6 +24,7 @@ const char manual[] =
 
 struct ConvertOptions {
     std::string file;
+    WorldOptions world;
     OutputOptions outputs;
     std::optional<int> sh_order; ///< none: the volume's
     FitOptions fit;
@@ -84,6 +87,8 @@ volume::VolumeSet read_levels(const ConvertOptions& o) {
     volume::VolumeSet set;
     if (io::is_manifest(o.file))
         set = io::read_levels(o.file);
+    else if (io::is_world(o.file))
+        set.levels.push_back(read_world(o.file, o.world));
     else
         set.levels.push_back(read_volume(o.file));
     if (o.flatten && !set.places.empty())
@@ -127,6 +132,52 @@ void change(const ConvertOptions& o, TerminalProgress& progress, Volume& volume)
         fit(o, to, progress, volume);
 }
 
+void print_result(const ConvertOptions& o, const Grid& grid, const Volume& finest,
+                  const std::vector<Written>& written, const TerminalProgress& progress) {
+    report::Json document{{"command", "convert"},
+                          {"file", o.file},
+                          {"grid", report::grid_json(grid)},
+                          {"sh_order", finest.sh_order},
+                          {"outputs", outputs_json(written)},
+                          {"warnings", progress.warnings()}};
+    add_fit(finest, document);
+    print_json(document);
+}
+
+/// Whether tiles of a world are copied into the outputs as they are, grid by grid.
+bool is_export(const ConvertOptions& o) {
+    const io::Target storage = o.outputs.storage();
+    const volume::Encoding usual;
+    return io::is_world(o.file) && !o.sh_order && !o.flatten && o.fit.dilate == 0
+           && !o.fit.fit.value_or(false) && o.scene.empty()
+           && o.fit.evaluation == readers::Evaluation::linear
+           && o.outputs.target == io::target_named("generic")
+           && storage.encoding.convention == usual.convention && storage.encoding.axes == usual.axes
+           && !storage.encoding.corner_index
+           && (storage.precision == Precision::full || storage.precision == Precision::half)
+           && std::ranges::all_of(o.outputs.paths, [](const std::string& path) {
+                  return io::volume_format(path) == &io::vdb_format;
+              });
+}
+
+void run_export(const ConvertOptions& o, const io::WorldVolume& world) {
+    TerminalProgress progress(ProgressStyle::none);
+    std::vector<Written> written;
+    Volume header;
+    for (const std::string& path : o.outputs.paths) {
+        const io::WorldExport made = io::export_world(world, path, o.outputs.storage().precision);
+        header.sh_order = made.sh_order;
+        written.push_back({path, made.report.files});
+        tell("wrote " + path);
+    }
+    if (o.format == Format::json) {
+        print_result(o, world.grid, header, written, progress);
+        return;
+    }
+    print_grid(world.grid);
+    print_outputs(written);
+}
+
 void run(const ConvertOptions& o) {
     for (const std::string& path : o.outputs.paths)
         if (!io::volume_format(path))
@@ -138,8 +189,18 @@ void run(const ConvertOptions& o) {
         if (!o.flatten)
             check_level_outputs(o.outputs.paths, inputs);
     }
+    check_scenario(o.world, {o.file});
+    std::optional<io::WorldVolume> world;
+    if (io::is_world(o.file)) {
+        world.emplace(open_world(o.file, o.world));
+        inputs = files_of(*world);
+    }
     check_files({o.scene}, inputs, o.outputs.paths);
     check_fit(o.outputs, o.fit, o.sh_order.value_or(0));
+    if (is_export(o) && io::can_export(*world)) {
+        run_export(o, *world);
+        return;
+    }
     TerminalProgress progress(ProgressStyle::none);
     volume::VolumeSet set = read_levels(o);
     if (set.bricks)
@@ -157,14 +218,7 @@ void run(const ConvertOptions& o) {
         write_levels(o.outputs, o.outputs.paths, set, progress, packed);
     const Volume& finest = set.levels.front();
     if (o.format == Format::json) {
-        report::Json document{{"command", "convert"},
-                              {"file", o.file},
-                              {"grid", report::grid_json(set.finest())},
-                              {"sh_order", finest.sh_order},
-                              {"outputs", outputs_json(written)},
-                              {"warnings", progress.warnings()}};
-        add_fit(finest, document);
-        print_json(document);
+        print_result(o, set.finest(), finest, written, progress);
         return;
     }
     if (set.bricks)
@@ -181,8 +235,8 @@ options::Action declare(options::Options& options) {
     options
         .text("file", o.file, "IN",
               "Volume: " + io::format_list(" or ", true)
-                  + ", the .levels.json of nested ones and the .volumes.json of ones beside each "
-                    "other too")
+                  + ", the .levels.json of nested ones, the .volumes.json of ones beside each "
+                    "other and the .world.json of tiles too")
         .require();
     options.texts("output", o.outputs.paths, "OUT", "Volumes to write: " + io::format_list())
         .require();
@@ -202,6 +256,8 @@ options::Action declare(options::Options& options) {
         "--scene", o.scene, "FILE",
         "The volume's scene, glTF 2.0: surfaces to fit to, default the volume's walls, and "
         "what a .glb holds beside the volume");
+    add_scenario_option(options, o.world);
+    add_cells_option(options, o.world);
     add_output_options(options, o.outputs);
     add_format_option(options, o.format);
     return [fields] { run(*fields); };

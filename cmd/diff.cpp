@@ -12,10 +12,12 @@
 #include "text.h"
 #include "volume/light_content.h"
 #include "volume/sh.h"
+#include "world_volume.h"
 
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
+#include <iterator>
 #include <memory>
 #include <optional>
 
@@ -30,6 +32,7 @@ const char manual[] =
 
 struct DiffOptions {
     std::string a, b;
+    WorldOptions world_a, world_b;
     report::Threshold fail, warn;
     bool metadata = false;
     int worst = 5;
@@ -51,7 +54,12 @@ void check_options(const DiffOptions& o) {
             throw Error(ErrorKind::argument, output + ": the name of an output ends in "
                                                  + io::format_list(", ") + " or .png");
     }
-    check_files({}, {o.a, o.b}, o.outputs);
+    check_scenario(o.world_a, {o.a, o.b});
+    std::vector<std::string> inputs{o.a, o.b};
+    for (const auto& [path, world] : {std::pair(o.a, &o.world_a), {o.b, &o.world_b}})
+        if (io::is_world(path))
+            std::ranges::copy(files_of(open_world(path, *world)), std::back_inserter(inputs));
+    check_files({}, inputs, o.outputs);
     if (o.slice.has_value() != picture)
         throw Error(ErrorKind::argument,
                     "--slice and a picture belong together: --slice z=16 -o error.png");
@@ -268,13 +276,56 @@ void run_levels(const DiffOptions& o) {
     tell_of(o, differences, a.places.empty() ? "levels" : "volumes");
 }
 
+/// Those cells of a world that lie on the grid of the other volume.
+Volume read_part(const std::string& path, const WorldOptions& o, const std::string& other,
+                 const Grid& grid) {
+    const io::WorldVolume world = open_world(path, o);
+    const glm::dvec3 begin = glm::round(world.grid.to_grid(grid.origin));
+    Grid part = world.grid;
+    part.origin += part.cell * begin;
+    part.dims = grid.dims;
+    const auto why = volume::lattice_difference(part, grid);
+    if (why || glm::any(glm::lessThan(begin, glm::dvec3(0)))
+        || glm::any(glm::greaterThan(begin + glm::dvec3(grid.dims), glm::dvec3(world.grid.dims))))
+        throw Error(ErrorKind::invalid, other + " is no part of " + path + ": "
+                                            + why.value_or("it reaches beyond the tiles")
+                                            + "; bake it with the plan's --cell-size and with "
+                                              "--bounds at whole cells");
+    return io::read_cells(world, glm::ivec3(begin), glm::ivec3(begin) + grid.dims, o.max_memory);
+}
+
+/// Of a world and another volume what the two have in common: the volume's grid.
+std::pair<Volume, Volume> read_both(const DiffOptions& o) {
+    const bool of_a = io::is_world(o.a), of_b = io::is_world(o.b);
+    if (of_a == of_b)
+        return of_a ? std::pair(read_world(o.a, o.world_a), read_world(o.b, o.world_b))
+                    : std::pair(read_volume(o.a), read_volume(o.b));
+    Volume alone = read_volume(of_a ? o.b : o.a);
+    if (of_a) {
+        Volume part = read_part(o.a, o.world_a, o.b, alone.grid);
+        return {std::move(part), std::move(alone)};
+    }
+    Volume part = read_part(o.b, o.world_b, o.a, alone.grid);
+    return {std::move(alone), std::move(part)};
+}
+
+/// "NAME", or "NAME,NAME": of A, and of B.
+void take_scenarios(DiffOptions& o) {
+    const std::string both = o.world_a.scenario;
+    const std::size_t comma = both.find(',');
+    o.world_a.scenario = both.substr(0, comma);
+    o.world_b = o.world_a;
+    if (comma != both.npos)
+        o.world_b.scenario = both.substr(comma + 1);
+}
+
 void run(const DiffOptions& o) {
     check_options(o);
     if (io::is_manifest(o.a) || io::is_manifest(o.b)) {
         run_levels(o);
         return;
     }
-    const Volume a = read_volume(o.a), b = read_volume(o.b);
+    const auto [a, b] = read_both(o);
     const report::Difference difference = compare(o, a, b);
     warn_of_light(o, a, b);
     double white = 0;
@@ -314,6 +365,10 @@ options::Action declare(options::Options& options) {
     DiffOptions& o = *fields;
     options.text("A", o.a, "FILE", "Volume to judge").require();
     options.text("B", o.b, "FILE", "Reference").require();
+    options.text("--scenario", o.world_a.scenario, "NAME[,NAME]",
+                 "Of a .world.json the lighting that is read, or those of A and of B; of one alone "
+                 "it need not be said");
+    add_cells_option(options, o.world_a);
 
     options.group("Thresholds");
     add_threshold(options, "fail", o.fail,
@@ -347,6 +402,7 @@ options::Action declare(options::Options& options) {
         };
         fields->fail.given = given("fail");
         fields->warn.given = given("warn");
+        take_scenarios(*fields);
         run(*fields);
     };
 }

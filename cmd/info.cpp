@@ -7,17 +7,22 @@
 #include "io/slice.h"
 #include "lpvbake/error.h"
 #include "options/wording.h"
+#include "quoted.h"
 #include "report/describe.h"
 #include "scene/scene_hash.h"
 #include "scene_options.h"
 #include "text.h"
+#include "world_volume.h"
 
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <optional>
 
 namespace lpvbake::cmd {
 namespace {
+
+namespace fs = std::filesystem;
 
 const char manual[] =
 #include "manual/info.txt.h"
@@ -27,6 +32,7 @@ struct InfoOptions {
     std::string file;
     LoadSettings load;
     bool hash = false;
+    WorldOptions world;
     std::optional<options::Slice> slice;
     std::string output;
     std::optional<float> white; ///< nits; none: the slice's own
@@ -136,7 +142,78 @@ Told tell_of_levels(const InfoOptions& o) {
     return told;
 }
 
+/// Of one lighting: which of its tiles are there, and what the first of these says of itself. No
+/// other is opened.
+void tell_of_lighting(const io::WorldVolume& world, Told& told) {
+    const glm::dvec3 dims(world.grid.dims);
+    std::size_t there = 0;
+    uint64_t bytes = 0, cells = 0;
+    for (const io::WorldVolume::Tile& tile : world.tiles) {
+        const glm::dvec3 own(tile.end - tile.begin);
+        cells += uint64_t(own.x * own.y * own.z);
+        std::error_code none;
+        const uint64_t size = fs::file_size(tile.file, none);
+        if (none)
+            continue;
+        ++there;
+        bytes += size;
+    }
+    report::Json json{{"name", world.scenario},
+                      {"grid", report::grid_json(world.grid)},
+                      {"tiles", world.tiles.size()},
+                      {"there", there},
+                      {"cells", cells},
+                      {"bytes", bytes},
+                      {"sh_order", nullptr},
+                      {"metadata", nullptr}};
+    told.text += format("lighting   %s: %zu of %zu tiles are there, %s\n", world.scenario.c_str(),
+                        there, world.tiles.size(), bytes_text(bytes).c_str());
+    told.text += format("grid       %d x %d x %d cells of %.6g m, %.3g %% of them in tiles\n",
+                        world.grid.dims.x, world.grid.dims.y, world.grid.dims.z, world.grid.cell,
+                        100 * double(cells) / (dims.x * dims.y * dims.z));
+    const glm::dvec3 at = world.grid.center(glm::ivec3(0));
+    told.text += format("transform  index (i, j, k) at (%.6g, %.6g, %.6g) + %.6g (i, j, k) m\n",
+                        at.x, at.y, at.z, world.grid.cell);
+    if (there > 0) {
+        const Volume header = header_of(world);
+        json["sh_order"] = header.sh_order;
+        json["metadata"] = header.metadata;
+        for (const auto& [key, value] : header.metadata)
+            told.text += "lpv:" + key + " = " + value + "\n";
+    }
+    told.json["lightings"].push_back(json);
+}
+
+Told tell_of_world(const InfoOptions& o) {
+    if (o.slice)
+        throw Error(ErrorKind::argument,
+                    "--slice: " + o.file + " is of many tiles; give the file of one");
+    const io::World world = io::read_world(o.file);
+    Told told{
+        {{"command", "info"},
+         {"file", o.file},
+         {"kind", "world"},
+         {"program", world.program},
+         {"scene", world.scene},
+         {"cell", world.cell},
+         {"tile", world.tile},
+         {"surroundings", world.surroundings},
+         {"lightings", report::Json::array()}},
+        format("world      %s, of %s, by lpvbake %s: tiles of %d cells of %.6g m, lit by what "
+               "is within %.6g m\n",
+               o.file.c_str(), printable(world.scene).c_str(), printable(world.program).c_str(),
+               world.tile, world.cell, world.surroundings)};
+    for (const io::World::Scenario& each : world.scenarios)
+        if (o.world.scenario.empty() || each.name == o.world.scenario)
+            tell_of_lighting(io::world_volume(o.file, world, each.name), told);
+    if (told.json["lightings"].empty())
+        io::world_volume(o.file, world, o.world.scenario); // throws
+    return told;
+}
+
 Told tell_of_volume(const InfoOptions& o) {
+    if (io::is_world(o.file))
+        return tell_of_world(o);
     if (io::is_manifest(o.file))
         return tell_of_levels(o);
     const Volume volume = read_volume(o.file);
@@ -187,7 +264,8 @@ void run(const InfoOptions& o, const options::Options& options) {
         throw Error(ErrorKind::argument, o.output + ": the name of a picture ends in .png");
     const bool is_scene = o.file == standard_input || options::has_extension(o.file, ".gltf")
                           || options::has_extension(o.file, ".glb");
-    if (!is_scene && !io::readable_format(o.file)) {
+    check_scenario(o.world, {o.file});
+    if (!is_scene && !io::readable_format(o.file) && !io::is_world(o.file)) {
         SceneOptions file;
         file.scene = o.file;
         probe_scene(file); // where there is none, that is what is wrong
@@ -214,6 +292,7 @@ options::Action declare(options::Options& options) {
         .need("slice");
     options.text("-o,--output", o.output, "FILE", "PNG to write");
     add_format_option(options, o.format);
+    add_scenario_option(options, o.world);
     add_load_options(options, o.load);
     options.flag("--hash", o.hash,
                  "Tell the hash that bakes by the file's own light record as scene_hash; it takes "

@@ -3,6 +3,7 @@
 #include "io/glb.h"
 #include "io/levels.h"
 #include "io/target.h"
+#include "io/world.h"
 #include "lpvbake/error.h"
 #include "lpvbake/file.h"
 #include "options/file.h"
@@ -57,7 +58,7 @@ volume::VolumeSet read_levels(const std::string& path) {
 
 void check_order(const std::string& scene, const std::string& volume, const char* usage) {
     const auto is_volume = [](const std::string& path) {
-        return io::is_manifest(path)
+        return io::is_manifest(path) || io::is_world(path)
                || (io::readable_format(path) && io::readable_format(path) != &io::glb_format);
     };
     if (is_volume(scene))

@@ -19,6 +19,7 @@
 #include "text.h"
 #include "transfer/relight.h"
 #include "volume/grid.h"
+#include "world_volume.h"
 
 #include <algorithm>
 #include <cstdio>
@@ -54,6 +55,7 @@ struct FogMethod {
 
 struct RenderOptions : SceneOptions, RunOptions {
     std::string volume;
+    WorldOptions world; ///< with the scene's bound of memory
     std::vector<std::string> outputs;
     render::CameraChoice camera;
     std::optional<glm::ivec2> size;
@@ -273,6 +275,14 @@ void check_options(const RenderOptions& o) {
     std::vector<std::string> volumes{o.volume};
     if (io::is_manifest(o.volume))
         std::ranges::copy(io::level_files(o.volume), std::back_inserter(volumes));
+    check_scenario(o.world, {o.volume});
+    if (io::is_world(o.volume))
+        std::ranges::copy(files_of(open_world(o.volume, o.world)), std::back_inserter(volumes));
+    if (io::is_world(o.volume) && o.relight)
+        throw Error(ErrorKind::unsupported,
+                    o.volume
+                        + ": --relight lrt is of one volume; first make one by lpvbake "
+                          "convert");
     check_files(inputs_of(o, o), volumes, all_outputs(o), true);
 }
 
@@ -357,6 +367,10 @@ struct Comparison {
     double flip = 0;
 };
 
+struct TilesRead {
+    std::size_t count = 0, of = 0;
+};
+
 /// Everything that the two forms of the result say.
 struct RenderResult {
     const RenderOptions& options;
@@ -376,6 +390,7 @@ struct RenderResult {
     std::optional<render::Rendering> by_exact = {}; ///< with FogMethod::Kind::nvidia
     Comparison beside_exact = {};
     std::optional<transfer::Propagated> relit = {};
+    std::optional<TilesRead> tiles = {}; ///< of a world
 };
 
 glm::dvec3 eye_of(const Camera& camera) {
@@ -455,6 +470,9 @@ void print_json_result(const RenderResult& r, const Run& run) {
     document["medium"] = fog_json(r);
     document["indirect"] = indirect_json(r);
     if (!o.dry_run) {
+        document["tiles"] = nullptr;
+        if (r.tiles)
+            document["tiles"] = {{"read", r.tiles->count}, {"of", r.tiles->of}};
         document["relight"] = nullptr;
         if (r.relit)
             document["relight"] = {{"iterations", r.relit->iterations},
@@ -507,6 +525,8 @@ void print_text_result(const RenderResult& r, const Run& run) {
             std::printf("output        %s\n", output.c_str());
         return;
     }
+    if (r.tiles)
+        std::printf("tiles         %zu of %zu in sight\n", r.tiles->count, r.tiles->of);
     if (r.relit)
         std::printf("relight       %s, more would add about %s %% of the light\n",
                     counted(uint64_t(r.relit->iterations), "hop").c_str(),
@@ -656,6 +676,58 @@ void check_air(const RenderOptions& o, const std::optional<medium::Medium>& air,
                         "the bake's --medium");
 }
 
+/// Whether a camera may see something of a box.
+bool may_see(const Camera& camera, double aspect, const Bounds& box) {
+    const glm::dvec3 eye = eye_of(camera);
+    const glm::dvec3 right = glm::normalize(glm::dvec3(camera.to_world[0])),
+                     up = glm::normalize(glm::dvec3(camera.to_world[1])),
+                     ahead = -glm::normalize(glm::dvec3(camera.to_world[2]));
+    const double high = std::tan(0.5 * camera.yfov), wide = high * aspect;
+    // Of the planes through the eye that bound the picture, and of the one across it.
+    for (const glm::dvec3 inwards : {ahead, wide * ahead - right, wide * ahead + right,
+                                     high * ahead - up, high * ahead + up}) {
+        bool is_outside = true;
+        for (int corner = 0; corner < 8; ++corner) {
+            const glm::dvec3 p(corner & 1 ? box.hi.x : box.lo.x, corner & 2 ? box.hi.y : box.lo.y,
+                               corner & 4 ? box.hi.z : box.lo.z);
+            is_outside = is_outside && glm::dot(inwards, p - eye) < 0;
+        }
+        if (is_outside)
+            return false;
+    }
+    return true;
+}
+
+/// The cells of a world that the picture may show, with those around that readers look at; what
+/// else stands in their box is read with them. Throws Error (invalid) where it shows no tile.
+Volume cells_in_sight(const RenderOptions& o, const io::WorldVolume& world,
+                      const render::ViewSettings& view, TilesRead& tiles) {
+    constexpr int around = 8; // cells
+    glm::ivec3 begin(world.grid.dims), end(0);
+    for (const io::WorldVolume::Tile& tile : world.tiles) {
+        const glm::ivec3 lo = tile.begin - around, hi = tile.end + around;
+        if (!may_see(view.camera, double(view.size.x) / double(view.size.y),
+                     {world.grid.to_world(lo), world.grid.to_world(hi)}))
+            continue;
+        for (int axis = 0; axis < 3; ++axis) { // with the outermost layer of the world
+            const int lowest = tile.begin[axis] == 1 ? 0 : tile.begin[axis];
+            const int dims = world.grid.dims[axis];
+            const int highest = tile.end[axis] == dims - 1 ? dims : tile.end[axis];
+            begin[axis] = std::min(begin[axis], lowest);
+            end[axis] = std::max(end[axis], highest);
+        }
+    }
+    if (glm::any(glm::greaterThanEqual(begin, end)))
+        throw Error(ErrorKind::invalid,
+                    o.volume + ": the picture shows no tile of it; choose another --camera");
+    tiles = {io::TileShares(world).tiles_in(begin, end).size(), world.tiles.size()};
+    return io::read_cells(world, begin, end, o.load.max_memory);
+}
+
+volume::VolumeSet read_field(const RenderOptions& o, const std::optional<io::WorldVolume>& world) {
+    return world ? volume::VolumeSet{{header_of(*world)}} : read_levels(o.volume);
+}
+
 void run(const RenderOptions& o) {
     check_options(o);
     Run run(o, o, all_outputs(o));
@@ -663,7 +735,10 @@ void run(const RenderOptions& o) {
     auto opening = std::async(in_background(), [&o] {
         return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
     });
-    volume::VolumeSet levels = read_levels(o.volume);
+    std::optional<io::WorldVolume> world;
+    if (io::is_world(o.volume))
+        world.emplace(open_world(o.volume, o.world));
+    volume::VolumeSet levels = read_field(o, world);
     Volume& volume = levels.levels.front();
     const readers::Reader sampler = sampler_for(o.sampler, volume);
     Scene scene = run.load();
@@ -705,6 +780,8 @@ void run(const RenderOptions& o) {
     view.show = o.show;
     RenderResult result{o, scene, volume, device->info().name, sampler_name(sampler), view};
     result.relit = std::move(relit);
+    if (world && !o.dry_run)
+        volume = cells_in_sight(o, *world, view, result.tiles.emplace());
     if (!o.dry_run) {
         const raster::Raster raster(*device, scene, frame, scene::is_asked);
         run.end_stage("prepare");
@@ -749,10 +826,11 @@ options::Action declare(options::Options& options) {
         "volume", o.volume, "VOLUME",
         "Volume of bake or reference, " + io::format_list()
             + ", or the .levels.json of nested ones, the .volumes.json of ones beside each "
-              "other; default: that of the scene's .glb");
+              "other, the .world.json of tiles; default: that of the scene's .glb");
     options
         .texts("-o,--output", o.outputs, "FILE", "Picture to write, .png or .exr; may be repeated")
         .keep_to_one_run();
+    add_scenario_option(options, o.world);
     add_light_options(options, o);
 
     options.group("View");

@@ -21,6 +21,7 @@
 #include "volume/tiles.h"
 
 #include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <chrono>
@@ -29,6 +30,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 
 namespace lpvbake::cmd {
@@ -40,9 +42,9 @@ const char manual[] =
 #include "manual/world.txt.h"
     ;
 
-constexpr const char* end_of_name = ".world.json";
+constexpr const char* end_of_name = io::end_of_world;
 
-struct WorldOptions {
+struct PlanOptions {
     std::string file, output, kind = ".vdb";
     std::optional<double> cell, surroundings;
     int tile = 64;
@@ -51,10 +53,6 @@ struct WorldOptions {
     bool check = false;
     Format format = Format::text;
 };
-
-bool is_world(const std::string& path) {
-    return path.ends_with(end_of_name);
-}
 
 /// Words as a shell parts them, by blanks and quotes.
 std::vector<std::string> words_in(const std::string& text) {
@@ -273,8 +271,8 @@ void plan_scenario(const io::World::Scenario& scenario, const std::string& manif
     run.progress.end();
 }
 
-void plan(const WorldOptions& o) {
-    if (o.output.empty() || !is_world(o.output))
+void plan(const PlanOptions& o) {
+    if (o.output.empty() || !io::is_world(o.output))
         throw Error(ErrorKind::argument, std::string("no manifest: add -o NAME") + end_of_name
                                              + ", beside which the tiles of the world will lie");
     if (o.file == "-")
@@ -326,20 +324,31 @@ void plan(const WorldOptions& o) {
 // ---------------------------------------------------------------- rows, and whether they are
 // there
 
-/// Why the row has to be baked; empty: it has not.
-std::string fault_of(const io::World::Row& row) {
+/// A row's volume, or why the row has to be baked.
+struct RowFile {
+    std::optional<Volume> volume;
+    std::string fault; ///< empty: none
+};
+
+RowFile read_row(const io::World::Row& row) {
     try {
-        const volume::VolumeSet set = read_levels(row.file);
-        const auto hash = set.levels.front().metadata.find("bake_hash");
-        if (hash == set.levels.front().metadata.end() || hash->second != row.hash)
-            return "is of another scene, other options or another version";
-        return {};
+        volume::VolumeSet set = read_levels(row.file);
+        Volume& volume = set.levels.front();
+        const auto hash = volume.metadata.find("bake_hash");
+        if (hash == volume.metadata.end() || hash->second != row.hash)
+            return {{}, "is of another scene, other options or another version"};
+        return {std::move(volume), {}};
     } catch (const Error& error) {
-        return fs::exists(row.file) ? std::string("is damaged: ") + error.what() : "is missing";
+        return {{},
+                fs::exists(row.file) ? std::string("is damaged: ") + error.what() : "is missing"};
     }
 }
 
-std::vector<std::size_t> rows_of(const WorldOptions& o, const io::World& world) {
+std::string fault_of(const io::World::Row& row) {
+    return read_row(row).fault;
+}
+
+std::vector<std::size_t> rows_of(const PlanOptions& o, const io::World& world) {
     std::vector<std::size_t> rows;
     for (const auto& [first, last] : o.rows) {
         if (first >= world.rows.size())
@@ -358,7 +367,7 @@ std::string title_of(const io::World& world, std::size_t i) {
     return format("row %zu (%s, %s)", i, row.scenario.c_str(), row.tile.c_str());
 }
 
-void bake_rows(const WorldOptions& o, const io::World& world) {
+void bake_rows(const PlanOptions& o, const io::World& world) {
     report::Json list = report::Json::array();
     for (const std::size_t i : rows_of(o, world)) {
         const io::World::Row& row = world.rows[i];
@@ -411,30 +420,91 @@ std::vector<std::pair<std::size_t, std::size_t>> neighbours(const io::World& wor
     return pairs;
 }
 
-void check(const WorldOptions& o, const io::World& world) {
+/// Light and validity of the cells of a volume that a box of the lattice's cells has, and a layer
+/// around.
+Volume part_of(const Volume& volume, const Bounds& box) {
+    const glm::dvec3 half(0.5 * volume.grid.cell);
+    const auto cell_at = [&](glm::dvec3 corner) {
+        return glm::clamp(glm::ivec3(glm::floor(volume.grid.to_grid(corner))), glm::ivec3(0),
+                          volume.grid.dims - 1);
+    };
+    const glm::ivec3 begin = cell_at(box.lo - half), last = cell_at(box.hi + half);
+    Volume part;
+    part.grid = volume.grid;
+    part.grid.origin = volume.grid.to_world(begin);
+    part.grid.dims = last - begin + 1;
+    part.sh_order = volume.sh_order;
+    part.sh.assign(volume.sh.size(), std::vector<glm::vec3>(part.grid.size()));
+    part.validity.resize(volume.validity.empty() ? 0 : part.grid.size());
+    for (std::size_t i = 0; i < part.grid.size(); ++i) {
+        const std::size_t from = volume.grid.index(begin + part.grid.cell_at(i));
+        for (std::size_t k = 0; k < part.sh.size(); ++k)
+            part.sh[k][i] = volume.sh[k][from];
+        if (!part.validity.empty())
+            part.validity[i] = volume.validity[from];
+    }
+    return part;
+}
+
+/// What is wrong with rows, and what neighbours differ by.
+struct Checked {
     std::map<std::size_t, std::string> faults;
-    for (std::size_t i = 0; i < world.rows.size(); ++i)
-        if (const std::string fault = fault_of(world.rows[i]); !fault.empty())
-            faults[i] = fault;
     report::Seam all, worst;
     std::pair<std::size_t, std::size_t> worst_pair;
-    volume::VolumeSet own; // of the row `of`, whose neighbours come one after the other
-    std::optional<std::size_t> of;
-    for (const auto& [i, j] : neighbours(world)) {
-        if (faults.contains(i) || faults.contains(j))
-            continue;
-        if (of != i) {
-            own = read_levels(world.rows[i].file);
-            of = i;
-        }
-        const report::Seam seam = report::seam_between(
-            own.levels.front(), read_levels(world.rows[j].file).levels.front());
-        all += seam;
-        if (seam.share() > worst.share()) {
-            worst = seam;
-            worst_pair = {i, j};
+};
+
+/// Reads each file once. Of a row that is kept what a later neighbour has too, until that is read:
+/// as rows come by z, y and x, of about a layer of tiles.
+Checked check_rows(const io::World& world) {
+    Checked checked;
+    const std::vector<std::pair<std::size_t, std::size_t>> pairs = neighbours(world);
+    std::vector<std::vector<std::size_t>> first_of(world.rows.size()), second_of(world.rows.size());
+    for (std::size_t pair = 0; pair < pairs.size(); ++pair) {
+        first_of[std::min(pairs[pair].first, pairs[pair].second)].push_back(pair);
+        second_of[std::max(pairs[pair].first, pairs[pair].second)].push_back(pair);
+    }
+    std::map<std::size_t, Volume> kept; // of pairs
+    std::vector<report::Seam> seams(pairs.size());
+    const std::size_t at_once = std::size_t(tbb::this_task_arena::max_concurrency());
+    for (std::size_t begin = 0; begin < world.rows.size(); begin += at_once) {
+        std::vector<RowFile> files(std::min(at_once, world.rows.size() - begin));
+        tbb::parallel_for(std::size_t(0), files.size(),
+                          [&](std::size_t i) { files[i] = read_row(world.rows[begin + i]); });
+        for (std::size_t i = 0; i < files.size(); ++i) {
+            const std::optional<Volume>& own = files[i].volume;
+            const std::size_t row = begin + i;
+            if (!own)
+                checked.faults[row] = files[i].fault;
+            for (const std::size_t pair : second_of[row])
+                if (const auto other = kept.find(pair); other != kept.end()) {
+                    if (own)
+                        seams[pair] = pairs[pair].first == row
+                                          ? report::seam_between(*own, other->second)
+                                          : report::seam_between(other->second, *own);
+                    kept.erase(other);
+                }
+            if (own)
+                for (const std::size_t pair : first_of[row])
+                    kept.emplace(
+                        pair,
+                        part_of(
+                            *own,
+                            world.rows[std::max(pairs[pair].first, pairs[pair].second)].bounds));
         }
     }
+    for (std::size_t pair = 0; pair < pairs.size(); ++pair) {
+        checked.all += seams[pair];
+        if (seams[pair].share() > checked.worst.share()) {
+            checked.worst = seams[pair];
+            checked.worst_pair = pairs[pair];
+        }
+    }
+    return checked;
+}
+
+void check(const PlanOptions& o, const io::World& world) {
+    const Checked checked = check_rows(world);
+    const auto& [faults, all, worst, worst_pair] = checked;
     if (o.format == Format::json) {
         report::Json wrong = report::Json::array();
         for (const auto& [i, fault] : faults)
@@ -471,8 +541,8 @@ void check(const WorldOptions& o, const io::World& world) {
     }
 }
 
-void run(const WorldOptions& o) {
-    if (!is_world(o.file)) {
+void run(const PlanOptions& o) {
+    if (!io::is_world(o.file)) {
         if (!o.rows.empty() || o.check)
             throw Error(ErrorKind::argument,
                         "--rows and --check are of a manifest, NAME" + std::string(end_of_name));
@@ -496,8 +566,8 @@ void run(const WorldOptions& o) {
 }
 
 options::Action declare(options::Options& options) {
-    const auto fields = std::make_shared<WorldOptions>();
-    WorldOptions& o = *fields;
+    const auto fields = std::make_shared<PlanOptions>();
+    PlanOptions& o = *fields;
     options
         .text("file", o.file, "SCENE|WORLD",
               "Scene to plan, a .gltf or .glb, or a plan, NAME.world.json")

@@ -236,9 +236,10 @@ void insert_text(MetaMap& metadata, const std::string& key, const std::string& v
     metadata.insertMeta("lpv:" + key, openvdb::StringMetadata(value));
 }
 
-/// What a reader must know to make sense of any of the grids.
-void insert_lattice(MetaMap& metadata, const Volume& volume, const volume::Encoding& encoding,
-                    const BrickPlaces* bricks = nullptr) {
+} // namespace
+
+void insert_lattice(const Volume& volume, const volume::Encoding& encoding, MetaMap& metadata,
+                    const BrickPlaces* bricks) {
     const Grid& grid = bricks ? bricks->lattice : volume.grid;
     for (const auto& [key, value] : field_facts(encoding))
         insert_text(metadata, key, value);
@@ -254,6 +255,48 @@ void insert_lattice(MetaMap& metadata, const Volume& volume, const volume::Encod
     metadata.insertMeta("lpv:sh_order", openvdb::Int32Metadata(volume.sh_order));
 }
 
+MetaMap file_metadata(const Volume& volume, const volume::Encoding& encoding, bool half,
+                      const BrickPlaces* bricks) {
+    MetaMap metadata;
+    insert_text(metadata, "tool", "lpvbake " LPVBAKE_VERSION);
+    for (const auto& [key, value] : volume.metadata)
+        insert_text(metadata, key, value);
+    insert_text(metadata, "precision", half ? "half" : "float");
+    insert_lattice(volume, encoding, metadata, bricks);
+    return metadata;
+}
+
+WriteReport::File write_grids(const std::string& path, const MetaMap& metadata, size_t count,
+                              size_t at_once,
+                              const std::function<openvdb::GridBase::Ptr(size_t)>& make) {
+    AtomicFile file(path);
+    std::string uuid;
+    file.write([&](std::ostream& out) {
+        GridStream stream(out, metadata, count);
+        size_t next = 0;
+        const auto number = [&](tbb::flow_control& control) {
+            if (next == count)
+                control.stop();
+            return next++;
+        };
+        using tbb::filter_mode;
+        tbb::parallel_pipeline(
+            at_once, tbb::make_filter<void, size_t>(filter_mode::serial_in_order, number)
+                         & tbb::make_filter<size_t, PackedGrid>(
+                             filter_mode::parallel, [&](size_t i) { return stream.pack(make(i)); })
+                         & tbb::make_filter<PackedGrid, void>(
+                             filter_mode::serial_in_order,
+                             [&](PackedGrid packed) { stream.add(std::move(packed)); }));
+        uuid = stream.uuid();
+    });
+    file.patch(uuid_offset, uuid);
+    WriteReport::File written{path, file.seal()};
+    file.publish();
+    return written;
+}
+
+namespace {
+
 /// Grids that are made and compressed at a time: what fits 2 GiB, one at least.
 size_t grids_at_once(const Grid& lattice) {
     constexpr uint64_t cell = sizeof(openvdb::Vec3s) + sizeof(openvdb::Vec3s); // tree and bytes
@@ -262,12 +305,6 @@ size_t grids_at_once(const Grid& lattice) {
 }
 
 // ---- reading ----
-
-/// OpenVDB's messages may span lines.
-std::string one_line(std::string text) {
-    std::replace(text.begin(), text.end(), '\n', ' ');
-    return text;
-}
 
 template <typename Value>
 Value required(const MetaMap& metadata, const char* key, const std::string& path) {
@@ -368,7 +405,7 @@ Volume volume_of(const VdbContent& content, const std::string& path, volume::Gri
     }
 
     MetaMap ours;
-    insert_lattice(ours, volume, encoding);
+    insert_lattice(volume, encoding, ours);
     insert_text(ours, "precision", "");
     for (auto entry = metadata->beginMeta(); entry != metadata->endMeta(); ++entry)
         if (entry->first.starts_with("lpv:") && !ours[entry->first])
@@ -395,70 +432,59 @@ WriteReport write_vdb(const std::string& path, const Stored& stored, Precision w
     const auto make = [&](const volume::ConstGridView& view, const volume::Quantity& quantity) {
         const openvdb::GridBase::Ptr grid = make_grid(view, stored, active, bricks);
         grid->setSaveFloatAsHalf(half);
-        insert_lattice(*grid, volume, encoding, bricks);
+        insert_lattice(volume, encoding, *grid, bricks);
         insert_text(*grid, "quantity", quantity.name);
         insert_text(*grid, "units", quantity.units);
         return grid;
     };
-    MetaMap metadata;
-    insert_text(metadata, "tool", "lpvbake " LPVBAKE_VERSION);
-    for (const auto& [key, value] : volume.metadata)
-        insert_text(metadata, key, value);
-    insert_text(metadata, "precision", half ? "half" : "float");
-    insert_lattice(metadata, volume, encoding, bricks);
-
     const std::vector<volume::ConstGridView> views = grids_to_write(stored);
-    AtomicFile file(path);
-    std::string uuid;
-    file.write([&](std::ostream& out) {
-        GridStream stream(out, metadata, views.size());
-        size_t next = 0;
-        const auto number = [&](tbb::flow_control& control) {
-            if (next == views.size())
-                control.stop();
-            return next++;
-        };
-        const auto pack = [&](size_t i) {
-            const auto& kind = *views[i].kind;
-            return stream.pack(make(views[i], volume::quantity_of(kind, encoding.convention)));
-        };
-        using tbb::filter_mode;
-        tbb::parallel_pipeline(
-            grids_at_once(volume.grid),
-            tbb::make_filter<void, size_t>(filter_mode::serial_in_order, number)
-                & tbb::make_filter<size_t, PackedGrid>(filter_mode::parallel, pack)
-                & tbb::make_filter<PackedGrid, void>(
-                    filter_mode::serial_in_order,
-                    [&](PackedGrid packed) { stream.add(std::move(packed)); }));
-        uuid = stream.uuid();
-    });
-    file.patch(uuid_offset, uuid);
-    report.files.push_back({path, file.seal()});
-    file.publish();
+    report.files.push_back(write_grids(
+        path, file_metadata(volume, encoding, half, bricks), views.size(),
+        grids_at_once(volume.grid), [&](size_t i) {
+            return make(views[i], volume::quantity_of(*views[i].kind, encoding.convention));
+        }));
     return report;
+}
+
+std::string one_line(std::string text) {
+    std::replace(text.begin(), text.end(), '\n', ' ');
+    return text;
+}
+
+OpenVdb open_vdb(const std::string& path, const std::string& known) {
+    initialise_vdb();
+    // OpenVDB trusts what it reads, so damage has to be found before.
+    if (known.empty()) {
+        const Identity identity = identify(path, path);
+        if (identity.stored.empty())
+            reject(path, "is not an OpenVDB file, or is cut off");
+        if (identity.stored != identity.computed)
+            reject(path,
+                   "is damaged, or was not written by lpvbake: its UUID does not fit its content");
+    }
+    try {
+        const auto file = std::make_shared<openvdb::io::File>(path);
+        file->open(/*delayLoad=*/false);
+        if (!known.empty() && file->getUniqueTag() != known)
+            reject(path, "was written anew while it was read");
+        return {{file->getMetadata(),
+                 [file](const std::string& name) { return file->hasGrid(name); },
+                 [file](const std::string& name) {
+                     return file->hasGrid(name) ? file->readGrid(name) : nullptr;
+                 }},
+                file->getUniqueTag()};
+    } catch (const openvdb::Exception& error) {
+        reject(path, one_line(error.what()));
+    }
 }
 
 namespace {
 
 Volume read(const std::string& path, volume::GridKinds kinds, const BrickPlaces* bricks) {
-    initialise_vdb();
-    // OpenVDB trusts what it reads, so damage has to be found before.
-    const Identity identity = identify(path, path);
-    if (identity.stored.empty())
-        reject(path, "is not an OpenVDB file, or is cut off");
-    if (identity.stored != identity.computed)
-        reject(path,
-               "is damaged, or was not written by lpvbake: its UUID does not fit its content");
+    const OpenVdb file = open_vdb(path);
     Volume volume;
     try {
-        openvdb::io::File file(path);
-        file.open(/*delayLoad=*/false);
-        volume = volume_of({file.getMetadata(),
-                            [&](const std::string& name) { return file.hasGrid(name); },
-                            [&](const std::string& name) {
-                                return file.hasGrid(name) ? file.readGrid(name) : nullptr;
-                            }},
-                           path, kinds, bricks);
+        volume = volume_of(file.content, path, kinds, bricks);
     } catch (const openvdb::Exception& error) {
         reject(path, one_line(error.what()));
     }

@@ -7,10 +7,6 @@ namespace {
 
 using openvdb::Coord;
 
-/// Written for viewers, never read.
-constexpr GridKind density_kind{.name = "density",
-                                .quantity = {"mean luminance over all directions", "cd/m^2"}};
-
 openvdb::math::Transform::Ptr transform_of(const Grid& grid, bool corner_index) {
     const glm::dvec3 first = corner_index ? grid.origin : grid.center({0, 0, 0});
     if (grid.is_turned()) {
@@ -51,6 +47,9 @@ typename GridType::Ptr make_grid(const Grid& lattice, const std::vector<uint8_t>
 
 } // namespace
 
+const GridKind density_kind{.name = "density",
+                            .quantity = {"mean luminance over all directions", "cd/m^2"}};
+
 std::optional<glm::ivec3> BrickPlaces::of_cell(glm::ivec3 cell) const {
     constexpr int edge = volume::brick_edge;
     const volume::BrickStack stack(first.size());
@@ -89,13 +88,17 @@ openvdb::GridBase::Ptr make_grid(const volume::ConstGridView& view, const Stored
     else
         grid = make_grid<openvdb::Vec3SGrid>(
             lattice, active, bricks, [&](size_t i) { return openvdb::Vec3s(view.data + 3 * i); });
-    grid->setName(view.name());
-    grid->setTransform(
-        transform_of(bricks ? bricks->lattice : lattice, stored.encoding().corner_index));
-    grid->setVectorType(openvdb::VEC_INVARIANT); // colours do not turn with the transform
-    grid->setGridClass(view.kind == &density_kind ? openvdb::GRID_FOG_VOLUME
-                                                  : openvdb::GRID_UNKNOWN);
+    describe_grid(view.name(), bricks ? bricks->lattice : lattice, stored.encoding().corner_index,
+                  view.kind == &density_kind, *grid);
     return grid;
+}
+
+void describe_grid(const std::string& name, const Grid& lattice, bool corner_index, bool fog,
+                   openvdb::GridBase& grid) {
+    grid.setName(name);
+    grid.setTransform(transform_of(lattice, corner_index));
+    grid.setVectorType(openvdb::VEC_INVARIANT); // colours do not turn with the transform
+    grid.setGridClass(fog ? openvdb::GRID_FOG_VOLUME : openvdb::GRID_UNKNOWN);
 }
 
 } // namespace lpvbake::io

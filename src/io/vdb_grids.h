@@ -18,8 +18,14 @@
 
 namespace lpvbake::io {
 
+/// Written for viewers, never read.
+extern const GridKind density_kind;
+
 /// What OpenVDB needs before anything else; once.
 void initialise_vdb();
+
+/// OpenVDB's messages may span lines.
+std::string one_line(std::string text);
 
 /// All grids of the volume, and Stored::density for viewers, which is never read.
 std::vector<volume::ConstGridView> grids_to_write(const Stored& stored);
@@ -33,12 +39,39 @@ openvdb::GridBase::Ptr make_grid(const volume::ConstGridView& view, const Stored
                                  const std::vector<uint8_t>& active,
                                  const BrickPlaces* bricks = nullptr);
 
+/// Name, transform and class of a grid of the lattice; `fog` of density.
+void describe_grid(const std::string& name, const Grid& lattice, bool corner_index, bool fog,
+                   openvdb::GridBase& grid);
+
+/// What a reader must know to make sense of any of the grids: lattice, order and encoding.
+void insert_lattice(const Volume& volume, const volume::Encoding& encoding,
+                    openvdb::MetaMap& metadata, const BrickPlaces* bricks = nullptr);
+/// Metadata of a file: the volume's, lattice and precision.
+openvdb::MetaMap file_metadata(const Volume& volume, const volume::Encoding& encoding, bool half,
+                               const BrickPlaces* bricks = nullptr);
+
+/// Writes a file of so many grids, which `make` returns; at most `at_once` of them are in memory at
+/// a time, and `make` is then called by as many threads. Throws Error (file), and what `make`
+/// throws.
+WriteReport::File write_grids(const std::string& path, const openvdb::MetaMap& metadata,
+                              std::size_t count, std::size_t at_once,
+                              const std::function<openvdb::GridBase::Ptr(std::size_t)>& make);
+
 struct VdbContent {
     openvdb::MetaMap::Ptr metadata;              ///< of the file
     std::function<bool(const std::string&)> has; ///< whether there is a grid of that name
     /// The grid of that name, null if there is none.
     std::function<openvdb::GridBase::Ptr(const std::string&)> grid;
 };
+
+/// A file that write_vdb made, with the UUID that tells it from all others. `known`, if it is not
+/// empty, is the UUID of a file that was opened before; it is then not looked through for damage
+/// again. Throws Error (file; invalid: damaged, or another than the known one).
+struct OpenVdb {
+    VdbContent content;
+    std::string uuid;
+};
+OpenVdb open_vdb(const std::string& path, const std::string& known = "");
 
 /// The volume that the grids hold; its values may be anything. Throws Error (invalid, memory) that
 /// begins with `path`, and openvdb::Exception.

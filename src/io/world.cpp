@@ -60,6 +60,10 @@ World::Row row_in(const std::string& path, const Json& json) {
 
 } // namespace
 
+bool is_world(const std::string& path) {
+    return path.ends_with(end_of_world);
+}
+
 const World::Scenario& World::scenario_of(const Row& row) const {
     return *std::ranges::find(scenarios, row.scenario, &Scenario::name);
 }

@@ -20,6 +20,10 @@
 
 namespace lpvbake::io {
 
+/// By the end of its name, .world.json.
+bool is_world(const std::string& path);
+inline constexpr const char* end_of_world = ".world.json";
+
 struct World {
     struct Scenario {
         std::string name;

@@ -1,6 +1,9 @@
 // `lpvbake world`, and the bakes of boxes that its rows are.
 #include "base64.h"
 #include "cli/run.h"
+#include "lpvbake/file.h"
+#include "report/seams.h"
+#include "text.h"
 #include "volume/compare.h"
 
 #include <nlohmann/json.hpp>
@@ -140,6 +143,16 @@ TEST_F(WorldCli, RowsAreBakesOfTheirBoxes) {
     EXPECT_LT(seams["mean"], 0.05);
     EXPECT_GT(seams["mean"], 0.0);
     EXPECT_GE(seams["worst"]["share"], seams["mean"]);
+    report::Seam all;
+    for (const char* scenario : {"noon", "dull"})
+        for (int tile = 0; tile < 3; ++tile) {
+            const auto file = [&](int x) {
+                return lpvbake::read_volume(folder_ / format("w_%s_x%d_y0_z0.vdb", scenario, x));
+            };
+            all += report::seam_between(file(tile), file(tile + 1));
+        }
+    EXPECT_EQ(seams["cells"], all.cells);
+    EXPECT_EQ(seams["mean"], all.share());
 }
 
 TEST_F(WorldCli, AnEditIsBakedWhereItCounts) {
@@ -172,6 +185,76 @@ TEST_F(WorldCli, AnEditIsBakedWhereItCounts) {
     fs::remove(folder_ / after["rows"][0]["file"].get<std::string>());
     expect_one_error(run("world w.world.json --rows 0"), "--rows 0", ExitCode::invalid,
                      "plan the world again");
+}
+
+TEST_F(WorldCli, ThePlanIsOneVolume) {
+    write(street(4));
+    plan();
+    const auto told = [&](const std::string& arguments, ExitCode code = ExitCode::ok) {
+        const CliResult result = run(arguments + " --format json");
+        EXPECT_EQ(result.status, int(code)) << arguments << "\n" << result.err;
+        return json::parse(result.out);
+    };
+    EXPECT_EQ(told("info w.world.json")["lightings"][1]["there"], 0);
+    rows("0-7");
+    const json info = told("info w.world.json --scenario noon");
+    ASSERT_EQ(info["lightings"].size(), 1u);
+    EXPECT_EQ(info["lightings"][0]["there"], 4);
+    EXPECT_EQ(info["lightings"][0]["grid"]["dims"], (json{66, 18, 18}));
+    EXPECT_EQ(info["lightings"][0]["metadata"]["tracer"].get<std::string>().substr(0, 6), "Embree");
+
+    // The export is the volume that all commands read.
+    const json made = told("convert w.world.json noon.vdb --scenario noon");
+    EXPECT_EQ(made["grid"]["dims"], (json{66, 18, 18}));
+    EXPECT_EQ(made["sh_order"], 2);
+    EXPECT_EQ(run("convert w.world.json noon.exr --scenario noon").status, 0);
+    EXPECT_EQ(run("convert noon.exr dense.vdb").status, 0);
+    EXPECT_TRUE(slurp(folder_ / "noon.vdb") == slurp(folder_ / "dense.vdb"));
+    const auto same = [&](const std::string& arguments) {
+        return told("diff " + arguments)["result"];
+    };
+    EXPECT_EQ(same("w.world.json noon.vdb --scenario noon"), "identical");
+    EXPECT_EQ(same("w.world.json w_noon_x0_y0_z0.vdb --scenario noon --fail 100%"), "pass");
+    EXPECT_EQ(same("w.world.json w.world.json --scenario dull"), "identical");
+    EXPECT_EQ(run("diff w.world.json w.world.json --scenario dull,noon -q").status,
+              int(ExitCode::difference));
+    EXPECT_EQ(run("diff noon.exr w.world.json --scenario dull -q").status,
+              int(ExitCode::difference));
+
+    // A picture of one end needs no tile of the other, and looks as the whole does.
+    const std::string view = " --size 48x32 --samples 1 --camera 6,6,20:6,1,6:30 --sun "
+                             "'20,70,9000' --show irradiance -o ";
+    const json whole = told("render street.gltf noon.vdb" + view + "whole.exr");
+    fs::remove(folder_ / "w_noon_x3_y0_z0.vdb");
+    const json part = told("render street.gltf w.world.json --scenario noon" + view + "part.exr");
+    EXPECT_EQ(part["tiles"], json({{"read", 3}, {"of", 4}}));
+    EXPECT_NEAR(part["mean_luminance"].get<double>(), whole["mean_luminance"].get<double>(),
+                1e-6 * whole["mean_luminance"].get<double>());
+    EXPECT_GT(whole["mean_luminance"], 100.0);
+
+    const auto refused = [&](const std::string& arguments, const std::string& text,
+                             ExitCode code = ExitCode::usage) {
+        expect_one_error(run(arguments), arguments, code, text);
+    };
+    refused("render street.gltf w.world.json --scenario noon --size 8x8 -o a.png --camera "
+            "40,6,20:40,1,6:30",
+            "row 3 (noon, w_noon_x3_y0_z0.vdb) is missing; bake it with lpvbake world --rows 3",
+            ExitCode::file);
+    refused("render street.gltf w.world.json --scenario noon --size 8x8 -o a.png --camera "
+            "40,60,20:40,100,6:30",
+            "shows no tile", ExitCode::invalid);
+    refused("convert w.world.json b.vdb --scenario noon", "row 3 (noon", ExitCode::file);
+    refused("convert w.world.json b.vdb", "name one by --scenario: noon, dull");
+    refused("convert w.world.json b.vdb --scenario night", "night, but noon, dull");
+    refused("convert noon.vdb b.vdb --scenario noon", "is no plan of a world");
+    refused("convert w.world.json b.exr --scenario dull --max-memory 1M", "--max-memory",
+            ExitCode::memory);
+    refused("convert w.world.json w_dull_x0_y0_z0.vdb --scenario dull", "would replace");
+    refused("info w.world.json --scenario night", "night, but noon, dull");
+    refused("info w.world.json --slice z=1 -o a.png", "give the file of one");
+    run("bake street.gltf --cell-size 0.75 --bounds=0.1,-6,0,6,6,12 --sun '20,70,9000' -o odd.vdb");
+    refused("diff odd.vdb w.world.json --scenario dull", "is no part of w.world.json",
+            ExitCode::invalid);
 }
 
 TEST_F(WorldCli, WhatCannotBeIsRefusedByName) {

@@ -169,6 +169,19 @@ class Documents(unittest.TestCase):
         run("render", "render", "box.gltf", "local.vdb", "--threads", "1", "--size", "16x16", "-o", "picture.png",
             "--samples", "1", "--relight", "lrt")
 
+        run("world_plan", "world", "box.gltf", "-o", "w.world.json", "--cell-size", "0.25", "--tile", "8",
+            "--surroundings", "1", "--scenario", "lamp:--solver gather --quality fast --threads 1")
+        cls.documents.append(("world", "w.world.json", json.loads((cls.folder / "w.world.json").read_text())))
+        run("world_check", "world", "w.world.json", "--check", status=3)
+        run("info_world", "info", "w.world.json")
+        run("world_rows", "world", "w.world.json", "--rows", "0-99")
+        run("world_check", "world", "w.world.json", "--check")
+        run("info_world", "info", "w.world.json", "--scenario", "lamp")
+        run("convert", "convert", "w.world.json", "w.vdb")
+        run("diff", "diff", "w.world.json", "w.vdb")
+        run("render", "render", "box.gltf", "w.world.json", "--threads", "1", "--size", "16x16", "-o", "picture.png",
+            "--samples", "1")
+
         report = ["report", "box.gltf", *SMALL, "--solver", "sn,lpv", "--repeats", "1", "--probes", "10", "--noise",
                   "1", "--rays", "64"]
         run("report", *report)
