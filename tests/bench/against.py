@@ -63,7 +63,7 @@ def find_scene(word, folder):
 
 def bake(program, options, output):
     """One run: seconds, CPU seconds, peak memory in bytes, and what the program printed."""
-    command = [program, "bake", *options, "--format", "json", "-o", output, "-q"]
+    command = [program, "bake", *options, "--format", "json", "-o", output]
     with tempfile.TemporaryFile() as printed, tempfile.TemporaryFile() as told:
         start = time.perf_counter()
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=printed, stderr=told)
