@@ -184,15 +184,32 @@ glm::vec3 aimed(const From& side, const EmitterSampling& emitters, int aimed_ray
 }
 
 /// Luminance that every side sends by itself, nits.
-std::vector<glm::vec3> emission_of(const std::vector<Patch>& patches) {
-    std::vector<glm::vec3> emission(2 * patches.size(), glm::vec3(0.0f));
-    for (size_t i = 0; i < patches.size(); ++i) {
-        emission[2 * i] = patches[i].sent();
-        if (patches[i].double_sided)
-            emission[2 * i + 1] = emission[2 * i];
+class Emission {
+public:
+    Emission() = default; ///< without emitters
+    explicit Emission(const std::vector<Patch>& patches)
+        : of_side_(2 * patches.size(), glm::vec3(0.0f)),
+          glows_(of_side_.size()) {
+        for (size_t i = 0; i < patches.size(); ++i) {
+            of_side_[2 * i] = patches[i].sent();
+            if (patches[i].double_sided)
+                of_side_[2 * i + 1] = of_side_[2 * i];
+        }
+        for (size_t side = 0; side < of_side_.size(); ++side)
+            glows_[side] = of_side_[side] != glm::vec3(0.0f);
     }
-    return emission;
-}
+
+    bool empty() const { return of_side_.empty(); }
+    size_t size() const { return of_side_.size(); }
+    glm::vec3 operator[](size_t side) const { return of_side_[side]; }
+    /// Whether it sends any: a bit, since most of what rays meet is dark.
+    bool glows(size_t side) const { return glows_[side]; }
+    const std::vector<glm::vec3>& of_sides() const { return of_side_; }
+
+private:
+    std::vector<glm::vec3> of_side_;
+    std::vector<bool> glows_;
+};
 
 /// A cosine-distributed ray of a side, and what it meets.
 struct Meeting {
@@ -203,6 +220,34 @@ struct Meeting {
     uint32_t there; ///< the side that is met, or no_side
 
     bool none() const { return hit.instance == visibility::no_hit; }
+};
+
+struct StartedRay {
+    visibility::Ray ray;
+    float cosine; ///< to the normal of its side
+};
+
+/// Rays that are traced together.
+struct TracedRays {
+    static constexpr uint32_t most = 64;
+    size_t count = 0;
+    std::array<visibility::Ray, most> rays;
+    std::array<float, most> cosines;
+    std::array<visibility::Hit, most> hits;
+    std::array<uint32_t, most> there; ///< sides
+
+    void add(const StartedRay& start) {
+        rays[count] = start.ray;
+        cosines[count++] = start.cosine;
+    }
+    void trace(const LitSurfaces& lit, const visibility::Visibility& visibility) {
+        const std::span all = std::span(rays).first(count);
+        visibility.closest_of_eights(all, visibility::Bundle::loose, hits);
+        lit.sides(std::span(hits).first(count), all, there);
+    }
+    Meeting meeting(uint32_t ray, size_t i) const {
+        return {ray, rays[i].origin, rays[i].direction, cosines[i], hits[i], there[i]};
+    }
 };
 
 /// No ray is kept.
@@ -237,8 +282,8 @@ struct DirectLight {
     const LitSurfaces& lit;
     const visibility::Visibility& visibility;
     const Sky& sky;
-    const std::vector<glm::vec3>& emission; ///< a side, nits; empty without emitters
-    std::vector<Sun> suns;                  ///< where they are not lit by maps
+    const Emission& emission; ///< empty without emitters
+    std::vector<Sun> suns;    ///< where they are not lit by maps
     EmitterSampling aim;
     int rays;       ///< into the half-space of a side
     int aimed_rays; ///< towards emitters
@@ -267,36 +312,53 @@ struct DirectLight {
     template <class From, class Meet, class Kept = AllAnew>
     glm::vec3 emitted(const From& side, const Meet& meet, const Kept& kept = {}) const {
         const HaltonPoints points(side.index, 2);
-        glm::vec3 seen{0.0f};
-        for (uint32_t i = 0; i < uint32_t(rays); ++i) {
-            const uint32_t known = kept.there(i);
-            if (known == LitSurfaces::no_side
-                || (known < KeptRays::anew
-                    && (aim.empty() || emission[known] == glm::vec3(0.0f)))) {
-                const visibility::Hit hit{.instance = 0, .tint = kept.tint(i)};
-                meet(Meeting{i, glm::vec3(0.0f), glm::vec3(0.0f), 0.0f, hit, known});
-                continue;
-            }
+        const auto ray = [&](uint32_t i) {
             const auto [from, normal] = side.start(points(side.first_ray + i, 1));
             const glm::vec3 direction = sample_cosine(normal, points(side.first_ray + i, 0));
-            const visibility::Hit hit =
-                known == KeptRays::sky ? visibility::Hit{.tint = kept.tint(i)}
-                                       : visibility.closest({from, direction, 0.0f, HUGE_VALF});
-            const Meeting meeting{
-                i,
-                from,
-                direction,
-                glm::dot(direction, normal),
-                hit,
-                hit.instance == visibility::no_hit ? LitSurfaces::no_side : lit.side(hit, direction)};
-            meet(meeting);
-            if (meeting.there == LitSurfaces::no_side || aim.empty())
-                continue;
-            // Most of what is met is dark: its patch need not be loaded.
-            if (const glm::vec3 luminance = emission[meeting.there]; luminance != glm::vec3(0.0f))
-                seen += by_chance(meeting, luminance, aim.density(lit.patches[meeting.there / 2]));
+            return StartedRay{{from, direction, 0.0f, HUGE_VALF}, glm::dot(direction, normal)};
+        };
+        glm::vec3 seen{0.0f};
+        TracedRays traced;
+        for (uint32_t first = 0; first < uint32_t(rays); first += TracedRays::most) {
+            const uint32_t end = std::min(first + TracedRays::most, uint32_t(rays));
+            traced.count = 0;
+            for (uint32_t i = first; i < end; ++i)
+                if (const uint32_t known = kept.there(i); !is_told(known) && known != KeptRays::sky)
+                    traced.add(ray(i));
+            traced.trace(lit, visibility);
+            size_t next = 0;
+            for (uint32_t i = first; i < end; ++i) {
+                const uint32_t known = kept.there(i);
+                if (is_told(known)) {
+                    const visibility::Hit hit{.instance = 0, .tint = kept.tint(i)};
+                    meet(Meeting{i, glm::vec3(0.0f), glm::vec3(0.0f), 0.0f, hit, known});
+                } else if (known == KeptRays::sky) {
+                    const StartedRay start = ray(i);
+                    const visibility::Hit hit{.tint = kept.tint(i)};
+                    meet(Meeting{i, start.ray.origin, start.ray.direction, start.cosine, hit,
+                                 LitSurfaces::no_side});
+                } else {
+                    const Meeting meeting = traced.meeting(i, next++);
+                    meet(meeting);
+                    seen += by_chance(meeting);
+                }
+            }
         }
         return rays > 0 ? seen * (glm::pi<float>() / float(rays)) : seen;
+    }
+
+    /// What is kept of a ray is all that is told of it.
+    bool is_told(uint32_t known) const {
+        return known == LitSurfaces::no_side
+               || (known < KeptRays::anew && (aim.empty() || !emission.glows(known)));
+    }
+
+    /// What a ray counts for the emitter that it meets, if any.
+    glm::vec3 by_chance(const Meeting& meeting) const {
+        if (meeting.there == LitSurfaces::no_side || aim.empty() || !emission.glows(meeting.there))
+            return glm::vec3(0.0f);
+        return by_chance(meeting, emission[meeting.there],
+                         aim.density(lit.patches[meeting.there / 2]));
     }
 
     /// What a ray counts that meets an emitter, at which others are aimed with this density.
@@ -353,6 +415,40 @@ struct Reflection {
           spots(elements, glm::vec3(0.0f)) {}
 };
 
+/// Sum of what leaves the sides that an element's rays meet, by the tints that they passed, if any.
+/// The hits become elements, or the place after all of them where nothing is reflected.
+glm::dvec3 sum_of_sides(const Reflection& of, const LitSurfaces& lit, const Elements& elements,
+                        std::span<uint32_t> hits, std::span<const glm::vec3> tints) {
+    glm::dvec3 sum{0.0};
+    for (size_t ray = 0; ray < hits.size(); ++ray) {
+        uint32_t& hit = hits[ray];
+        if (hit == black) {
+            hit = uint32_t(elements.size());
+            continue;
+        }
+        glm::vec3 sent = lit.luminance[hit];
+        if (!of.spots_there.empty())
+            sent -= of.spots_there[hit];
+        sum += glm::dvec3(tints.empty() ? sent : tints[ray] * sent);
+        hit = elements.of_side[hit];
+    }
+    return sum;
+}
+
+/// The same of elements; that after the last one is black, so that no branch is guessed, and four
+/// numbers of each are one load.
+glm::dvec3 sum_of_elements(const std::vector<glm::vec4>& sent, std::span<const uint32_t> hits,
+                           std::span<const glm::vec3> tints) {
+    glm::dvec4 sum{0.0};
+    if (tints.empty())
+        for (const uint32_t hit : hits)
+            sum += glm::dvec4(sent[hit]);
+    else
+        for (size_t ray = 0; ray < hits.size(); ++ray)
+            sum += glm::dvec4(glm::vec4(tints[ray], 0.0f) * sent[hits[ray]]);
+    return glm::dvec3(sum);
+}
+
 /// R = D + rho K R by its series, D + rho K D + ...: each order is added to the others, not taken
 /// as a difference of sums, so that it falls off to any number of digits. No row of K sums to more
 /// than 1: where the largest albedo is below 1 the series ends. D leaves its own side of a patch,
@@ -363,7 +459,7 @@ std::vector<glm::vec3> reflect_between(const Scene& scene, const scene::Frame& f
                                        LitSurfaces& lit, Progress& progress) {
     const size_t count = of.direct.size(), rays = of.hits.size() / std::max<size_t>(count, 1);
     std::vector<glm::dvec3> met(count, glm::dvec3(0.0));
-    std::vector<glm::vec3> order, next(count);
+    std::vector<glm::vec4> order, next(count + 1, glm::vec4(0.0f)); // the last: of what is black
     const auto power_of = [&](size_t i, glm::dvec3 luminance) {
         return of.area[i] * std::max({luminance.x, luminance.y, luminance.z});
     };
@@ -378,31 +474,24 @@ std::vector<glm::vec3> reflect_between(const Scene& scene, const scene::Frame& f
     progress.begin("bounces", 0);
     while (lit.bounces < most) {
         progress.advance(0);
+        const bool first = order.empty();
         tbb::parallel_for(size_t(0), count, [&](size_t i) {
+            const std::span<uint32_t> hits = std::span(of.hits).subspan(i * rays, rays);
+            const std::span<const glm::vec3> tints =
+                of.tints.empty() ? std::span<const glm::vec3>{}
+                                 : std::span(of.tints).subspan(i * rays, rays);
             if (!layered.empty())
-                layered.reflect(i, of.albedo[i], std::span(of.hits).subspan(i * rays, rays), black,
-                                of.tints.empty() ? std::span<const glm::vec3>{}
-                                                 : std::span(of.tints).subspan(i * rays, rays));
-            glm::dvec3 sum{0.0};
-            for (size_t ray = i * rays; ray < (i + 1) * rays; ++ray) {
-                uint32_t& hit = of.hits[ray];
-                if (hit == black)
-                    continue;
-                glm::vec3 sent = order.empty() ? lit.luminance[hit] : order[hit];
-                if (order.empty() && !of.spots_there.empty())
-                    sent -= of.spots_there[hit];
-                sum += glm::dvec3(of.tints.empty() ? sent : of.tints[ray] * sent);
-                if (order.empty())
-                    hit = elements.of_side[hit];
-            }
-            sum /= double(rays);
-            if (order.empty())
+                layered.reflect(i, of.albedo[i], hits, first ? black : uint32_t(count), tints);
+            glm::dvec3 sum = (first ? sum_of_sides(of, lit, elements, hits, tints)
+                                    : sum_of_elements(order, hits, tints))
+                             / double(rays);
+            if (first)
                 sum += glm::dvec3(of.spots[i]);
-            next[i] = glm::vec3(glm::dvec3(of.albedo[i]) * sum);
+            next[i] = glm::vec4(glm::dvec3(of.albedo[i]) * sum, 0.0f);
             met[i] += sum;
         });
         std::swap(order, next);
-        next.resize(count);
+        next.resize(count + 1, glm::vec4(0.0f));
         layered.next_order();
         ++lit.bounces;
         double last = 0.0, shares = 0.0;
@@ -412,7 +501,7 @@ std::vector<glm::vec3> reflect_between(const Scene& scene, const scene::Frame& f
                 power_of(i, glm::dvec3(of.direct[i]) + glm::dvec3(of.albedo[i]) * met[i]);
             if (!(all > 0.0))
                 continue;
-            const double power = power_of(i, order[i]);
+            const double power = power_of(i, glm::dvec3(order[i]));
             last += power;
             shares += power / all;
             ++light;
@@ -427,7 +516,9 @@ std::vector<glm::vec3> reflect_between(const Scene& scene, const scene::Frame& f
             size_t worst = 0;
             for (size_t i = 0; i < count; ++i)
                 if (!keeps(worst)
-                    || (keeps(i) && power_of(i, order[i]) > power_of(worst, order[worst])))
+                    || (keeps(i)
+                        && power_of(i, glm::dvec3(order[i]))
+                               > power_of(worst, glm::dvec3(order[worst]))))
                     worst = i;
             const Patch& patch = lit.patches[elements.members[elements.first[worst]] / 2];
             const glm::dvec3 at = frame.to_world(glm::dvec3(patch.position));
@@ -452,10 +543,8 @@ void find_layered(const DirectLight& light, const Spots& spots, const Meeting& m
     if (meeting.there == LitSurfaces::no_side)
         return;
     if (!light.aim.empty())
-        if (const glm::vec3 luminance = light.emission[meeting.there]; luminance != glm::vec3(0.0f))
-            found.emitter(meeting.there,
-                          light.by_chance(meeting, luminance,
-                                          light.aim.density(light.lit.patches[meeting.there / 2])));
+        if (light.emission.glows(meeting.there))
+            found.emitter(meeting.there, light.by_chance(meeting));
     if (!spots.aim.empty() && spots.luminance[meeting.there] != glm::vec3(0.0f))
         found.spot(meeting.there,
                    light.by_chance(meeting, glm::vec3(1.0f), spots.density(meeting.there)));
@@ -517,9 +606,8 @@ glm::vec3 look_around(const DirectLight& light, const Spots& spots, const Elemen
 /// The light of emitters, sky and other surfaces that is reflected, added to the punctual lights'
 /// in LitSurfaces::luminance.
 void reflect_around(const Scene& scene, const scene::Frame& frame, const LightingSettings& settings,
-                    std::span<const scene::LightLayer> layers,
-                    const std::vector<glm::vec3>& emission, const Keeper& keeper, LitSurfaces& lit,
-                    Progress& progress) {
+                    std::span<const scene::LightLayer> layers, const Emission& emission,
+                    const Keeper& keeper, LitSurfaces& lit, Progress& progress) {
     const visibility::Visibility& visibility = *lit.visibility;
     const std::vector<Patch>& patches = lit.patches;
     const Elements elements = group_sides(patches, visibility, frame, keeper);
@@ -531,7 +619,7 @@ void reflect_around(const Scene& scene, const scene::Frame& frame, const Lightin
         rays,     rays / 4};
     const bool between = settings.bounces != 1;
     Reflection reflection(count, between ? size_t(rays) : 0, visibility.is_tinted());
-    Spots spots = between ? Spots(scene, frame, emission, lit) : Spots{};
+    Spots spots = between ? Spots(scene, frame, emission.of_sides(), lit) : Spots{};
     LayeredElements layered(scene, layers, elements, spots, lit);
     KeptRays kept(keeper, elements, size_t(rays), visibility.is_tinted());
     progress.begin("lighting", count);
@@ -598,7 +686,7 @@ Direct light_directly(const Scene& scene, const scene::Frame& frame,
 
 /// All light that is reflected becomes LitSurfaces::luminance.
 void reflect(const Scene& scene, const scene::Frame& frame, const LightingSettings& settings,
-             std::span<const scene::LightLayer> layers, const std::vector<glm::vec3>& emission,
+             std::span<const scene::LightLayer> layers, const Emission& emission,
              const Direct& direct, const Keeper& keeper, LitSurfaces& lit, Progress& progress) {
     const PunctualLight &lamps = direct.lamps, &suns = direct.suns;
     const auto each_side = [&](const auto& set) {
@@ -649,14 +737,14 @@ LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& vis
     keeper.settle(lit);
     lit.luminance.assign(2 * lit.patches.size(), glm::vec3(0.0f));
     lit.layers.assign(layers.size() * lit.luminance.size(), glm::vec3(0.0f));
-    const std::vector<glm::vec3> emission = settings.emitters && !dark && scene::has_emitters(scene)
-                                                ? emission_of(lit.patches)
-                                                : std::vector<glm::vec3>{};
+    const Emission emission = settings.emitters && !dark && scene::has_emitters(scene)
+                                  ? Emission(lit.patches)
+                                  : Emission{};
     if (settings.bounces != 0)
         reflect(scene, frame, settings, layers, emission, direct, keeper, lit, progress);
     for (size_t i = 0; i < emission.size(); ++i)
         lit.luminance[i] += emission[i];
-    add_layered_emission(scene, layers, emission, lit);
+    add_layered_emission(scene, layers, emission.of_sides(), lit);
     lit.share();
     return lit;
 }
@@ -666,8 +754,7 @@ std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
                                      uint32_t seed, Progress& progress) {
     const visibility::Visibility& visibility = *lit.visibility;
     const bool aims = emitters && scene::has_emitters(scene);
-    const std::vector<glm::vec3> emission =
-        aims ? emission_of(lit.patches) : std::vector<glm::vec3>{};
+    const Emission emission = aims ? Emission(lit.patches) : Emission{};
     const DirectLight light{lit,
                             visibility,
                             scene.sky,
@@ -712,8 +799,7 @@ std::vector<SideLight> shared_irradiance_at(const Scene& scene, const LitSurface
     constexpr size_t most = 64; // points of a group
     const visibility::Visibility& visibility = *lit.visibility;
     const bool aims = emitters && scene::has_emitters(scene);
-    const std::vector<glm::vec3> emission =
-        aims ? emission_of(lit.patches) : std::vector<glm::vec3>{};
+    const Emission emission = aims ? Emission(lit.patches) : Emission{};
     const EmitterSampling aim(aims ? lit.patches : std::vector<Patch>{});
     const std::vector<Sun> suns = suns_of(scene.sky);
     const PointGroups groups = group_points(visibility, points, most);
@@ -835,10 +921,32 @@ void LitSurfaces::share() {
 }
 
 uint32_t LitSurfaces::side(const visibility::Hit& hit, glm::vec3 direction) const {
-    if (hit.facing == visibility::Facing::back)
-        return no_side;
+    return side_at(hit.facing == visibility::Facing::back ? PatchTree::Approach{}
+                                                          : tree.approach(hit),
+                   hit, direction);
+}
+
+void LitSurfaces::sides(std::span<const visibility::Hit> hits,
+                        std::span<const visibility::Ray> rays, std::span<uint32_t> result) const {
+    constexpr size_t most = 64;
+    std::array<PatchTree::Approach, most> ways;
+    for (size_t first = 0; first < hits.size(); first += most) {
+        const size_t count = std::min(most, hits.size() - first);
+        for (size_t i = 0; i < count; ++i) {
+            const visibility::Hit& hit = hits[first + i];
+            ways[i] =
+                hit.facing == visibility::Facing::back ? PatchTree::Approach{} : tree.approach(hit);
+            __builtin_prefetch(ways[i].piece);
+        }
+        for (size_t i = 0; i < count; ++i)
+            result[first + i] = side_at(ways[i], hits[first + i], rays[first + i].direction);
+    }
+}
+
+uint32_t LitSurfaces::side_at(const PatchTree::Approach& from, const visibility::Hit& hit,
+                              glm::vec3 direction) const {
     glm::vec2 weights;
-    const PatchTree::Node* node = tree.leaf(hit, weights);
+    const PatchTree::Node* node = tree.arrive(from, weights);
     if (!node || node->at == PatchTree::none)
         return no_side;
     const bool back = glm::dot(hit.normal, direction) > 0.0f;

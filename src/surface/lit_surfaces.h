@@ -56,6 +56,9 @@ struct LitSurfaces {
     /// centroid, the patch beside it on the hit's side of the wall is what is seen, or no_side if
     /// there is none.
     uint32_t side(const visibility::Hit& hit, glm::vec3 direction) const;
+    /// The same of many rays that have these hits, so that their ways to memory overlap.
+    void sides(std::span<const visibility::Hit> hits, std::span<const visibility::Ray> rays,
+               std::span<uint32_t> result) const;
     /// Luminance (nits) that a ray of this direction meets at its hit, Hit::tint not in it; 0 for
     /// no_hit.
     glm::vec3 leaving(const visibility::Hit& hit, glm::vec3 direction) const;
@@ -65,6 +68,10 @@ struct LitSurfaces {
     }
     /// Sets `shared` by `luminance`.
     void share();
+
+private:
+    uint32_t side_at(const PatchTree::Approach& from, const visibility::Hit& hit,
+                     glm::vec3 direction) const;
 };
 
 /// The same surfaces and light in units of frame `other` instead of `own`; `visibility` is of that

@@ -633,24 +633,35 @@ struct Weights {
 
 } // namespace
 
-const PatchTree::Node* PatchTree::leaf(const visibility::Hit& hit, glm::vec2& weights) const {
+PatchTree::Approach PatchTree::approach(const visibility::Hit& hit) const {
     if (hit.instance == visibility::no_hit)
-        return nullptr;
+        return {};
     const Root root = roots[first_root[hit.instance] + hit.triangle];
     if (root.first == none)
-        return nullptr;
+        return {};
     Weights w{1.0f - hit.barycentric.x - hit.barycentric.y, hit.barycentric.x, hit.barycentric.y};
     w.turn(root.turn);
     uint32_t piece = 0;
     for (unsigned i = 0; i < root.levels; ++i)
         piece = 2 * piece + uint32_t(w.halve());
-    const Node* node = &pieces[root.first + piece];
+    return {&pieces[root.first + piece], {w.a, w.b, w.c}};
+}
+
+const PatchTree::Node* PatchTree::arrive(const Approach& from, glm::vec2& weights) const {
+    const Node* node = from.piece;
+    if (!node)
+        return nullptr;
+    Weights w{from.weights[0], from.weights[1], from.weights[2]};
     while (node->halved) {
         w.turn(node->turn);
         node = &nodes[node->at + uint32_t(w.halve())];
     }
     weights = {w.b, w.c};
     return node;
+}
+
+const PatchTree::Node* PatchTree::leaf(const visibility::Hit& hit, glm::vec2& weights) const {
+    return arrive(approach(hit), weights);
 }
 
 } // namespace lpvbake::surface

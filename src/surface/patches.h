@@ -89,6 +89,16 @@ struct PatchTree {
     }
     /// Its node; null for no_hit.
     const Node* leaf(const visibility::Hit& hit, glm::vec2& weights) const;
+
+    /// leaf() in two parts, for many hits: what the second loads comes meanwhile. Where a hit lies
+    /// among the pieces, and its weights of that piece's corners.
+    struct Approach {
+        const Node* piece = nullptr;
+        std::array<float, 3> weights{};
+    };
+    Approach approach(const visibility::Hit& hit) const;
+    /// The node at the end of it, if any, and the weights of its second and third corner there.
+    const Node* arrive(const Approach& from, glm::vec2& weights) const;
 };
 
 /// A piece of a placed triangle.

@@ -149,8 +149,8 @@ public:
     void closest(std::span<const Ray> rays, std::span<Hit> hits) const;
     void filter(std::span<const Ray> rays, std::span<glm::vec3> result) const;
 
-    /// The same on the calling thread, eight rays at a time. A hit's place may differ from that of
-    /// a single ray by rounding; it depends on the rays of its eight, and on nothing else.
+    /// The same on the calling thread, eight rays at a time. Loose ones are answered as single
+    /// rays, to the bit; where a tight one hits differs by rounding, and depends on its eight.
     void closest_of_eights(std::span<const Ray> rays, Bundle bundle, std::span<Hit> hits) const;
     void filter_of_eights(std::span<const Ray> rays, Bundle bundle,
                           std::span<glm::vec3> result) const;

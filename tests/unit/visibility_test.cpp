@@ -244,6 +244,11 @@ TEST(Visibility, EightsAnswerAsSingleRays) {
                     continue;
                 }
                 ++met[hit.instance];
+                if (bundle == visibility::Bundle::loose) { // which kept rays rely on
+                    EXPECT_EQ(hit.t, hits[i].t);
+                    EXPECT_EQ(hit.barycentric, hits[i].barycentric);
+                    EXPECT_EQ(hit.normal, hits[i].normal);
+                }
                 EXPECT_NEAR(hit.t, hits[i].t, 1e-5f);
                 EXPECT_LT(glm::distance(hit.barycentric, hits[i].barycentric), 1e-4f);
                 EXPECT_LT(glm::distance(hit.normal, hits[i].normal), 1e-5f);
@@ -325,6 +330,10 @@ TEST(Isa, AllMeetTheSameSurfaces) {
             first = hits;
         int different = 0;
         for (size_t i = 0; i < rays.size(); ++i) {
+            const visibility::Hit single = visibility.closest(rays[i]);
+            EXPECT_EQ(single.triangle, hits[i].triangle) << name;
+            EXPECT_EQ(single.t, hits[i].t) << name;
+            EXPECT_EQ(single.barycentric, hits[i].barycentric) << name;
             different +=
                 hits[i].triangle != first[i].triangle || hits[i].instance != first[i].instance;
             if (hits[i].triangle == first[i].triangle) {
