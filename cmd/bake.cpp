@@ -251,6 +251,22 @@ bake::Storage choose_storage(const Scene& scene, const bake::BakeSettings& base,
     return chosen;
 }
 
+/// What counts of the scene; `bounds` becomes the box of the bake.
+Scene load_for(const BakeOptions& o, const SharedScene* shared, Run& run,
+               std::optional<Bounds>& bounds) {
+    if (shared) {
+        bounds = o.box_in(shared->scene);
+        return scene::with_instances(shared->scene, shared->around({*bounds, *o.surroundings}));
+    }
+    std::vector<scene::Surroundings> boxes; // none where it is named by what is in the scene
+    if (const Bounds* box = std::get_if<Bounds>(&o.bounds); box && o.surroundings)
+        boxes.push_back({*box, *o.surroundings});
+    Scene whole = run.load(boxes);
+    bounds = o.box_in(whole);
+    return o.surroundings ? scene::within(std::move(whole), {*bounds, *o.surroundings})
+                          : std::move(whole);
+}
+
 options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<BakeOptions>();
     add_bake_options(options, *fields);
@@ -265,7 +281,20 @@ options::Action declare(options::Options& options) {
 
 } // namespace
 
-void run_bake(BakeOptions o, const options::Options& options) {
+SharedScene load_shared(BakeOptions o, std::span<const scene::Surroundings> boxes) {
+    check_options(o);
+    add_suns(o);
+    Run run(o, o, {});
+    auto opening = std::async(in_background(), [&o] {
+        return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
+    });
+    Scene scene = run.load(boxes);
+    scene::Around around(scene);
+    run.progress.end();
+    return {std::move(scene), std::move(around), opening.get()};
+}
+
+void run_bake(BakeOptions o, const options::Options& options, const SharedScene* shared) {
     Origin origin{options.recorded(), output_settings(options), "", ""};
     check_options(o);
     add_suns(o);
@@ -281,17 +310,14 @@ void run_bake(BakeOptions o, const options::Options& options) {
     base.points = points.positions.size();
     if (o.if_missing && !is_missing(o, run))
         return;
-    auto opening = std::async(o.if_changed ? std::launch::deferred : in_background(), [&o] {
-        return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
-    });
+    auto opening =
+        std::async(o.if_changed || shared ? std::launch::deferred : in_background(), [&o] {
+            return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
+        });
     std::optional<io::CacheFolder> cache;
     if (!o.cache.empty() && !o.dry_run)
         base.cache = &cache.emplace(o.cache, o.cache_bytes);
-    Scene whole = run.load();
-    base.bounds = o.box_in(whole);
-    const Scene scene = o.surroundings
-                            ? scene::within(std::move(whole), {*base.bounds, *o.surroundings})
-                            : std::move(whole);
+    const Scene scene = load_for(o, shared, run, base.bounds);
     run.end_stage("load", counted(scene::triangle_count(scene), "triangle")
                               + (o.surroundings ? " around" : "") + ", "
                               + counted(scene.lights.size(), "light"));
@@ -313,7 +339,8 @@ void run_bake(BakeOptions o, const options::Options& options) {
     if (o.if_changed && !needs_bake(o, origin.hash, !base.levels.empty(), run))
         return;
     stop_if_signalled();
-    const std::unique_ptr<gpu::Device> device = opening.get();
+    const std::unique_ptr<gpu::Device> own_device = shared ? nullptr : opening.get();
+    gpu::Device* const device = shared ? shared->device.get() : own_device.get();
     tell("device: " + device->info().name + ", " + device->info().driver);
     run.end_stage("open", "the device, opened while the scene was loaded");
 

@@ -10,6 +10,7 @@
 #include "lpvbake/scene.h"
 #include "machine.h"
 #include "options/lights.h"
+#include "scene/gltf/near.h"
 #include "scene/scene_hash.h"
 #include "text.h"
 
@@ -258,8 +259,12 @@ std::optional<Bounds> SceneOptions::box_in(const Scene& in) const {
     return cmd::box_in(bounds, "--bounds", in);
 }
 
-Scene load_scene(const SceneOptions& o, const GivenLights& given) {
-    Scene scene = load_gltf(o.scene, o.load);
+Scene load_scene(const SceneOptions& o, const GivenLights& given,
+                 std::span<const scene::Surroundings> boxes) {
+    Scene scene = boxes.empty() ? load_gltf(o.scene, o.load)
+                                : scene::gltf::load_near(o.scene, o.load,
+                                                         {{boxes.begin(), boxes.end()},
+                                                          scene::directions_of(given.lights)});
     if (o.no_scene_lights)
         scene.lights.clear();
     std::ranges::copy(given.lights, std::back_inserter(scene.lights));
@@ -838,10 +843,10 @@ Run::Run(const SceneOptions& scene, const RunOptions& run, const std::vector<std
     watch_signals();
 }
 
-Scene Run::load() {
+Scene Run::load(std::span<const scene::Surroundings> boxes) {
     progress.begin("load", 0);
     tell("reads " + scene_.scene);
-    Scene scene = load_scene(scene_, lights_);
+    Scene scene = load_scene(scene_, lights_, boxes);
     warn(scene.warnings);
     return scene;
 }

@@ -8,6 +8,7 @@
 #include "readers/readers.h"
 #include "result.h"
 #include "scene/scene.h"
+#include "scene/surroundings.h"
 #include "selection.h"
 #include "terminal.h"
 #include "visibility/isa.h"
@@ -16,6 +17,7 @@
 
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <variant>
 #include <vector>
@@ -86,7 +88,9 @@ struct GivenLights {
 /// Throws Error as load_lights does; for a warning, too, where they are errors.
 GivenLights command_line_lights(const SceneOptions& o);
 /// Loads the scene by its rules and adds `given`. Throws Error.
-Scene load_scene(const SceneOptions& o, const GivenLights& given);
+/// With boxes as scene::gltf::load_near does for these.
+Scene load_scene(const SceneOptions& o, const GivenLights& given,
+                 std::span<const scene::Surroundings> boxes = {});
 /// True if the file or the options mention images, which then have to be decoded. A guess to gain
 /// time by.
 bool mentions_images(const SceneOptions& o);
@@ -222,8 +226,9 @@ public:
     /// Throws Error (file; invalid: a light file).
     Run(const SceneOptions& scene, const RunOptions& run, const std::vector<std::string>& outputs);
 
-    /// Loads the scene and prints its warnings. Throws Error.
-    Scene load();
+    /// Loads the scene, or what may count for one of the boxes, and prints its warnings. Throws
+    /// Error.
+    Scene load(std::span<const scene::Surroundings> boxes = {});
     /// Ends a stage, which began where the last one ended.
     void end_stage(const char* name, const std::string& detail = "");
     /// Where the next stage begins, but for what end_stage tells of.

@@ -367,16 +367,43 @@ std::string title_of(const io::World& world, std::size_t i) {
     return format("row %zu (%s, %s)", i, row.scenario.c_str(), row.tile.c_str());
 }
 
+/// The scene of rows that come one after the other in a lighting.
+class RowScene {
+public:
+    /// Loaded for rows[i] and those after it; null for the last of them, which loads its own.
+    const SharedScene* of(const io::World& world, const std::vector<std::size_t>& rows,
+                          std::size_t i, const BakeOptions& bake) {
+        const std::string& scenario = world.rows[rows[i]].scenario;
+        if (scene_ && scenario == scenario_)
+            return &*scene_;
+        scene_.reset();
+        std::vector<scene::Surroundings> boxes;
+        for (; i < rows.size() && world.rows[rows[i]].scenario == scenario; ++i)
+            boxes.push_back({world.rows[rows[i]].bounds, world.surroundings});
+        if (boxes.size() == 1)
+            return nullptr;
+        scenario_ = scenario;
+        return &scene_.emplace(load_shared(bake, boxes));
+    }
+
+private:
+    std::string scenario_;
+    std::optional<SharedScene> scene_;
+};
+
 void bake_rows(const PlanOptions& o, const io::World& world) {
     report::Json list = report::Json::array();
-    for (const std::size_t i : rows_of(o, world)) {
+    const std::vector<std::size_t> rows = rows_of(o, world);
+    RowScene scenes;
+    for (std::size_t k = 0; k < rows.size(); ++k) {
+        const std::size_t i = rows[k];
         const io::World::Row& row = world.rows[i];
         const auto begin = std::chrono::steady_clock::now();
         const bool made = !fault_of(row).empty();
         if (made) {
             const auto bake = row_bake(world, world.scenario_of(row), row.bounds, row.file);
             try {
-                run_bake(bake->bake, bake->table);
+                run_bake(bake->bake, bake->table, scenes.of(world, rows, k, bake->bake));
             } catch (const Error& error) {
                 throw Error(error.kind, title_of(world, i) + ": " + error.what());
             }

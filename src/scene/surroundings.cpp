@@ -72,17 +72,39 @@ std::optional<Surroundings> parse_surroundings(const std::string& text) {
     return around;
 }
 
-Around::Around(const Scene& scene) : boxes_(instance_boxes(scene)) {
+std::vector<glm::dvec3> directions_of(std::span<const Light> lights) {
+    std::vector<glm::dvec3> directions;
+    for (const Light& light : lights)
+        if (light.type == LightType::directional)
+            directions.push_back(glm::normalize(light.direction));
+    return directions;
+}
+
+namespace {
+
+std::vector<bool> emitting(const Scene& scene) {
     const std::vector<bool> emissive = emissive_materials(scene);
+    std::vector<bool> emits;
     for (const Instance& instance : scene.instances)
-        emits_.push_back(emissive[std::size_t(scene.meshes[std::size_t(instance.mesh)].material)]);
-    for (const Light& light : scene.lights)
-        if (light.type == LightType::directional) {
-            directions_.push_back(glm::normalize(light.direction));
-            std::vector<Bounds>& seen = along_light_.emplace_back();
-            for (const Bounds& box : boxes_)
-                seen.push_back(along(box, directions_.back()));
-        }
+        emits.push_back(emissive[std::size_t(scene.meshes[std::size_t(instance.mesh)].material)]);
+    return emits;
+}
+
+} // namespace
+
+Around::Around(const Scene& scene)
+    : Around(instance_boxes(scene), emitting(scene), directions_of(scene.lights)) {}
+
+Around::Around(std::vector<Bounds> boxes, std::vector<bool> emits,
+               std::span<const glm::dvec3> directions)
+    : boxes_(std::move(boxes)),
+      emits_(std::move(emits)),
+      directions_(directions.begin(), directions.end()) {
+    for (const glm::dvec3 direction : directions_) {
+        std::vector<Bounds>& seen = along_light_.emplace_back();
+        for (const Bounds& box : boxes_)
+            seen.push_back(along(box, direction));
+    }
 }
 
 std::vector<std::size_t> Around::operator()(const Surroundings& around) const {
@@ -106,7 +128,40 @@ std::vector<std::size_t> Around::operator()(const Surroundings& around) const {
     return kept;
 }
 
-Scene with_instances(Scene scene, std::span<const std::size_t> kept) {
+Scene with_instances(const Scene& scene, std::span<const std::size_t> kept) {
+    // A copy that lacks what is large of what is not kept.
+    Scene light;
+    light.path = scene.path;
+    light.file = scene.file;
+    light.textures = scene.textures;
+    light.materials = scene.materials;
+    light.instances = scene.instances;
+    light.lights = scene.lights;
+    light.cameras = scene.cameras;
+    light.sky = scene.sky;
+    light.rules = scene.rules;
+    light.clamped_materials = scene.clamped_materials;
+    light.warnings = scene.warnings;
+    light.meshes.resize(scene.meshes.size());
+    light.images.resize(scene.images.size());
+    std::vector<bool> has_mesh(scene.meshes.size(), false);
+    for (const std::size_t i : kept) {
+        const auto mesh = std::size_t(scene.instances[i].mesh);
+        if (has_mesh[mesh])
+            continue;
+        has_mesh[mesh] = true;
+        light.meshes[mesh] = scene.meshes[mesh];
+        const Material& material = scene.materials[std::size_t(scene.meshes[mesh].material)];
+        for (const int texture : {material.base_color_texture, material.emission_texture})
+            if (texture >= 0)
+                if (const auto image = std::size_t(scene.textures[std::size_t(texture)].image);
+                    light.images[image].width == 0)
+                    light.images[image] = scene.images[image];
+    }
+    return with_instances(std::move(light), kept);
+}
+
+Scene with_instances(Scene&& scene, std::span<const std::size_t> kept) {
     std::vector<bool> is_kept(scene.instances.size(), false);
     for (const std::size_t i : kept)
         is_kept[i] = true;
@@ -151,7 +206,7 @@ Scene with_instances(Scene scene, std::span<const std::size_t> kept) {
     const std::vector<int> images = keep_used(scene.images, used);
     for (Texture& texture : scene.textures)
         texture.image = images[std::size_t(texture.image)];
-    return scene;
+    return std::move(scene);
 }
 
 Scene within(Scene scene, const Surroundings& around) {

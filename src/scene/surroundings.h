@@ -25,8 +25,11 @@ std::optional<Surroundings> parse_surroundings(const std::string& text);
 /// beams to what is within reach.
 class Around {
 public:
-    /// Refers to the scene.
+    /// Of the scene's.
     explicit Around(const Scene& scene);
+    /// Of instances in these boxes, of which some emit, and of directional lights.
+    Around(std::vector<Bounds> boxes, std::vector<bool> emits,
+           std::span<const glm::dvec3> directions);
 
     /// The box around each instance; empty where it has no triangle.
     const std::vector<Bounds>& boxes() const { return boxes_; }
@@ -40,9 +43,13 @@ private:
     std::vector<std::vector<Bounds>> along_light_; ///< of each the boxes, as it sees them
 };
 
+/// Where the directional lights of a scene shine to.
+std::vector<glm::dvec3> directions_of(std::span<const Light> lights);
+
 /// The scene of these instances alone, in their order, without the meshes, materials, textures and
 /// images that none of them has.
-Scene with_instances(Scene scene, std::span<const std::size_t> kept);
+Scene with_instances(Scene&& scene, std::span<const std::size_t> kept);
+Scene with_instances(const Scene& scene, std::span<const std::size_t> kept);
 
 /// with_instances of those around.
 Scene within(Scene scene, const Surroundings& around);

@@ -187,6 +187,22 @@ TEST_F(WorldCli, AnEditIsBakedWhereItCounts) {
                      "plan the world again");
 }
 
+TEST_F(WorldCli, RowsTogetherAreRowsOneByOne) {
+    write(street(7)); // of which a row decodes what is around it
+    const json world = plan();
+    ASSERT_EQ(world["rows"].size(), 14u);
+    for (const json& row : rows("0-3,7,12-13"))
+        EXPECT_EQ(row["made"], true);
+    fs::create_directory(folder_ / "alone");
+    fs::copy(folder_ / "w.world.json", folder_ / "alone/w.world.json");
+    for (const int i : {3, 0, 1, 2, 7, 12, 13}) {
+        const CliResult made = run("world alone/w.world.json -q --rows " + std::to_string(i));
+        ASSERT_EQ(made.status, 0) << made.err;
+        const std::string file = world["rows"][i]["file"];
+        EXPECT_TRUE(slurp(folder_ / file) == slurp(folder_ / ("alone/" + file))) << file;
+    }
+}
+
 TEST_F(WorldCli, ThePlanIsOneVolume) {
     write(street(4));
     plan();

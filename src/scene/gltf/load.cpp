@@ -6,6 +6,7 @@
 #include "scene/gltf/document.h"
 #include "scene/gltf/materials.h"
 #include "scene/gltf/meshes.h"
+#include "scene/gltf/near_jobs.h"
 #include "scene/gltf/nodes.h"
 
 #include <set>
@@ -20,7 +21,7 @@ size_t count_clamped(const Scene& scene, const std::vector<glm::dvec3>& mean_tex
     for (const Mesh& mesh : scene.meshes) {
         glm::vec3& brightest = brightest_vertex[mesh.material];
         if (mesh.colors.empty())
-            brightest = glm::max(brightest, glm::vec3(1.0f));
+            brightest = glm::max(brightest, glm::vec3(mesh.positions.empty() ? 0.0f : 1.0f));
         for (const glm::vec4& color : mesh.colors)
             brightest = glm::max(brightest, glm::vec3(color));
     }
@@ -59,7 +60,17 @@ void refuse_warnings(const std::vector<std::string>& warnings) {
             + (more > 0 ? " (and " + std::to_string(more) + " more; `strict`)" : " (`strict`)"));
 }
 
-Scene load(const std::string& path, const LoadSettings& settings) {
+/// Of materials, of which those of wanted jobs are wanted, too.
+std::vector<bool> wanted_materials(const Jobs& jobs, const std::vector<bool>& wanted) {
+    std::vector<bool> materials(jobs.materials.size(), false);
+    for (size_t i = 0; i < wanted.size(); ++i)
+        if (wanted[i])
+            materials[size_t(jobs.jobs[i].material)] = true;
+    return materials;
+}
+
+/// `near`, if it is not null, is what load_near gets.
+Scene load(const std::string& path, const LoadSettings& settings, const Near* near) {
     Document document = parse_document(path, settings);
     Scene scene;
     scene.path = document.file;
@@ -81,10 +92,13 @@ Scene load(const std::string& path, const LoadSettings& settings) {
                               "lit all the same: " + std::to_string(unlit)
                                   + " with KHR_materials_unlit; give what should glow an "
                                     "emissiveFactor");
-    const std::vector<glm::dvec3> mean_texels =
-        load_textures(document, materials, settings.skip_colors, scene);
+    const std::vector<bool> wanted = near && !settings.strict
+                                         ? jobs_near(document, graph, jobs, materials, *near)
+                                         : std::vector<bool>(jobs.jobs.size(), true);
+    const std::vector<glm::dvec3> mean_texels = load_textures(
+        document, materials, wanted_materials(jobs, wanted), settings.skip_colors, scene);
 
-    scene.meshes = read_meshes(document, graph, jobs, materials);
+    scene.meshes = read_meshes(document, graph, jobs, materials, wanted);
     for (SourceMaterial& material : materials)
         scene.materials.push_back(std::move(material.material));
     std::vector<size_t> first_instance; // of each placed shape, and the end
@@ -112,27 +126,36 @@ Scene load(const std::string& path, const LoadSettings& settings) {
     return scene;
 }
 
+/// With errors as load_gltf has them.
+Scene load_safely(const std::string& path, const LoadSettings& settings, const Near* near) {
+    try {
+        return load(path, settings, near);
+    } catch (const Error&) {
+        throw;
+    } catch (const std::bad_alloc&) {
+        throw Error(ErrorKind::memory,
+                    name_of(path) + ": is too large for the memory of this machine");
+    } catch (const std::exception& error) {
+        if (is_want_of_threads(error))
+            throw Error(ErrorKind::failure, want_of_threads);
+        throw Error(ErrorKind::invalid, name_of(path)
+                                            + ": is not valid glTF: " + printable(error.what(), 300)
+                                            + "; repair the file or export it again");
+    }
+}
+
 } // namespace
+
+Scene load_near(const std::string& path, const LoadSettings& settings, const Near& near) {
+    return load_safely(path, settings, &near);
+}
 
 } // namespace lpvbake::scene::gltf
 
 namespace lpvbake {
 
 Scene load_gltf(const std::string& path, const LoadSettings& settings) {
-    try {
-        return scene::gltf::load(path, settings);
-    } catch (const Error&) {
-        throw;
-    } catch (const std::bad_alloc&) {
-        throw Error(ErrorKind::memory,
-                    scene::gltf::name_of(path) + ": is too large for the memory of this machine");
-    } catch (const std::exception& error) {
-        if (is_want_of_threads(error))
-            throw Error(ErrorKind::failure, want_of_threads);
-        throw Error(ErrorKind::invalid, scene::gltf::name_of(path)
-                                            + ": is not valid glTF: " + printable(error.what(), 300)
-                                            + "; repair the file or export it again");
-    }
+    return scene::gltf::load_safely(path, settings, nullptr);
 }
 
 } // namespace lpvbake

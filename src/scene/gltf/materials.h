@@ -49,8 +49,10 @@ SourceMaterial read_material(Document& document, int index, const MaterialRules&
 /// texel (linear). Where an image cannot be read its texture's next one is, and where there is none
 /// the texture is left out, with a warning. Images that would take more than half of the document's
 /// memory together are halved, the largest first, with a warning. With `skip_colors` an image that
-/// is a base colour alone is not decoded: it has a size but no texels, and counts as black.
+/// is a base colour alone is not decoded: it has a size but no texels, and counts as black. So has
+/// an image of materials alone that are not `wanted`, though it counts where images are halved.
 std::vector<glm::dvec3> load_textures(Document& document, std::vector<SourceMaterial>& materials,
-                                      bool skip_colors, Scene& scene);
+                                      const std::vector<bool>& wanted, bool skip_colors,
+                                      Scene& scene);
 
 } // namespace lpvbake::scene::gltf

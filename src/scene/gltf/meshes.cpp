@@ -468,12 +468,14 @@ Jobs collect_jobs(Document& document, const LoadSettings& settings, const Graph&
 }
 
 std::vector<Mesh> read_meshes(Document& document, const Graph& graph, const Jobs& jobs,
-                              const std::vector<SourceMaterial>& materials) {
+                              const std::vector<SourceMaterial>& materials,
+                              const std::vector<bool>& wanted) {
     std::vector<DecodedPrimitive> decoded(jobs.jobs.size());
     for_all(jobs.jobs.size(), [&](size_t i) {
         const Job& job = jobs.jobs[i];
-        decoded[i] = PrimitiveReader(document, graph.shapes[job.shape], job.primitive)
-                         .read(materials[job.material]);
+        if (wanted[i])
+            decoded[i] = PrimitiveReader(document, graph.shapes[job.shape], job.primitive)
+                             .read(materials[job.material]);
     });
     std::vector<Mesh> meshes;
     for (size_t i = 0; i < decoded.size(); ++i) {

@@ -29,8 +29,10 @@ struct Jobs {
 Jobs collect_jobs(Document& document, const LoadSettings& settings, const Graph& graph,
                   Roles& roles);
 
-/// Decodes all jobs, in their order; warnings go to the document. Throws Error.
+/// Decodes jobs, in their order; those that are not `wanted` become meshes without vertices.
+/// Warnings go to the document. Throws Error.
 std::vector<Mesh> read_meshes(Document& document, const Graph& graph, const Jobs& jobs,
-                              const std::vector<SourceMaterial>& materials);
+                              const std::vector<SourceMaterial>& materials,
+                              const std::vector<bool>& wanted);
 
 } // namespace lpvbake::scene::gltf

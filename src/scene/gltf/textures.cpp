@@ -132,9 +132,10 @@ image::ImageHeader header_of(const Document& document, int index) {
 struct Need {
     bool sampled = false; ///< by a texture of the scene
     bool decoded = false;
+    bool kept = true; ///< else decoded is what it would have been, of which the size is planned
 
     bool covers(const Need& other) const {
-        return (sampled || !other.sampled) && (decoded || !other.decoded);
+        return (sampled || !other.sampled) && (decoded || !other.decoded) && (kept || !other.kept);
     }
 };
 
@@ -302,8 +303,13 @@ constexpr uint64_t decoding_bytes = 14;
 void decode_images(const Document& document, std::vector<WantedImage>& images) {
     std::vector<WantedImage*> open;
     for (WantedImage& image : images)
-        if (image.is_to_decode())
+        if (image.is_to_decode() && image.need.kept)
             open.push_back(&image);
+        else if (image.is_to_decode() && image.need.sampled)
+            image.image.image = {name_of(document, image.index),
+                                 int(image.header.width),
+                                 int(image.header.height),
+                                 {}};
     for (size_t begin = 0, end = 0; begin < open.size(); begin = end) {
         MemoryLimit passing(document.file, document.memory.limit());
         do
@@ -340,9 +346,11 @@ void read_images(Document& document, std::vector<WantedImage>& images) {
 /// The textures that materials use, each with the first of its images that can be read.
 class Textures {
 public:
-    Textures(Document& document, std::vector<SourceMaterial>& materials, bool skip_colors)
+    Textures(Document& document, std::vector<SourceMaterial>& materials,
+             const std::vector<bool>& wanted, bool skip_colors)
         : document_(document),
           materials_(materials),
+          wanted_(wanted),
           skip_colors_(skip_colors) {}
 
     /// Materials lose the textures that have no image.
@@ -350,12 +358,13 @@ public:
         std::vector<WantedImage> open;
         do {
             std::map<int, Need> needs;
-            for (SourceMaterial& material : materials_) {
-                need(material.base_texture, {true, !skip_colors_}, needs);
-                need(material.emission_texture, {true, true}, needs);
-                need(material.metallic_texture, {false, true}, needs);
-                need(material.transmission_texture, {false, true}, needs);
-                need(material.thickness_texture, {false, true}, needs);
+            for (size_t i = 0; i < materials_.size(); ++i) {
+                SourceMaterial& material = materials_[i];
+                need(material.base_texture, {true, !skip_colors_, wanted_[i]}, needs);
+                need(material.emission_texture, {true, true, wanted_[i]}, needs);
+                need(material.metallic_texture, {false, true, wanted_[i]}, needs);
+                need(material.transmission_texture, {false, true, wanted_[i]}, needs);
+                need(material.thickness_texture, {false, true, wanted_[i]}, needs);
             }
             open.clear();
             for (const auto& [image, wanted] : needs)
@@ -427,9 +436,11 @@ private:
         const int image = first_image(texture);
         if (image < 0)
             texture = -1;
-        else
-            needs[image] = {needs[image].sampled || wanted.sampled,
-                            needs[image].decoded || wanted.decoded};
+        else {
+            Need& known = needs.try_emplace(image, Need{false, false, false}).first->second;
+            known = {known.sampled || wanted.sampled, known.decoded || wanted.decoded,
+                     known.kept || wanted.kept};
+        }
     }
 
     void leave_out(const WantedImage& image) {
@@ -443,6 +454,7 @@ private:
 
     Document& document_;
     std::vector<SourceMaterial>& materials_;
+    const std::vector<bool>& wanted_; ///< of each material
     const bool skip_colors_;
     std::map<int, std::vector<int>> candidates_; ///< by glTF texture
     std::map<int, WantedImage> images_;          ///< by glTF image, as far as they were tried
@@ -451,8 +463,9 @@ private:
 } // namespace
 
 std::vector<glm::dvec3> load_textures(Document& document, std::vector<SourceMaterial>& materials,
-                                      bool skip_colors, Scene& scene) {
-    Textures textures(document, materials, skip_colors);
+                                      const std::vector<bool>& wanted, bool skip_colors,
+                                      Scene& scene) {
+    Textures textures(document, materials, wanted, skip_colors);
     textures.read();
     textures.move_to(scene);
     std::vector<glm::dvec3> mean_texels;
