@@ -210,8 +210,6 @@ RTCRayHit to_embree(const Ray& ray) {
     return r;
 }
 
-constexpr float slack = 1.0f + 1e-5f; ///< of radii, so that equally near ones are met
-
 constexpr size_t eight = 8;
 
 /// Eight rays of which some may be missing.
@@ -257,6 +255,8 @@ Hit to_hit(const Visibility::Impl& impl, glm::vec3 direction, float t, uint32_t 
 float rounding_at(float t) {
     return 1e-5f * std::max(1.0f, std::abs(t));
 }
+
+constexpr float slack = 1.0f + 1e-5f; ///< of radii, so that equally near ones are met
 
 /// Whether a line meets a primitive, and where, in double precision.
 std::optional<Hit> sheet_at(const Visibility::Impl& impl, uint32_t primitive, glm::dvec3 point,
@@ -567,11 +567,22 @@ struct NearestQuery {
     uint32_t primitive = ~0u;
     glm::vec3 way{0.0f};
 
+    /// Whether the box of these corners, seen from the point, lies beyond the best by more than
+    /// rounding: most of what a leaf of the tree holds does.
+    bool is_far(glm::vec3 a, glm::vec3 b, glm::vec3 c) const {
+        const glm::vec3 lo = glm::min(a, glm::min(b, c)), hi = glm::max(a, glm::max(b, c));
+        const glm::vec3 gap = glm::max(lo, -hi), size = glm::max(-lo, hi);
+        const float rounding = 1e-5f * std::max({size.x, size.y, size.z});
+        return std::max({gap.x, gap.y, gap.z}) > std::sqrt(square) * slack + rounding;
+    }
+
     void look_at(uint32_t candidate) {
         const glm::uvec3 v = impl.triangles[candidate];
         Polygon part{
             {impl.positions[v.x] - point, impl.positions[v.y] - point, impl.positions[v.z] - point},
             3};
+        if (is_far(part.corner[0], part.corner[1], part.corner[2]))
+            return;
         const glm::vec3 normal =
             glm::cross(part.corner[1] - part.corner[0], part.corner[2] - part.corner[0]);
         if (!(glm::dot(normal, normal) > 0.0f))
