@@ -463,6 +463,12 @@ std::vector<glm::vec3> reflect_between(const Scene& scene, const scene::Frame& f
     const auto power_of = [&](size_t i, glm::dvec3 luminance) {
         return of.area[i] * std::max({luminance.x, luminance.y, luminance.z});
     };
+    // What an element sends of an order, and which share that is of all that it sends, if any.
+    struct Power {
+        double sent = 0.0, share = 0.0;
+        bool any = false;
+    };
+    std::vector<Power> powers(count);
     // Who has the largest albedo, and sends most of those that have it.
     const auto keeps = [&](size_t i) { return greatest(of.albedo[i]) >= 1.0f; };
     bool ends = true;
@@ -490,21 +496,23 @@ std::vector<glm::vec3> reflect_between(const Scene& scene, const scene::Frame& f
             next[i] = glm::vec4(glm::dvec3(of.albedo[i]) * sum, 0.0f);
             met[i] += sum;
         });
+        // By themselves, or what is summed above would wait for it.
+        tbb::parallel_for(size_t(0), count, [&](size_t i) {
+            const double all =
+                power_of(i, glm::dvec3(of.direct[i]) + glm::dvec3(of.albedo[i]) * met[i]);
+            const double sent = power_of(i, glm::dvec3(next[i]));
+            powers[i] = all > 0.0 ? Power{sent, sent / all, true} : Power{};
+        });
         std::swap(order, next);
         next.resize(count + 1, glm::vec4(0.0f));
         layered.next_order();
         ++lit.bounces;
         double last = 0.0, shares = 0.0;
-        size_t light = 0; // elements that have any
-        for (size_t i = 0; i < count; ++i) {
-            const double all =
-                power_of(i, glm::dvec3(of.direct[i]) + glm::dvec3(of.albedo[i]) * met[i]);
-            if (!(all > 0.0))
-                continue;
-            const double power = power_of(i, glm::dvec3(order[i]));
-            last += power;
-            shares += power / all;
-            ++light;
+        size_t light = 0;                   // elements that have any
+        for (const Power& power : powers) { // in their order, for any number of threads
+            last += power.sent;
+            shares += power.share;
+            light += power.any;
         }
         if (!(last > 0.0)) {
             lit.residual = 0.0;
