@@ -25,7 +25,7 @@ for option in "$@"; do
         packages+=(blender chromium chromium-driver godot3-server nodejs libogre-1.12-dev
             mono-mcs mono-runtime mmdebstrap dpkg-dev zstd)
         ;;
-    --farm) packages+=(slurm-wlm munge procps make) ;;
+    --farm) packages+=(slurm-wlm munge procps make iproute2 util-linux hostname) ;;
     esac
 done
 
