@@ -143,8 +143,9 @@ std::string time_text(const bake::BakePlan& plan, const gpu::DeviceInfo& device)
            + (device.type == "cpu" ? "" : " and " + device.name);
 }
 
-/// What a scheduler may be asked for: a quarter more memory than is expected, and, for loading,
-/// writing and slower machines, three times the time and a minute.
+/// What a scheduler may be asked for: a quarter more memory than is expected, beside what the
+/// process has taken so far to load the scene and to open the device; and, for loading, writing and
+/// slower machines, three times the time and a minute.
 struct Hints {
     uint64_t memory_mib = 0, minutes = 0;
 };
@@ -152,7 +153,7 @@ struct Hints {
 Hints hints_of(const bake::BakePlan& plan, const gpu::DeviceInfo& device) {
     const uint64_t bytes = plan.host_bytes + (device.type == "cpu" ? plan.device_bytes : 0);
     constexpr uint64_t step = 64;
-    return {(uint64_t(1.25 * double(bytes)) / (step << 20) + 1) * step,
+    return {((uint64_t(1.25 * double(bytes)) + peak_memory()) / (step << 20) + 1) * step,
             uint64_t(std::ceil(3 * plan.seconds / 60)) + 1};
 }
 
