@@ -5,7 +5,9 @@
 #   plan=city.world.json                     # of lpvbake world city.glb -o city.world.json ...
 #   array=$(sbatch --parsable --array=0-99 --cpus-per-task=4 --mem=2G \
 #       --export=ALL,PLAN=$plan,ROWS=10 rows.sh)
-#   sbatch --dependency=afterok:$array --export=ALL,PLAN=$plan check.sh
+#   check=$(sbatch --parsable --dependency=afterok:$array --export=ALL,PLAN=$plan check.sh)
+#   sbatch --dependency=afterok:$check \
+#       --export=ALL,PLAN=$plan,SCENARIO=noon,VOLUME=noon.vdb export.sh    # if one volume is wanted
 #
 # lpvbake world's plan tells how many rows there are; its dry-run of a row tells time and memory.
 # Submit the same lines again after a failure: rows that are there are left as they are.

@@ -1,5 +1,5 @@
-"""A world baked by a Slurm cluster: rows.sh and check.sh of examples/slurm, with tasks that are killed;
-and by Make.
+"""A world baked by a Slurm cluster: rows.sh, check.sh and export.sh of examples/slurm, with tasks that are
+killed; and by Make.
 
     slurm_test.py LPVBAKE SCENE EXAMPLES
 
@@ -183,11 +183,13 @@ class Farm(unittest.TestCase):
                             f"--output={plan.parent}/check.log", str(EXAMPLES / "slurm/check.sh"))
         self.assertTrue(self.array and self.check)
 
-    def settle(self, seconds=120):
+    def settle(self, seconds=120, job=None):
+        job = job or self.check
+
         def ended():
-            return state_of(self.check).get("JobState") not in ("PENDING", "RUNNING", "COMPLETING", None)
-        wait_until(ended, seconds, f"{state_of(self.check)} after {output('squeue')}")
-        return state_of(self.check)
+            return state_of(job).get("JobState") not in ("PENDING", "RUNNING", "COMPLETING", None)
+        wait_until(ended, seconds, f"{state_of(job)} after {output('squeue')}")
+        return state_of(job)
 
     def hashes(self, plan):
         return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in plan.parent.glob("*.vdb")}
@@ -195,6 +197,10 @@ class Farm(unittest.TestCase):
     def test_killed_tasks_come_back_and_nothing_is_lost(self):
         plan = self.plan_in(pathlib.Path(self.root.name) / "killed")
         self.submit(plan, "afterok")
+        volume = pathlib.Path(self.root.name) / "night.vdb"
+        export = output("sbatch", "--parsable", f"--dependency=afterok:{self.check}", f"--output={plan.parent}/export.log",
+                        f"--export=ALL,LPVBAKE={LPVBAKE},PLAN={plan},SCENARIO=night,VOLUME={volume}",
+                        str(EXAMPLES / "slurm/export.sh"))
         for task in (1, 2):  # the machine takes the memory of one, a user wants the node of the other
             bake = wait_until(lambda: bake_of(f"{task * ROWS}-{task * ROWS + ROWS - 1}"), 60, f"task {task} runs")
             time.sleep(0.3)
@@ -205,6 +211,10 @@ class Farm(unittest.TestCase):
             self.assertIn(f"ended with {code}, again", (plan.parent / f"{task}.log").read_text())
         self.assertEqual(self.hashes(plan), self.hashes(self.hand))
         self.assertEqual(len(self.hashes(plan)), self.count)
+        self.assertEqual(self.settle(job=export)["JobState"], "COMPLETED", (plan.parent / "export.log").read_text())
+        by_hand = volume.with_name("hand.vdb")
+        subprocess.run([LPVBAKE, "convert", self.hand, by_hand, "--scenario", "night"], check=True, stdout=subprocess.DEVNULL)
+        self.assertEqual(volume.read_bytes(), by_hand.read_bytes())
         self.assertEqual([path for path in plan.parent.iterdir() if path.suffix not in (".vdb", ".json", ".log")], [])
 
         # The same lines again bake nothing.
