@@ -44,7 +44,8 @@ class Run(Folder):
         return path
 
     def test_rows_add_up_and_ratios_are_those_of_the_rows(self):
-        rows, told, _ = self.table(LPVBAKE)
+        rows, told, done = self.table(LPVBAKE)
+        self.assertIn(f"new: {LPVBAKE};", done.stdout)  # not this tree's revision
         whole, stages = rows[0], rows[1:]
         self.assertEqual(whole[:4], ["cornell", "gather", "8", "**all**"])
         self.assertLess({"load", "lighting", "gather", "write", against.REST}, {row[3] for row in stages})

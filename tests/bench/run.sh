@@ -35,9 +35,12 @@ build() {
         cmake --build --preset default --target lpvbake) >&2
 }
 
+ours=$program # which may be of any revision
 if [[ -z $program ]]; then
     build "$root"
     program=$root/build/default/lpvbake
+    ours=$(git -C "$root" rev-parse --short HEAD 2>/dev/null || echo "$program")
+    [[ -z $(git -C "$root" status --porcelain --untracked-files=no 2>/dev/null) ]] || ours+=" and changes"
 fi
 name=$against
 if [[ -f $against && -x $against ]]; then
@@ -53,7 +56,5 @@ else
     other=$tree/build/default/lpvbake
     name=$(git -C "$root" rev-parse --short "$revision")
 fi
-ours=$(git -C "$root" rev-parse --short HEAD 2>/dev/null || echo "$program")
-[[ -z $(git -C "$root" status --porcelain --untracked-files=no 2>/dev/null) ]] || ours+=" and changes"
 exec /usr/bin/python3 "$here/against.py" --old "$other" --old-name "$name" --new "$program" --new-name "$ours" \
     "${options[@]}" "$@"
