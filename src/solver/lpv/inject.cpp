@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <numeric>
 
@@ -14,7 +15,36 @@ namespace {
 /// How far a ray starts before the surface it leaves, and how far a centre has to lie before it.
 constexpr float lift = 1e-3f;
 
-size_t front_cell(const vpl::Vpl& vpl, const visibility::Visibility& visibility, const Grid& grid) {
+/// Of each cell whether its light is taken at its centre, asked for when it is first needed: many
+/// lights start beside each cell.
+class Centres {
+public:
+    Centres(const visibility::Visibility& visibility, const Grid& grid)
+        : visibility_(visibility),
+          grid_(grid),
+          known_(grid.size()) {}
+
+    /// Threads that ask at once find the same.
+    bool is_taken(glm::ivec3 cell) {
+        std::atomic<Answer>& known = known_[grid_.index(cell)];
+        Answer answer = known.load(std::memory_order_relaxed);
+        if (answer == Answer::unasked) {
+            const bool taken = visibility_.capture(cell).point == glm::vec3(cell) + 0.5f;
+            answer = taken ? Answer::yes : Answer::no;
+            known.store(answer, std::memory_order_relaxed);
+        }
+        return answer == Answer::yes;
+    }
+
+private:
+    enum class Answer : uint8_t { unasked, yes, no };
+    const visibility::Visibility& visibility_;
+    const Grid& grid_;
+    std::vector<std::atomic<Answer>> known_;
+};
+
+size_t front_cell(const vpl::Vpl& vpl, const visibility::Visibility& visibility, const Grid& grid,
+                  Centres& centres) {
     const glm::vec3 target = vpl.position + 0.5f * vpl.normal;
     // floor, never truncation: cell -1 is not cell 0.
     const glm::ivec3 base{glm::floor(target)};
@@ -29,19 +59,20 @@ size_t front_cell(const vpl::Vpl& vpl, const visibility::Visibility& visibility,
             for (int x = -1; x <= 1; ++x) {
                 const glm::ivec3 cell = base + glm::ivec3(x, y, z);
                 const glm::vec3 center = glm::vec3(cell) + 0.5f;
-                if (grid.contains(cell) && glm::dot(center - vpl.position, vpl.normal) > lift
-                    && visibility.capture(cell).point == center)
+                if (grid.contains(cell) && glm::dot(center - vpl.position, vpl.normal) > lift)
                     candidates[count++] = {glm::distance(center, target), cell};
             }
-    // Stable: of equally near cells the first in the order of the loops is taken.
-    std::stable_sort(
-        candidates.begin(), candidates.begin() + count,
-        [](const Candidate& a, const Candidate& b) { return a.distance < b.distance; });
-    for (size_t i = 0; i < count; ++i) {
-        const glm::vec3 center = glm::vec3(candidates[i].cell) + 0.5f;
-        const glm::vec3 from = vpl.position + lift * vpl.normal;
-        if (visibility.transmittance({from, center - from, 0.0f, 1.0f}) > 0.0f)
-            return grid.index(candidates[i].cell);
+    // The nearest first; of equally near cells that which is first in the order of the loops.
+    const glm::vec3 from = vpl.position + lift * vpl.normal;
+    for (std::span<Candidate> left(candidates.data(), count); !left.empty();) {
+        const auto nearest = std::ranges::min_element(left, {}, &Candidate::distance);
+        const glm::ivec3 cell = nearest->cell;
+        const glm::vec3 center = glm::vec3(cell) + 0.5f;
+        if (centres.is_taken(cell)
+            && visibility.transmittance({from, center - from, 0.0f, 1.0f}) > 0.0f)
+            return grid.index(cell);
+        std::move(nearest + 1, left.end(), nearest);
+        left = left.first(left.size() - 1);
     }
     return nowhere;
 }
@@ -78,8 +109,9 @@ Injection inject(std::span<const vpl::Vpl> vpls, const visibility::Visibility& v
     Injection injection;
     std::vector<size_t>& cells = injection.cells;
     cells.resize(vpls.size());
+    Centres centres(visibility, grid);
     tbb::parallel_for(size_t(0), vpls.size(),
-                      [&](size_t i) { cells[i] = front_cell(vpls[i], visibility, grid); });
+                      [&](size_t i) { cells[i] = front_cell(vpls[i], visibility, grid, centres); });
 
     std::vector<size_t> order(vpls.size());
     std::iota(order.begin(), order.end(), size_t(0));
