@@ -59,6 +59,7 @@ constexpr Wording table[] = {
     {"`strict`", "--strict"},
     {"`target`", "--target"},
     {"`time_budget`", "--time-budget"},
+    {"`tolerance`", "--tolerance"},
     {"`variant`", "--variant"},
     {"`volume`", "--volume"},
 };

@@ -10,6 +10,7 @@
 
 #include <numeric>
 #include <random>
+#include <tuple>
 
 namespace lpvbake {
 namespace {
@@ -273,19 +274,192 @@ TEST_F(Lpv, DecaysOverAThousandIterations) {
                             [](float c) { return std::isfinite(c); }));
 }
 
-TEST_F(Lpv, StopsWhenTheFrontIsSpent) {
-    const Grid grid = grid_of({10, 10, 10});
-    const solver::lpv::Injection injection = injection_of(random_emitters(grid, 5, 9));
-    solver::lpv::LpvSettings settings = steps(0);
-    settings.tolerance = 1e-2f;
-    const solver::lpv::LpvField loose = run(grid, injection, {}, settings);
-    settings.tolerance = 1e-5f;
-    const solver::lpv::LpvField tight = run(grid, injection, {}, settings);
-    EXPECT_LT(loose.residual, 1e-2);
-    EXPECT_LT(tight.residual, 1e-5);
-    EXPECT_GT(tight.iterations, loose.iterations);
-    // A pair of steps less would not have been enough.
-    EXPECT_GT(run(grid, injection, {}, steps(tight.iterations - 16)).residual, 1e-5);
+/// Links of a grid whose walls are planes: `is_wall` says whether that between a cell and the next
+/// towards + of an axis is closed.
+template <class IsWall>
+std::vector<float> walled(const Grid& grid, const IsWall& is_wall) {
+    std::vector<float> links(3 * grid.size());
+    for (size_t i = 0; i < grid.size(); ++i)
+        for (int axis = 0; axis < 3; ++axis)
+            links[3 * i + size_t(axis)] = is_wall(grid.cell_at(i), axis) ? 0.0f : 1.0f;
+    return links;
+}
+
+/// A closed box, two cells from the grid's sides, with a block in it.
+std::vector<float> box_with_block(const Grid& grid) {
+    const auto in_block = [&](glm::ivec3 c) {
+        return glm::all(glm::greaterThanEqual(c, grid.dims / 3))
+               && glm::all(glm::lessThan(c, grid.dims / 2));
+    };
+    return walled(grid, [&](glm::ivec3 c, int axis) {
+        glm::ivec3 next = c;
+        ++next[axis];
+        return c[axis] == 1 || c[axis] == grid.dims[axis] - 3 || in_block(c) || in_block(next);
+    });
+}
+
+/// Walls without thickness at every third layer, a hole in each, by turns at either end.
+std::vector<float> corridors(const Grid& grid) {
+    return walled(grid, [&](glm::ivec3 c, int axis) {
+        if (axis != 0 || c.x % 3 != 2)
+            return false;
+        const int from_end = c.x / 3 % 2 ? c.y : grid.dims.y - 1 - c.y;
+        return from_end > 2 || c.z < 3 || c.z > 7;
+    });
+}
+
+/// A room in four by walls of no thickness, with doors.
+std::vector<float> rooms(const Grid& grid) {
+    return walled(grid, [&](glm::ivec3 c, int axis) {
+        const bool box = c[axis] == 0 || c[axis] == grid.dims[axis] - 2;
+        const bool door = c.z > 2 && c.z < 9 && std::abs(c[(axis + 1) % 3] % 12 - 6) < 2;
+        return box || (axis < 2 && c[axis] == grid.dims[axis] / 2 && !door);
+    });
+}
+
+/// Power of the difference over that of `b`.
+double missing(const std::vector<float>& a, const std::vector<float>& b) {
+    double off = 0.0, sum = 0.0;
+    for (size_t i = 0; i < b.size(); i += 4) {
+        off += std::abs(double(a[i]) - double(b[i]));
+        sum += double(b[i]);
+    }
+    return off / sum;
+}
+
+/// Lights in the middle of cells that are not cut off.
+solver::lpv::Injection lamps(const Grid& grid, uint32_t seed) {
+    std::array<oracle::Field, 3> fields;
+    std::mt19937 random(seed);
+    std::uniform_real_distribution<double> both(-1.0, 1.0);
+    for (auto& field : fields)
+        field.resize(grid.size());
+    const auto within = [&](int count) { return 3 + int(random() % uint32_t(count - 6)); };
+    for (int i = 0; i < 6; ++i)
+        for (auto& field : fields) {
+            const glm::ivec3 cell(within(grid.dims.x), within(grid.dims.y), within(grid.dims.z));
+            oracle::Lobe& lobe = field[grid.index(cell)];
+            lobe.constant += 0.25 / pi;
+            lobe.vector +=
+                0.5 / pi * glm::normalize(glm::dvec3(both(random), both(random), both(random)));
+        }
+    return injection_of(fields);
+}
+
+TEST_F(Lpv, MissesNoMoreThanTheToleranceInFewSteps) {
+    const Grid grid = grid_of({26, 24, 21});
+    const solver::lpv::Injection light = lamps(grid, 12);
+    const std::vector<float> open(3 * grid.size(), 1.0f);
+    for (const auto& [name, links, fronts] :
+         {std::tuple("box", box_with_block(grid), 1500), std::tuple("rooms", rooms(grid), 1500),
+          std::tuple("corridors", corridors(grid), 500), std::tuple("open", open, 2000)}) {
+        const solver::lpv::LpvField all =
+            run(grid, light, links, steps(fronts, solver::lpv::Occlusion::face));
+        ASSERT_LT(all.residual, 1e-8) << name;
+        for (const float tolerance : {0.1f, 1e-2f, 1e-3f, 1e-5f}) {
+
+            solver::lpv::LpvSettings settings = steps(0, solver::lpv::Occlusion::face);
+            settings.tolerance = tolerance;
+            const solver::lpv::LpvField field = run(grid, light, links, settings);
+            EXPECT_TRUE(field.course.linear) << name;
+            EXPECT_EQ(field.course.more, 0) << name;
+            const double off = missing(field.coefficients, all.coefficients);
+            EXPECT_LE(off, field.missing + 2e-6) << name;
+            EXPECT_LE(field.missing, tolerance) << name;
+            // Fronts alone: 100 to 700 for a hundredth, up to 2000 for the last.
+            EXPECT_LE(field.course.iterations(), tolerance < 1e-4f ? 90 : 50) << name;
+            for (size_t i = 0; i < field.coefficients.size(); i += 4)
+                ASSERT_GE(field.coefficients[i], 0.0f) << name;
+        }
+    }
+}
+
+TEST_F(Lpv, TakesNoMoreStepsInLargerGrids) {
+    int least = 1000, most = 0;
+    for (const int n : {16, 32, 64}) {
+        const Grid grid = grid_of(glm::ivec3(n));
+        const solver::lpv::LpvField field = run(grid, lamps(grid, 13), box_with_block(grid),
+                                                steps(0, solver::lpv::Occlusion::face));
+        least = std::min(least, field.course.iterations());
+        most = std::max(most, field.course.iterations());
+    }
+    EXPECT_LE(most, least + 9);
+    EXPECT_LE(most, 40);
+}
+
+TEST_F(Lpv, ConvergesInEveryModeAndShape) {
+    for (const glm::ivec3 dims : {glm::ivec3(13, 17, 9), glm::ivec3(1, 1, 21), glm::ivec3(20, 1, 7),
+                                  glm::ivec3(1, 1, 1), glm::ivec3(2, 3, 2)}) {
+        const Grid grid = grid_of(dims);
+        const solver::lpv::Injection light = injection_of(random_emitters(grid, 9, 14));
+        for (const solver::lpv::Occlusion mode :
+             {solver::lpv::Occlusion::none, solver::lpv::Occlusion::face,
+              solver::lpv::Occlusion::sh}) {
+            const std::vector<float> tau =
+                random_transmittance(solver::lpv::planes_of(mode) * grid.size(), 15);
+            solver::lpv::LpvSettings settings = steps(0, mode);
+            settings.tolerance = 1e-5f;
+            const solver::lpv::LpvField field = run(grid, light, tau, settings);
+            const solver::lpv::LpvField all = run(grid, light, tau, steps(2000, mode));
+            EXPECT_LE(missing(field.coefficients, all.coefficients), 1.2e-5)
+                << dims.x << ' ' << int(mode);
+            EXPECT_LT(field.course.iterations(), 120) << dims.x << ' ' << int(mode);
+        }
+    }
+}
+
+TEST_F(Lpv, GoesOnByFrontsWherePropagationDoesNotBecomeLinear) {
+    // Of all faces a cell shows to another only the far one lets light through: lobes stay as steep
+    // as a single face makes them.
+    const Grid grid = grid_of({40, 3, 3});
+    std::vector<float> tau(30 * grid.size());
+    for (size_t i = 0; i < tau.size(); i += 5)
+        tau[i] = 1.0f;
+    std::array<oracle::Field, 3> fields;
+    for (auto& field : fields) {
+        field.resize(grid.size());
+        field[grid.index({1, 1, 1})] = {0.25 / pi, {0.5 / pi, 0.0, 0.0}};
+    }
+    const solver::lpv::Injection light = injection_of(fields);
+    const solver::lpv::LpvField field = run(grid, light, tau, steps(0, solver::lpv::Occlusion::sh));
+    EXPECT_FALSE(field.course.linear);
+    EXPECT_EQ(field.course.corrections, 0);
+    const solver::lpv::LpvField all = run(grid, light, tau, steps(400, solver::lpv::Occlusion::sh));
+    EXPECT_LE(missing(field.coefficients, all.coefficients), 1e-2);
+}
+
+TEST_F(Lpv, CorrectionsBringNoLightBehindClosedWalls) {
+    const Grid grid = grid_of({24, 20, 20});
+    const std::vector<float> links =
+        walled(grid, [](glm::ivec3 c, int axis) { return axis == 0 && c.x == 12; });
+    std::array<oracle::Field, 3> fields;
+    for (auto& field : fields) {
+        field.resize(grid.size());
+        field[grid.index({11, 9, 9})] = {0.25 / pi, {0.5 / pi, 0.0, 0.0}};
+    }
+    solver::lpv::LpvSettings settings = steps(0, solver::lpv::Occlusion::face);
+    const solver::lpv::LpvField field = run(grid, injection_of(fields), links, settings);
+    EXPECT_GT(field.course.corrections, 0);
+    for (size_t i = 0; i < field.coefficients.size(); ++i) {
+        const bool is_behind = grid.cell_at(i / 12).x > 12;
+        ASSERT_TRUE(!is_behind || field.coefficients[i] == 0.0f);
+    }
+    EXPECT_GT(field.coefficients[12 * grid.index({12, 9, 9})], 0.0f);
+}
+
+TEST_F(Lpv, FrontsAloneMissNoMoreThanTheToleranceEither) {
+    const Grid grid = grid_of({20, 18, 16});
+    const solver::lpv::Injection light = lamps(grid, 16);
+    for (const auto& links : {box_with_block(grid), rooms(grid), corridors(grid)}) {
+        const solver::lpv::LpvField all =
+            run(grid, light, links, steps(1500, solver::lpv::Occlusion::face));
+        solver::lpv::LpvSettings settings = steps(0, solver::lpv::Occlusion::face);
+        settings.corrections = false;
+        const solver::lpv::LpvField field = run(grid, light, links, settings);
+        EXPECT_FALSE(field.course.linear);
+        EXPECT_LE(missing(field.coefficients, all.coefficients), field.missing);
+        EXPECT_LE(field.missing, settings.tolerance);
+    }
 }
 
 TEST_F(Lpv, DarkInputCostsNoIteration) {
@@ -293,8 +467,19 @@ TEST_F(Lpv, DarkInputCostsNoIteration) {
     solver::lpv::Injection dark;
     dark.coefficients.assign(12 * grid.size(), 0.0f);
     const solver::lpv::LpvField field = run(grid, dark, {}, steps(0));
-    EXPECT_EQ(field.iterations, 0);
+    EXPECT_EQ(field.course.iterations(), 0);
     EXPECT_EQ(power_of(field.coefficients), 0.0);
+}
+
+TEST_F(Lpv, LightThatIsTakenAtOnceEnds) {
+    const Grid grid = grid_of({6, 6, 6});
+    const std::vector<float> closed(3 * grid.size(), 0.0f);
+    const solver::lpv::Injection light = injection_of(random_emitters(grid, 5, 18));
+    const solver::lpv::LpvField field =
+        run(grid, light, closed, steps(0, solver::lpv::Occlusion::face));
+    EXPECT_EQ(field.coefficients, light.coefficients);
+    EXPECT_EQ(field.residual, 0.0);
+    EXPECT_LE(field.course.iterations(), 8);
 }
 
 TEST_F(Lpv, GivesTheSameBitsRunAfterRunAndWindowByWindow) {
@@ -313,6 +498,13 @@ TEST_F(Lpv, GivesTheSameBitsRunAfterRunAndWindowByWindow) {
         const solver::lpv::LpvField slabs = run(grid, injection, tau, steps(9, mode), 300'000);
         EXPECT_EQ(slabs.coefficients, whole.coefficients);
         EXPECT_NEAR(slabs.residual, whole.residual, 1e-6); // its partial sums are cut otherwise
+        // So do corrections.
+        solver::lpv::LpvSettings all = steps(0, mode);
+        all.tolerance = 1e-6f;
+        const solver::lpv::LpvField full = run(grid, injection, tau, all);
+        EXPECT_GT(full.course.corrections, 0) << int(mode);
+        EXPECT_EQ(run(grid, injection, tau, all).coefficients, full.coefficients);
+        EXPECT_EQ(run(grid, injection, tau, all, 300'000).coefficients, full.coefficients);
     }
 }
 

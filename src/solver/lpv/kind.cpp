@@ -32,7 +32,7 @@ constexpr Parameter parameters[] = {
      .lo = 1e-7,
      .hi = 1,
      .usual = 0.01,
-     .help = "share of the injected power still under way at which propagation ends"},
+     .help = "share of the field's power that may be missing when propagation ends"},
     {.name = "occlusion",
      .kind = ValueKind::choice,
      .choices = occlusions,
@@ -67,6 +67,16 @@ LpvSettings settings_of(const SolverSettings& settings) {
             Occlusion(int(settings["occlusion"]))};
 }
 
+/// Cells from which on corrections take less time than the fronts that they stand for.
+constexpr std::size_t least_corrected = 20 * 20 * 20;
+
+/// Of a bake of layers, which fronts alone keep linear in every cell, it goes by these.
+LpvSettings settings_of(const SolverSettings& settings, const Grid& grid, bool layers) {
+    LpvSettings lpv = settings_of(settings);
+    lpv.corrections = !layers && grid.size() >= least_corrected;
+    return lpv;
+}
+
 int map_size(const Grid& grid, const SolverSettings& settings) {
     const int wanted = int(settings["rsm-size"]);
     return wanted > 0 ? wanted : vpl::usual_map_size(grid.dims);
@@ -76,14 +86,22 @@ double expected_error(const SolverSettings&, const Pilot&) {
     return models::error::lpv;
 }
 
+/// Until the tolerance; a correction counts as the fronts that take as long.
+double expected_fronts(const LpvSettings& lpv, const Grid& grid) {
+    const double to_fall = -std::log(double(lpv.tolerance));
+    if (lpv.corrections)
+        return models::fronts + models::correction_fronts * (1.0 + models::corrections * to_fall);
+    // What is left falls like the slowest mode of a diffusion.
+    const glm::dvec3 dims(grid.dims);
+    return to_fall / (models::diffusion * 9.87 * glm::dot(1.0 / dims, 1.0 / dims));
+}
+
 Cost cost(const Workload& work, const SolverSettings& settings) {
-    const LpvSettings lpv = settings_of(settings);
+    const LpvSettings lpv = settings_of(settings, work.grid, work.layers > 0);
     namespace seconds = models::seconds;
     const seconds::Device& device = seconds::of_device(work.gpu);
-    // What is left falls like the slowest mode of a diffusion.
-    const glm::dvec3 dims(work.grid.dims);
-    const double decay = models::diffusion * 9.87 * glm::dot(1.0 / dims, 1.0 / dims);
-    const double steps = lpv.iterations ? lpv.iterations : -std::log(double(lpv.tolerance)) / decay;
+    const double steps =
+        lpv.iterations > 0 ? double(lpv.iterations) : expected_fronts(lpv, work.grid);
     const double cells = double(work.grid.size());
     Cost cost;
     if (lpv.occlusion != Occlusion::none)
@@ -103,12 +121,14 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
          seconds::propagate + steps * (device.propagate_step + device.propagate_cell * cells),
          lpv.iterations
              ? counted(uint64_t(lpv.iterations), "iteration")
-             : format("until %.3g %% of the power is left", 100.0 * double(lpv.tolerance))});
+             : format("until %.3g %% of the light is missing", 100.0 * double(lpv.tolerance))});
     if (work.layers > 0)
         cost.stages.push_back(
             {"layers", seconds::propagate_layer * double(work.layers) * cost.stages.back().seconds,
              counted(work.layers, "layer")});
-    cost.host_bytes = work.layers * (work.grid.size() * 96 + uint64_t(8 * work.patches) * 12);
+    if (lpv.corrections && lpv.iterations == 0)
+        cost.host_bytes += 12 * work.grid.size(); // Diffusion
+    cost.host_bytes += work.layers * (work.grid.size() * 96 + uint64_t(8 * work.patches) * 12);
     return cost;
 }
 
@@ -162,13 +182,18 @@ public:
 
         const LpvProgram program = program_.get();
         const Injection injection = inject_all(inputs, stages, volume);
-        LpvField field = propagate(program, injection, stages);
+        LpvSettings settings = settings_;
+        settings.corrections &= layers.empty();
+        LpvField field = propagate(program, injection, settings, stages);
         to_luminance(field, volume);
-        follow(program, injection, field.iterations, stages, layers);
+        follow(program, injection, field.course.fronts, stages, layers);
         if (mode != Occlusion::none)
             volume.occlusion = at_cell_centers(geometry, inputs.grid);
-        volume.metadata["iterations"] = std::to_string(field.iterations);
-        volume.metadata["residual"] = format("%.6g", field.residual);
+        volume.metadata["iterations"] = std::to_string(field.course.iterations());
+        if (settings_.iterations > 0)
+            volume.metadata["residual"] = format("%.6g", field.residual);
+        else
+            volume.metadata["missing"] = format("%.3g", field.missing);
         if (inputs.finest) // finer ones go by it
             solved_.coefficients = std::move(field.coefficients);
     }
@@ -307,31 +332,41 @@ private:
         return injection;
     }
 
-    LpvField propagate(const LpvProgram& program, const Injection& injection, Stages& stages) {
+    LpvField propagate(const LpvProgram& program, const Injection& injection,
+                       const LpvSettings& settings, Stages& stages) {
         stages.begin("propagate", 100);
         LpvField field =
-            program.propagate(injection, solved_.transmittance, settings_, stages.progress());
-        const std::string iterations = counted(uint64_t(field.iterations), "iteration");
-        stages.end(
-            format("%s, %.3g %% of the power left", iterations.c_str(), 100.0 * field.residual));
-        if (field.residual > 0.1)
+            program.propagate(injection, solved_.transmittance, settings, stages.progress());
+        const std::string iterations = counted(uint64_t(field.course.iterations()), "iteration");
+        if (settings_.iterations > 0)
+            stages.end(format("%s, %.3g %% of the power left", iterations.c_str(),
+                              100.0 * field.residual));
+        else
+            stages.end(format("%s, less than %.2g %% of the light missing", iterations.c_str(),
+                              100.0 * field.missing));
+        if (settings_.iterations > 0 && field.residual > 0.1)
             stages.warn(
                 format("propagation stopped after %s with %.3g %% of the power under way: the "
                        "field is too dark; raise `iterations`, or leave it out",
                        iterations.c_str(), 100.0 * field.residual));
+        else if (settings_.iterations == 0
+                 && !(field.missing <= std::max(1e-6, double(settings_.tolerance))))
+            stages.warn(format("propagation stopped after %s with about %.3g %% of the light "
+                               "missing, more than `tolerance` says",
+                               iterations.c_str(), 100.0 * field.missing));
         return field;
     }
 
-    void follow(const LpvProgram& program, const Injection& injection, int iterations,
-                Stages& stages, std::span<Volume> layers) {
+    void follow(const LpvProgram& program, const Injection& injection, int fronts, Stages& stages,
+                std::span<Volume> layers) {
         if (layers.empty())
             return;
         stages.begin("layers", 100);
         std::vector<LpvField> fields;
         if (injection.layers.empty()) // no light comes into the grid
-            fields.assign(layers.size(), {injection.coefficients});
+            fields.assign(layers.size(), {injection.coefficients, {}});
         else
-            fields = program.propagate_layers(injection, solved_.transmittance, iterations,
+            fields = program.propagate_layers(injection, solved_.transmittance, fronts,
                                               stages.progress());
         for (std::size_t layer = 0; layer < layers.size(); ++layer)
             to_luminance(fields[layer], layers[layer]);
@@ -362,12 +397,12 @@ constinit const SolverKind lpv_kind{
     .expected_error = expected_error,
     .device_bytes =
         [](const Grid& grid, const SolverSettings& settings, uint64_t layers) {
-            return lpv_device_bytes(grid, settings_of(settings).occlusion, layers > 0);
+            return lpv_device_bytes(grid, settings_of(settings, grid, layers > 0), layers > 0);
         },
     .cost = cost,
     .make = [](const gpu::Device& device, const Grid& grid,
                const SolverSettings& settings) -> std::unique_ptr<Solver> {
-        return std::make_unique<LpvSolver>(device, grid, settings_of(settings),
+        return std::make_unique<LpvSolver>(device, grid, settings_of(settings, grid, false),
                                            int(settings["rsm-kernel"]));
     },
 };

@@ -1,5 +1,6 @@
 // One propagation step of a light propagation volume, of the light of a scene (propagate.comp) or
-// of it and a layer of it at once (follow.comp): they say what Flux and Lobe are.
+// of it and a layer of it at once (follow.comp): they say what Flux and Lobe are; or the same where
+// no flux is negative, so that it is linear, P, of what is given to it (linear.comp).
 //
 // The scheme is that of A. Kaplanyan and C. Dachsbacher, "Cascaded Light Propagation Volumes for
 // Real-Time Indirect Illumination", I3D 2010: every cell holds an intensity as four spherical
@@ -54,7 +55,15 @@ layout(constant_id = spec_march) const uint march = 16u;
 layout(constant_id = spec_occlusion) const uint occlusion = occlusion_none;
 layout(constant_id = spec_group_sum) const uint group_sum = 0u;
 
+#ifdef LINEAR
+layout(push_constant) uniform Push {
+    PropagatePush push;
+    LinearWeights weights;
+};
+layout(set = 0, binding = binding_old_in) uniform textureBuffer old_in;
+#else
 layout(push_constant) uniform Push { PropagatePush push; };
+#endif
 
 layout(set = 0, binding = binding_front_in) uniform textureBuffer front_in;
 layout(set = 0, binding = binding_accumulator_in) uniform textureBuffer accumulator_in;
@@ -71,11 +80,16 @@ layout(std430, set = 0, binding = binding_layer_out) writeonly restrict buffer L
     vec4 layer_out[];
 };
 #endif
+#ifdef LINEAR
+#define Sum vec2 // signed and absolute
+#else
+#define Sum float
+#endif
 layout(std430, set = 0, binding = binding_partial_flux) writeonly restrict buffer PartialFlux {
-    float partial_flux[];
+    Sum partial_flux[];
 };
 
-shared float group_flux[local_size];
+shared Sum group_flux[local_size];
 
 const float sqrt_4pi = 3.5449077018110321;
 const float inv_sqrt_5 = 0.44721359549995794;
@@ -112,7 +126,11 @@ Lobe fetch(uint texel) {
 }
 
 Flux positive(Flux flux) {
+#ifdef LINEAR
+    return flux;
+#else
     return max(0.0, flux);
+#endif
 }
 #endif
 
@@ -232,7 +250,7 @@ void main() {
                 texelFetch(transmittance, int(link - link_layer + 2u * push.plane_pitch + i)).x;
     }
 
-    float flux = 0.0;
+    Sum flux = Sum(0.0);
     for (uint z = first; z < last; ++z) {
         Lobe west = fetch(source - 1u);
         const Lobe tile_east = fetch(source + tile_x);
@@ -266,6 +284,16 @@ void main() {
             behind[i] = here[i];
             here[i] = ahead;
             if (inside && x + i < push.nx) {
+#ifdef LINEAR
+                const vec4 given = behind[i];
+                vec4 next = weights.given * given + weights.propagated * f;
+                if (weights.old != 0.0)
+                    next += weights.old * texelFetch(old_in, int(target + i));
+                const vec4 own = weights.added * given;
+                flux += vec2(own.x, abs(own.x));
+                front_out[target + i] = next;
+                accumulator_out[total + i] = texelFetch(accumulator_in, int(total + i)) + own;
+#else
 #ifdef FOLLOW
                 const vec4 guide = vec4(f[0].x, f[1].x, f[2].x, f[3].x);
                 const vec4 own = vec4(f[0].y, f[1].y, f[2].y, f[3].y);
@@ -278,6 +306,7 @@ void main() {
                 flux += guide.x;
                 front_out[target + i] = scale * guide;
                 accumulator_out[total + i] = texelFetch(accumulator_in, int(total + i)) + own;
+#endif
             }
         }
         source += layer;
@@ -294,7 +323,7 @@ void main() {
         group_flux[lane] = flux;
         barrier();
         if (lane == 0u) {
-            float sum = 0.0;
+            Sum sum = Sum(0.0);
             for (uint i = 0u; i < local_size; ++i)
                 sum += group_flux[i];
             partial_flux[push.partial_base + group] = sum;

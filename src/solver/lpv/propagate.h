@@ -28,6 +28,8 @@ LPVBAKE_SHARED_CONST uint binding_partial_flux = 5u;    // storage buffer, float
 // Of a layer that follows: as front_in and front_out; the accumulator is its own.
 LPVBAKE_SHARED_CONST uint binding_layer_in = 6u;  // uniform texel buffer, RGBA32F
 LPVBAKE_SHARED_CONST uint binding_layer_out = 7u; // storage buffer, vec4[]
+// Of a linear application: what its result is added to, which may be front_out.
+LPVBAKE_SHARED_CONST uint binding_old_in = 6u; // uniform texel buffer, RGBA32F
 
 // Specialization constants.
 LPVBAKE_SHARED_CONST uint spec_local_size = 0u; // invocations of a work group
@@ -59,6 +61,16 @@ struct PropagatePush {
     uint accumulator_base;   // where layer z_begin starts in the accumulator
     uint transmittance_base; // where layer z_begin - 1 starts in the transmittances
     uint partial_base;       // where the partial sums of this dispatch start
+};
+
+// Push constants of a linear application, after those. Of what is given, u, and what lies where the
+// result goes, m, it makes old m + given u + propagated P u, and adds `added` u to the accumulator.
+// Its partial sums are pairs, of what is added there and of its absolute value.
+struct LinearWeights {
+    float added;
+    float given;
+    float propagated;
+    float old;
 };
 
 #ifdef __cplusplus

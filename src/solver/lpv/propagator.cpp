@@ -21,10 +21,6 @@ constexpr uint64_t texel = sizeof(glm::vec4);
 constexpr double far_angle = 0.4006696846;  ///< of the far face, seen from the source's centre, sr
 constexpr double side_angle = 0.4234313544; ///< of a side face, sr
 
-PropagateTiling tiling_for(const gpu::Device& device, const Grid& grid) {
-    return device.is_cpu() ? cpu_tiling(uint32_t(grid.dims.x)) : gpu_tiling;
-}
-
 gpu::Program compile(const gpu::Device& device, const PropagateTiling& tiling, Occlusion occlusion,
                      bool follow) {
     using gpu::Binding;
@@ -32,11 +28,7 @@ gpu::Program compile(const gpu::Device& device, const PropagateTiling& tiling, O
                                     Binding::texels_r32,    Binding::storage,
                                     Binding::storage,       Binding::storage,
                                     Binding::texels_rgba32, Binding::storage}; // of a layer
-    const uint32_t mode = occlusion == Occlusion::none   ? occlusion_none
-                          : occlusion == Occlusion::face ? occlusion_link
-                                                         : occlusion_per_face;
-    const uint32_t constants[] = {tiling.local_size, tiling.lanes_x, tiling.tile_x,
-                                  tiling.march,      mode,           tiling.group_sum};
+    const auto constants = propagate_constants(tiling, occlusion);
     if (follow)
         return gpu::Program(device, shaders::follow_comp, bindings, sizeof(PropagatePush),
                             constants);
@@ -85,6 +77,17 @@ double budget(const float* lobe) {
 
 uint32_t planes_of(Occlusion occlusion) {
     return occlusion == Occlusion::none ? 0 : occlusion == Occlusion::face ? 3 : 30;
+}
+
+PropagateTiling tiling_for(const gpu::Device& device, const Grid& grid) {
+    return device.is_cpu() ? cpu_tiling(uint32_t(grid.dims.x)) : gpu_tiling;
+}
+
+std::array<uint32_t, 6> propagate_constants(const PropagateTiling& tiling, Occlusion occlusion) {
+    const uint32_t mode = occlusion == Occlusion::none   ? occlusion_none
+                          : occlusion == Occlusion::face ? occlusion_link
+                                                         : occlusion_per_face;
+    return {tiling.local_size, tiling.lanes_x, tiling.tile_x, tiling.march, mode, tiling.group_sum};
 }
 
 PropagateLayout layout_of(const Grid& grid) {
@@ -177,13 +180,21 @@ double Propagator::run(int steps) {
         record_step(done_ + i, uint32_t(i) * plan_.partials);
     batch_.run();
     done_ += steps;
-    std::vector<float> fluxes(plan_.partials);
-    gpu::download(device_, partial_, uint64_t(steps - 1) * plan_.partials * sizeof(float),
-                  std::as_writable_bytes(std::span(fluxes)));
+    std::vector<float> fluxes(std::size_t(steps) * plan_.partials);
+    gpu::download(device_, partial_, 0, std::as_writable_bytes(std::span(fluxes)));
+    run_power_ = 0.0;
     double flux = 0.0;
-    for (const float f : fluxes)
-        flux += double(f);
+    for (std::size_t step = 0; step < std::size_t(steps); ++step) {
+        flux = 0.0;
+        for (const float f : std::span(fluxes).subspan(step * plan_.partials, plan_.partials))
+            flux += double(f);
+        run_power_ += flux;
+    }
     return flux;
+}
+
+PropagatedBuffers Propagator::buffers() const {
+    return {fronts_[done_ % 2], fronts_[(done_ + 1) % 2], sum_, transmittance_, partial_};
 }
 
 void Propagator::record_step(int step, uint32_t partial_base) {

@@ -7,6 +7,7 @@
 #include "solver/lpv/propagate.h"
 #include "solver/occlusion.h"
 
+#include <array>
 #include <span>
 #include <vector>
 
@@ -29,6 +30,10 @@ double budget(const float* lobe);
 uint32_t planes_of(Occlusion occlusion);
 
 PropagateLayout layout_of(const Grid& grid);
+
+/// The specialization constants of programs of propagate.glsl.
+std::array<uint32_t, 6> propagate_constants(const PropagateTiling& tiling, Occlusion occlusion);
+PropagateTiling tiling_for(const gpu::Device& device, const Grid& grid);
 
 /// How a propagation is cut: by what a binding can see.
 struct PropagatePlan {
@@ -55,6 +60,14 @@ struct PropagatePrograms {
 PropagatePrograms compile_propagate(const gpu::Device& device, const Grid& grid,
                                     Occlusion occlusion, bool follow = false);
 
+/// Buffers of a propagation, as its layout has them.
+struct PropagatedBuffers {
+    const gpu::Buffer &front, &other; ///< the last front, and room for another
+    const gpu::Buffer& sum;
+    const gpu::Buffer& transmittance;
+    const gpu::Buffer& partial; ///< plan.partials floats for each of most_steps
+};
+
 /// The buffers of a propagation, and the steps on them. The arguments outlive it.
 class Propagator {
 public:
@@ -69,6 +82,10 @@ public:
     static constexpr int most_steps = 8;
     /// Runs so many steps more; returns the power of the last front, lm.
     double run(int steps);
+    /// Power of all fronts of the last run, lm.
+    double run_power() const { return run_power_; }
+    /// What a Corrector goes on with: the last front comes first.
+    PropagatedBuffers buffers() const;
     /// Injected light and all fronts together, as LpvField::coefficients.
     std::vector<float> download() const;
 
@@ -86,6 +103,7 @@ private:
     gpu::Buffer layer_fronts_[2]; ///< as small as can be where none follows
     gpu::Batch batch_;
     int done_ = 0; ///< steps
+    double run_power_ = 0.0;
 };
 
 } // namespace lpvbake::solver::lpv

@@ -1,0 +1,284 @@
+#include "solver/lpv/diffusion.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+
+namespace lpvbake::solver::lpv {
+namespace {
+
+// Of the slowest mode of a slab of n cells that takes all light at its sides, a step leaves
+// 1 - diffusion (pi / (n + 2 beyond))^2: by the eigenvalues of the scheme at n = 64 and 128.
+constexpr float diffusion = 0.2283f; ///< cells^2 a step
+constexpr float beyond = 0.69f;      ///< cells from a side to where light would be 0
+
+constexpr float relaxed = 0.85f;  ///< share of a Jacobi step
+constexpr int relaxations = 3;    ///< before and after a coarser level
+constexpr int at_the_end = 20;    ///< on the coarsest
+constexpr int most_rounds = 24;   ///< of sweeps that find what light reaches
+constexpr int serial_rows = 1024; ///< below which threads cost more than they bring
+
+template <class Body>
+void for_rows(glm::ivec3 dims, const Body& body) {
+    const int rows = dims.y * dims.z;
+    const auto row = [&](int i) { body(i % dims.y, i / dims.y); };
+    if (rows < serial_rows)
+        for (int i = 0; i < rows; ++i)
+            row(i);
+    else
+        tbb::parallel_for(0, rows, row);
+}
+
+struct Links {
+    const Grid& grid;
+    std::span<const float> open;
+
+    /// From a cell towards + along an axis.
+    float towards(glm::ivec3 cell, int axis) const {
+        if (cell[axis] < 0 || cell[axis] + 1 >= grid.dims[axis])
+            return 0.0f;
+        return open.empty() ? 1.0f : open[3 * grid.index(cell) + std::size_t(axis)];
+    }
+    float back(glm::ivec3 cell, int axis) const {
+        --cell[axis];
+        return towards(cell, axis);
+    }
+};
+
+/// Cells that a chain of links joins to one that is lit, by sweeps to and fro. Where they are not
+/// done after most_rounds, some are missing, which then take more propagations.
+std::vector<std::uint8_t> reach(const Links& links, const std::vector<bool>& lit) {
+    const Grid& grid = links.grid;
+    std::vector<std::uint8_t> reached(lit.begin(), lit.end());
+    const glm::ivec3 dims = grid.dims;
+    const auto look = [&](glm::ivec3 cell, std::size_t i, bool forward) {
+        if (reached[i])
+            return false;
+        for (int axis = 0; axis < 3; ++axis) {
+            glm::ivec3 other = cell;
+            other[axis] += forward ? -1 : 1;
+            if ((forward ? links.back(cell, axis) : links.towards(cell, axis)) > 0.0f
+                && reached[grid.index(other)]) {
+                reached[i] = 1;
+                return true;
+            }
+        }
+        return false;
+    };
+    bool changed = true;
+    for (int round = 0; changed && round < most_rounds; ++round) {
+        changed = false;
+        std::size_t i = 0;
+        for (int z = 0; z < dims.z; ++z)
+            for (int y = 0; y < dims.y; ++y)
+                for (int x = 0; x < dims.x; ++x, ++i)
+                    changed |= look({x, y, z}, i, true);
+        for (int z = dims.z; z-- > 0;)
+            for (int y = dims.y; y-- > 0;)
+                for (int x = dims.x; x-- > 0;)
+                    changed |= look({x, y, z}, --i, false);
+    }
+    return reached;
+}
+
+/// Of a block: sums over the links of its cells that leave it towards +x, +y and +z, and what the
+/// links of its cells take.
+using Sums = std::vector<glm::vec4>;
+
+/// What the neighbours of a cell send to it; `at` is its index.
+template <class Level>
+glm::vec4 from_around(const Level& level, const std::vector<glm::vec4>& all, glm::ivec3 cell,
+                      std::size_t at) {
+    const std::array<std::size_t, 3> pitch{1, std::size_t(level.dims.x),
+                                           std::size_t(level.dims.x) * std::size_t(level.dims.y)};
+    glm::vec4 sum(0.0f);
+    for (int axis = 0; axis < 3; ++axis) {
+        const std::size_t step = pitch[std::size_t(axis)];
+        if (cell[axis] + 1 < level.dims[axis])
+            sum += level.links[at][axis] * all[at + step];
+        if (cell[axis] > 0)
+            sum += level.links[at - step][axis] * all[at - step];
+    }
+    return sum;
+}
+
+} // namespace
+
+Diffusion::Diffusion(const Grid& grid, std::span<const float> open, const std::vector<bool>& lit) {
+    const Links links{grid, open};
+    const std::vector<std::uint8_t> reached =
+        open.empty() ? std::vector<std::uint8_t>(grid.size(), 1) : reach(links, lit);
+    Level* level = &levels_.emplace_back();
+    level->dims = (grid.dims + 1) / 2;
+    const std::size_t count =
+        std::size_t(level->dims.x) * std::size_t(level->dims.y) * std::size_t(level->dims.z);
+    reached_.resize(count);
+    Sums sums(count);
+    for_rows(level->dims, [&](int y, int z) {
+        for (int x = 0; x < level->dims.x; ++x) {
+            const glm::ivec3 block(x, y, z);
+            const std::size_t i = level->index(block);
+            for (int k = 0; k < 8; ++k) {
+                const glm::ivec3 child(k & 1, k >> 1 & 1, k >> 2), cell = 2 * block + child;
+                if (!grid.contains(cell) || !reached[grid.index(cell)])
+                    continue;
+                reached_[i] = std::uint8_t(reached_[i] | 1u << k);
+                for (int axis = 0; axis < 3; ++axis) {
+                    const float towards = links.towards(cell, axis);
+                    if (child[axis])
+                        sums[i][axis] += towards;
+                    sums[i].w += 2.0f - towards - links.back(cell, axis);
+                }
+            }
+        }
+    });
+    for (float h = 2.0f;; h *= 2.0f) {
+        const std::size_t size = sums.size();
+        level->light.resize(size);
+        level->all.resize(size);
+        level->next.resize(size);
+        level->links.resize(size);
+        for (std::size_t i = 0; i < size; ++i)
+            level->links[i] = sums[i] * (diffusion / h);
+        for_rows(level->dims, [&](int y, int z) {
+            for (int x = 0; x < level->dims.x; ++x) {
+                const glm::ivec3 at(x, y, z);
+                const std::size_t i = level->index(at);
+                glm::vec4& own = level->links[i];
+                float sum = sums[i].w * (diffusion / (0.5f * h + beyond)) + own.x + own.y + own.z;
+                for (int axis = 0; axis < 3; ++axis) {
+                    glm::ivec3 other = at;
+                    --other[axis];
+                    if (other[axis] >= 0)
+                        sum += level->links[level->index(other)][axis];
+                }
+                own.w = sum > 0.0f ? 1.0f / sum : 0.0f;
+            }
+        });
+        if (std::max({level->dims.x, level->dims.y, level->dims.z}) <= 2)
+            return;
+        Level coarse;
+        coarse.dims = (level->dims + 1) / 2;
+        Sums coarse_sums(std::size_t(coarse.dims.x) * std::size_t(coarse.dims.y)
+                         * std::size_t(coarse.dims.z));
+        for (std::size_t i = 0; i < size; ++i) {
+            const std::size_t row = i / std::size_t(level->dims.x);
+            const glm::ivec3 at(int(i % std::size_t(level->dims.x)),
+                                int(row % std::size_t(level->dims.y)),
+                                int(row / std::size_t(level->dims.y)));
+            glm::vec4& sum = coarse_sums[coarse.index(at / 2)];
+            for (int axis = 0; axis < 3; ++axis)
+                sum[axis] += at[axis] % 2 ? sums[i][axis] : 0.0f;
+            sum.w += sums[i].w;
+        }
+        sums = std::move(coarse_sums);
+        level = &levels_.emplace_back(std::move(coarse));
+    }
+}
+
+void Diffusion::relax(Level& level) {
+    const std::size_t nx = std::size_t(level.dims.x), layer = nx * std::size_t(level.dims.y);
+    const std::vector<glm::vec4> dark(nx, glm::vec4(0.0f)); // beyond the sides
+    for_rows(level.dims, [&](int y, int z) {
+        const std::size_t first = level.index({0, y, z});
+        const auto row = [&](const std::vector<glm::vec4>& of, bool is_there, std::ptrdiff_t off) {
+            return is_there ? of.data() + (std::ptrdiff_t(first) + off) : dark.data();
+        };
+        const auto across = std::ptrdiff_t(nx), up = std::ptrdiff_t(layer);
+        const glm::vec4* links = row(level.links, true, 0);
+        const glm::vec4* links_south = row(level.links, y > 0, -across);
+        const glm::vec4* links_below = row(level.links, z > 0, -up);
+        const glm::vec4* all = row(level.all, true, 0);
+        const glm::vec4* south = row(level.all, y > 0, -across);
+        const glm::vec4* north = row(level.all, y + 1 < level.dims.y, across);
+        const glm::vec4* below = row(level.all, z > 0, -up);
+        const glm::vec4* above = row(level.all, z + 1 < level.dims.z, up);
+        for (std::size_t x = 0; x < nx; ++x) {
+            glm::vec4 sum = links[x].y * north[x] + links_south[x].y * south[x]
+                            + (links[x].z * above[x] + links_below[x].z * below[x]);
+            if (x + 1 < nx)
+                sum += links[x].x * all[x + 1];
+            if (x > 0)
+                sum += links[x - 1].x * all[x - 1];
+            level.next[first + x] =
+                (1.0f - relaxed) * all[x] + relaxed * links[x].w * (level.light[first + x] + sum);
+        }
+    });
+    std::swap(level.all, level.next);
+}
+
+void Diffusion::restrict_rest(const Level& fine, Level& coarse) {
+    for_rows(coarse.dims, [&](int y, int z) {
+        for (int x = 0; x < coarse.dims.x; ++x) {
+            const glm::ivec3 block(x, y, z);
+            glm::vec4 rest(0.0f);
+            for (int k = 0; k < 8; ++k) {
+                const glm::ivec3 cell = 2 * block + glm::ivec3(k & 1, k >> 1 & 1, k >> 2);
+                if (glm::any(glm::greaterThanEqual(cell, fine.dims)))
+                    continue;
+                const std::size_t i = fine.index(cell);
+                if (fine.links[i].w > 0.0f)
+                    rest += fine.light[i] - fine.all[i] / fine.links[i].w
+                            + from_around(fine, fine.all, cell, i);
+            }
+            coarse.light[coarse.index(block)] = rest;
+        }
+    });
+    std::ranges::fill(coarse.all, glm::vec4(0.0f));
+}
+
+void Diffusion::add_coarse(const Level& coarse, Level& fine) {
+    // Linear between the centres of blocks; at the ends that of the last.
+    const auto weights = [&](int at, int axis) {
+        const int own = at / 2, other = at % 2 ? own + 1 : own - 1;
+        return std::pair(own, std::clamp(other, 0, coarse.dims[axis] - 1));
+    };
+    for_rows(fine.dims, [&](int y, int z) {
+        const auto [y0, y1] = weights(y, 1);
+        const auto [z0, z1] = weights(z, 2);
+        const std::size_t rows[] = {coarse.index({0, y0, z0}), coarse.index({0, y1, z0}),
+                                    coarse.index({0, y0, z1}), coarse.index({0, y1, z1})};
+        constexpr float shares[] = {0.5625f, 0.1875f, 0.1875f, 0.0625f};
+        for (int x = 0; x < fine.dims.x; ++x) {
+            const auto [x0, x1] = weights(x, 0);
+            glm::vec4 sum(0.0f);
+            for (int k = 0; k < 4; ++k)
+                sum += shares[k]
+                       * (0.75f * coarse.all[rows[k] + std::size_t(x0)]
+                          + 0.25f * coarse.all[rows[k] + std::size_t(x1)]);
+            const std::size_t i = fine.index({x, y, z});
+            if (fine.links[i].w > 0.0f)
+                fine.all[i] += sum;
+        }
+    });
+}
+
+void Diffusion::cycle(std::size_t l) {
+    Level& level = levels_[l];
+    if (l + 1 == levels_.size()) {
+        for (int i = 0; i < at_the_end; ++i)
+            relax(level);
+        return;
+    }
+    for (int i = 0; i < relaxations; ++i)
+        relax(level);
+    for (int twice = 0; twice < 2; ++twice) { // a W cycle
+        restrict_rest(level, levels_[l + 1]);
+        cycle(l + 1);
+        add_coarse(levels_[l + 1], level);
+    }
+    for (int i = 0; i < relaxations; ++i)
+        relax(level);
+}
+
+void Diffusion::solve(std::span<const glm::vec4> light, std::span<glm::vec4> all) {
+    Level& first = levels_.front();
+    std::ranges::copy(light, first.light.begin());
+    std::ranges::fill(first.all, glm::vec4(0.0f));
+    cycle(0);
+    for (std::size_t i = 0; i < size(); ++i)
+        all[i] = glm::vec4(glm::vec3(first.all[i]), float(reached_[i]));
+}
+
+} // namespace lpvbake::solver::lpv

@@ -1,0 +1,59 @@
+// What light is missing of a propagation, by a diffusion that is close to it: the correction of an
+// iteration that converges in a number of steps which does not grow with the grid. In the transport
+// of neutrons it is known as diffusion synthetic acceleration (Larsen 1984).
+#pragma once
+
+#include "volume/grid.h"
+
+#include <glm/glm.hpp>
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace lpvbake::solver::lpv {
+
+/// The diffusion in a grid, on its blocks of 2 x 2 x 2 cells, x fastest, z slowest.
+class Diffusion {
+public:
+    /// `open`: of the links of a cell towards +x, +y and +z, [3 * cell + axis]; empty: all are. A
+    /// link lets that share of light through and takes the rest, and the grid's sides take all.
+    /// `lit`: of each cell whether light starts in it; what no chain of links joins to such a cell
+    /// is left out.
+    Diffusion(const Grid& grid, std::span<const float> open, const std::vector<bool>& lit);
+
+    glm::ivec3 dims() const { return levels_.front().dims; }
+    std::size_t size() const { return reached_.size(); }
+
+    /// About the light that all propagations of `light` bring together, itself included, for the
+    /// mean of a block's cells, where `light` is the sum over them. The last value of a result are
+    /// the cells that light reaches, a bit each: x + 2 y + 4 z. Linear in `light`, of which the
+    /// last value does not count, and the same for any number of threads.
+    void solve(std::span<const glm::vec4> light, std::span<glm::vec4> all);
+
+private:
+    /// Cells, or blocks of so many that they are `h` along a side.
+    struct Level {
+        glm::ivec3 dims{0};
+        /// Conductances towards +x, +y and +z, and the inverse of the sum of all around and of what
+        /// is taken; 0 where that is 0.
+        std::vector<glm::vec4> links;
+        std::vector<glm::vec4> light, all, next; ///< right side, solution, and room for its next
+
+        std::size_t index(glm::ivec3 at) const {
+            return (std::size_t(at.z) * std::size_t(dims.y) + std::size_t(at.y))
+                       * std::size_t(dims.x)
+                   + std::size_t(at.x);
+        }
+    };
+
+    void cycle(std::size_t level);
+    static void relax(Level& level);
+    static void restrict_rest(const Level& fine, Level& coarse);
+    static void add_coarse(const Level& coarse, Level& fine);
+
+    std::vector<Level> levels_;         ///< from blocks of 2 cells on
+    std::vector<std::uint8_t> reached_; ///< cells of each of these blocks
+};
+
+} // namespace lpvbake::solver::lpv
