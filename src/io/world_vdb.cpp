@@ -144,7 +144,7 @@ public:
 
     openvdb::GridBase::Ptr grid(std::size_t i) const {
         const GridName& name = names_[i];
-        const openvdb::GridBase::Ptr grid = empty_grid(name.width);
+        openvdb::GridBase::Ptr grid = empty_grid(name.width);
         float largest = 0;
         for (std::size_t k = 0; k < sources_.size(); ++k) {
             const Source& source = sources_[k];
