@@ -252,7 +252,7 @@ TEST_F(Cli, TextsOfTheLibraryNameOptions) {
     EXPECT_EQ(cmd::options::in_options("`a`: `resolution`, `max_albedo`; `resolution"),
               "`a`: --resolution, --max-albedo; `resolution");
     std::string help;
-    for (const char* command : {"bake", "reference", "render", "report"})
+    for (const char* command : {"bake", "reference", "render", "report", "world"})
         help += run({command, "--help"}).out;
     std::ranges::replace(help, ',', ' '); // between names of one option
     for (const auto& [setting, option] : cmd::options::wordings())
