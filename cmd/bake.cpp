@@ -6,13 +6,16 @@
 
 #include "background.h"
 #include "bake/bricks.h"
+#include "bake/lighting.h"
 #include "bake/local_transfer.h"
 #include "bake/pilot.h"
 #include "bake/points.h"
+#include "bake/scattering.h"
 #include "bake/storage.h"
 #include "bake_options.h"
 #include "bake_result.h"
 #include "commands.h"
+#include "io/parts.h"
 #include "io/points.h"
 #include "layer_files.h"
 #include "lpvbake/error.h"
@@ -34,6 +37,7 @@
 #include <algorithm>
 #include <future>
 #include <memory>
+#include <utility>
 
 namespace lpvbake::cmd {
 namespace {
@@ -42,13 +46,21 @@ const char manual[] =
 #include "manual/bake.txt.h"
     ;
 
-/// What a program that shows the scene beside the volume has to know: its lights, the mean of its
-/// sky, nits, and an exposure for both.
+const char light_manual[] =
+#include "manual/light.txt.h"
+    ;
+
+/// What a program that shows the scene beside the volume has to know: its lights and the mean of
+/// its sky, nits.
 void add_light(const Scene& scene, Volume& volume) {
     const glm::dvec3 sky = scene::sky_mean(scene.sky, -1, 1, 0, 2 * glm::pi<double>());
     volume.metadata["lights"] =
         report::lights_json(scene).dump(-1, ' ', false, report::Json::error_handler_t::replace);
     volume.metadata["sky"] = format("%.6g,%.6g,%.6g", sky.r, sky.g, sky.b);
+}
+
+/// Of all cells.
+void add_exposure(Volume& volume) {
     volume.metadata["exposure"] = format("%.1f", render::automatic_exposure(volume));
 }
 
@@ -171,6 +183,56 @@ Attempt bake_until(const BakeOptions& o, const Scene& scene, const bake::SceneFa
     }
 }
 
+/// Lights the surfaces, writes them and tells of it.
+void run_light(const BakeOptions& o, const Scene& scene, const bake::BakePlan& plan, Run& run) {
+    if (!plan.lit)
+        throw Error(ErrorKind::argument, "with these options no surfaces are lit as a whole: "
+                                         "reflective shadow maps hold all light");
+    run.progress.expect(plan.stages);
+    std::vector<std::string> warnings;
+    solver::Stages stages(run.progress, warnings, scene.path, plan.settings.cache);
+    const visibility::Visibility visibility =
+        bake::open_scene(scene, plan, stages).in_air(bake::air_in(plan));
+    surface::LitSurfaces lit =
+        bake::light_scene(scene, plan, visibility, stages, bake::layers_in(plan));
+    const std::size_t patches = lit.patches.size();
+    const WriteReport::File file =
+        bake::write_lit(o.light_file, bake::lit_origin(plan, visibility), std::move(lit));
+    run.warn(warnings);
+    run.progress.end();
+    if (o.format == Format::json)
+        print_json({{"command", "light"},
+                    {"version", LPVBAKE_VERSION},
+                    {"scene", o.scene},
+                    {"patches", patches},
+                    {"outputs", {{{"path", file.path}, {"bytes", file.bytes}}}},
+                    {"warnings", run.progress.warnings()},
+                    {"seconds", run.seconds()}});
+    else
+        print_outputs({{file.path, {file}, {}}});
+}
+
+/// ", shard 2 of 3: z 16 to 31".
+std::string shard_text(const BakeOptions& o, const bake::BakePlan& plan) {
+    return o.shard ? format(", shard %d of %d: z %d to %d", o.shard->index, o.shard->count,
+                            plan.slab->begin, plan.slab->end - 1)
+                   : "";
+}
+
+/// Writes what a shard has of the volume.
+std::vector<Written> write_parts(const BakeOptions& o, const bake::BakePlan& plan,
+                                 const Volume& volume, Run& run) {
+    std::vector<Written> written;
+    run.progress.begin("write", o.outputs.paths.size());
+    for (const std::string& path : o.outputs.paths) {
+        run.progress.advance(written.size());
+        written.push_back(
+            {path, io::write_part(path, volume, *o.shard, *plan.slab, plan.grid).files, {}});
+        tell("wrote " + path);
+    }
+    return written;
+}
+
 /// Bakes at points, writes and tells of it.
 void run_at(const BakeOptions& o, const std::string& settings, const Scene& scene,
             volume::Points points, const bake::Choice& choice, gpu::Device& device, Run& run) {
@@ -209,6 +271,7 @@ void run_bricks(const BakeOptions& o, const Origin& origin, const Scene& scene,
     first.metadata["bricks_error"] = format("%.6g", baked.error);
     fill_metadata(o, scene, origin, first);
     add_light(scene, first);
+    add_exposure(first);
     baked.set.levels.back().metadata = first.metadata;
     run.begin_stage();
     std::vector<Written> written =
@@ -279,6 +342,26 @@ options::Action declare(options::Options& options) {
     };
 }
 
+/// The options of bake, since all that decides the light has to be that of the bake.
+options::Action declare_light(options::Options& options) {
+    const auto fields = std::make_shared<BakeOptions>();
+    add_bake_options(options, *fields);
+    return [fields, &options] {
+        BakeOptions& o = *fields;
+        if (o.outputs.paths.size() != 1 || !o.outputs.paths.front().ends_with(".lit"))
+            throw Error(ErrorKind::argument, "one output: add -o NAME.lit");
+        for (const char* other : {"at", "adaptive", "shard", "lit", "dry-run", "if-changed",
+                                  "if-missing", "depfile", "bytes", "verify"})
+            if (options.find(other)->is_given())
+                throw Error(ErrorKind::argument,
+                            std::string("--") + other + " is of bake, not of light");
+        o.light_file = std::exchange(o.outputs.paths, {}).front();
+        check_files({o.scene}, {}, {o.light_file}, true);
+        probe_outputs({o.light_file});
+        run_bake(o, options);
+    };
+}
+
 } // namespace
 
 SharedScene load_shared(BakeOptions o, std::span<const scene::Surroundings> boxes) {
@@ -332,6 +415,7 @@ void run_bake(BakeOptions o, const options::Options& options, const SharedScene*
     run.warn(air_warnings);
     if (o.surroundings)
         origin.surroundings = scene::text_of({*base.bounds, *o.surroundings});
+    base.lit_origin = {LPVBAKE_VERSION, scene::scene_hash(scene), origin.settings, {}};
     if (o.at.empty())
         origin.hash = bake_hash(o, options, scene, scene::scene_hash(scene), packed);
     if (!o.dry_run)
@@ -374,6 +458,10 @@ void run_bake(BakeOptions o, const options::Options& options, const SharedScene*
         return;
     }
 
+    if (!o.light_file.empty()) {
+        run_light(o, scene, choice.plan, run);
+        return;
+    }
     if (!o.at.empty()) {
         run_at(o, origin.settings, scene, std::move(points), choice, *device, run);
         return;
@@ -391,6 +479,8 @@ void run_bake(BakeOptions o, const options::Options& options, const SharedScene*
     const auto describe = [&](Volume& level) {
         level.metadata.insert(all.metadata.begin(), all.metadata.end());
         add_light(scene, level);
+        if (!o.shard) // merge knows it
+            add_exposure(level);
         if (!base.layers.empty())
             level.metadata["layers"] = io::text_of(entries_of(base.layers, ""));
     };
@@ -405,17 +495,23 @@ void run_bake(BakeOptions o, const options::Options& options, const SharedScene*
 
     run.begin_stage();
     std::vector<Written> written =
-        base.layers.empty()
+        o.shard ? write_parts(o, made.choice.plan, made.set.levels.front(), run)
+        : base.layers.empty()
             ? write_levels(o.outputs, o.outputs.paths, made.set, run.progress, packed)
             : write_layers(o.outputs, o.outputs.paths, made.set, base.layers, made.layers,
                            run.progress);
-    run.end_stage("write", counted(written.size(), "output"));
+    run.end_stage("write", counted(written.size(), "output") + shard_text(o, made.choice.plan));
     device->check_validation();
     run.progress.end();
     BakeResult result{made.choice, std::move(written), &made.set.levels.front(), storage,
                       made.verified};
     result.suns = suns;
     print_result(o, device->info(), result, run);
+}
+
+options::Command light_command() {
+    return {"light", "Lights a scene's surfaces for the shards of a bake.", light_manual,
+            declare_light};
 }
 
 options::Command bake_command() {

@@ -432,6 +432,40 @@ void add_adjust_option(options::Options& options, BakeOptions& o) {
         .record(options::Recorded::if_changed);
 }
 
+/// "2/8".
+volume::Shard parse_shard(const std::string& text) {
+    constexpr double most = 1'000'000;
+    const std::size_t slash = text.find('/');
+    const auto index = options::parse_number(text.substr(0, slash));
+    const auto count =
+        slash == std::string::npos ? std::nullopt : options::parse_number(text.substr(slash + 1));
+    const auto is_whole = [](double x) { return x >= 1 && x <= most && x == std::floor(x); };
+    if (!index || !count || !is_whole(*index) || !is_whole(*count) || *index > *count)
+        options::refuse(text, "is not i/N, whole numbers with i from 1 to N");
+    return {int(*index), int(*count)};
+}
+
+void add_shard_option(options::Options& options, BakeOptions& o) {
+    options
+        .value("--shard", o.shard, "i/N", parse_shard,
+               "Bake the i-th of N parts of the grid, slabs along z, into a part (-o PART, an "
+               "OpenVDB file) of which lpvbake merge makes what one bake would have written, to "
+               "the byte; by gather, or sn with --tile; see below")
+        .exclude({"at",         "level",         "levels",         "focus",       "volume",
+                  "volumes",    "adaptive",      "layers",         "direct",      "static",
+                  "medium",     "adjust",        "local-transfer", "rsm-samples", "bytes",
+                  "fit",        "evaluation",    "verify",         "target",      "precision",
+                  "axes",       "sh-convention", "packing",        "dering",      "l1-scale",
+                  "exr-columns"})
+        .keep_to_one_run();
+    options
+        .text("--lit", o.lit, "FILE",
+              "Take surfaces as lpvbake light has lit them for the same scene and options, instead "
+              "of lighting them anew")
+        .exclude({"at", "adaptive"})
+        .keep_to_one_run();
+}
+
 } // namespace
 
 void add_bake_options(options::Options& options, BakeOptions& o) {
@@ -457,6 +491,7 @@ void add_bake_options(options::Options& options, BakeOptions& o) {
         .need("bounds")
         .exclude({"at", "level", "levels", "volume", "volumes"})
         .record(options::Recorded::if_changed);
+    add_shard_option(options, o);
     add_level_options(options, o);
     add_volume_options(options, o);
     add_adjust_option(options, o);
@@ -547,8 +582,9 @@ std::string volume_nodes(const BakeOptions& o) {
 }
 
 void check_options(const BakeOptions& o) {
-    check_paths("bake", o, o, o.outputs.paths, o.at);
-    if (o.outputs.paths.empty() && !o.dry_run)
+    check_paths("bake", o, o, o.outputs.paths, o.at, o.shard.has_value());
+    check_files({o.lit}, {}, o.outputs.paths);
+    if (o.outputs.paths.empty() && o.light_file.empty() && !o.dry_run)
         throw Error(ErrorKind::argument,
                     o.at.empty() ? "no output: add -o FILE" + io::format_list(" or -o FILE")
                                  : "no output: add -o FILE, " + io::lit_point_format_list());
@@ -561,6 +597,9 @@ void check_options(const BakeOptions& o) {
             throw Error(ErrorKind::argument, "--" + name + ": the " + solver.name + " solver takes "
                                                  + solver::values_of(*own));
     check_fit(o.outputs, o.fit, o.sh_order);
+    if (o.shard && o.fit.dilate > 0)
+        throw Error(ErrorKind::argument, "--dilate fills cells from those of other shards; give it "
+                                         "to convert, of what merge writes");
     if (!o.layers.empty() && (fits(o.outputs, o.fit) || o.outputs.storage().dering))
         throw Error(
             ErrorKind::argument,
@@ -748,6 +787,8 @@ bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& read
         settings.fit = &reader;
     settings.dering = o.outputs.storage().dering;
     settings.layers_level = o.layers_level;
+    settings.shard = o.shard;
+    settings.lit = o.lit;
     settings.isa = o.isa;
     settings.direct = o.direct.value_or(bake::DirectSettings());
     settings.direct.beams = o.beams;

@@ -60,8 +60,8 @@ struct BakeOptions : SceneOptions, RunOptions {
     double shaft_closing = bake::DirectSettings().shaft_closing; ///< metres
     MediumOptions medium;
     std::optional<options::Bounces> scattering; ///< none: the field is as without the medium
-    std::optional<bool> local_transfer; ///< true: of an object
-    std::optional<double> radius;       ///< of that, metres
+    std::optional<bool> local_transfer;         ///< true: of an object
+    std::optional<double> radius;               ///< of that, metres
     std::vector<GivenVolume> volume;
     std::string volumes;                ///< a file, "nodes:PATTERN" or "auto"
     std::string adjust;                 ///< file of boxes
@@ -69,6 +69,9 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::optional<uint64_t> max_size;   ///< of bricks, bytes
     std::vector<std::vector<bake::LayerWish>> layers;
     int layers_level = 0;
+    std::string lit;        ///< file of surfaces that are lit already; empty: none
+    std::string light_file; ///< such a file is written, nothing else; empty: a volume is baked
+    std::optional<volume::Shard> shard; ///< the part of the grid that is baked
     std::optional<double> surroundings; ///< metres around `bounds`; none: all of the scene counts
     bool if_changed = false;
     bool if_missing = false;

@@ -6,6 +6,7 @@
 #include "io/glb.h"
 #include "io/levels.h"
 #include "io/points.h"
+#include "io/vdb.h"
 #include "lpvbake/error.h"
 #include "lpvbake/scene.h"
 #include "machine.h"
@@ -526,7 +527,7 @@ void check_files(const std::vector<std::string>& inputs, const std::vector<std::
 }
 
 void check_paths(const char* command, const SceneOptions& scene, const RunOptions& run,
-                 const std::vector<std::string>& outputs, const std::string& points) {
+                 const std::vector<std::string>& outputs, const std::string& points, bool parts) {
     if (scene.scene.empty())
         throw Error(ErrorKind::argument, std::string("no scene: lpvbake ") + command
                                              + " SCENE -o OUTPUT (see lpvbake " + command
@@ -537,7 +538,14 @@ void check_paths(const char* command, const SceneOptions& scene, const RunOption
                                              + " takes a scene, a .gltf or .glb");
     const bool at_points = !points.empty();
     for (const std::string& output : outputs)
-        if (at_points ? !io::is_lit_point_format(output) : !io::volume_format(output))
+        if (const io::VolumeFormat* kind = io::volume_format(output); parts) {
+            if (kind && kind != &io::vdb_format)
+                throw Error(ErrorKind::argument,
+                            output
+                                + ": a part is an OpenVDB file, whatever its name, but not one "
+                                  "that ends in "
+                                + kind->extension + "; lpvbake merge writes those");
+        } else if (at_points ? !io::is_lit_point_format(output) : !kind)
             throw Error(ErrorKind::argument,
                         output + ": the name of an output "
                             + (at_points ? "of --at ends in " + io::lit_point_format_list()

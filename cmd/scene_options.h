@@ -174,9 +174,11 @@ void check_files(const std::vector<std::string>& inputs, const std::vector<std::
 
 /// All that can be known to be wrong before any work is done: no scene, an output that is no
 /// volume, and what check_files finds. Throws Error (argument).
-/// With a file of points the outputs are light at these.
+/// With a file of points the outputs are light at these; parts may have any name but that of
+/// another kind of volume file.
 void check_paths(const char* command, const SceneOptions& scene, const RunOptions& run,
-                 const std::vector<std::string>& outputs, const std::string& points = "");
+                 const std::vector<std::string>& outputs, const std::string& points = "",
+                 bool parts = false);
 
 /// Makes and removes a file beside each output, so that work does not end with nowhere to go.
 /// Throws Error (file).

@@ -3,6 +3,8 @@
 #include "io/atomic_file.h"
 #include "io/layers.h"
 #include "io/levels.h"
+#include "io/parts.h"
+#include "io/vdb.h"
 #include "lpvbake/error.h"
 #include "read_light.h"
 #include "scene/scene_hash.h"
@@ -52,6 +54,13 @@ volume::VolumeSet check_set(const BakeOptions& o, const std::string& path, const
 
 void check_output(const BakeOptions& o, const std::string& path, const std::string& hash,
                   bool levels) {
+    if (o.shard) {
+        const Volume part = io::read_vdb(path);
+        check_hash(path, part, hash);
+        if (io::shard_of(part) != o.shard)
+            throw Error(ErrorKind::invalid, path + ": is of another shard");
+        return;
+    }
     const auto file_of = [&](const std::string& set) {
         return io::set_path(set, o.adaptive || levels ? 2 : 1, o.places());
     };

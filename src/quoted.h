@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace lpvbake {
 
@@ -63,6 +64,29 @@ inline std::string without_label(std::string_view what) {
 /// On one line, and in quotes.
 inline std::string in_quotes(std::string_view text) {
     return '"' + printable(text) + '"';
+}
+
+/// What lists of settings, "name = value; name = value", differ in, for a message: "vpls = 100, not
+/// vpls = 192"; of any other texts both.
+inline std::string apart(std::string_view own, std::string_view other) {
+    const auto entries = [](std::string_view list) {
+        std::vector<std::string_view> parts;
+        for (std::size_t end = list.find("; "); end != list.npos; end = list.find("; ")) {
+            parts.push_back(list.substr(0, end));
+            list.remove_prefix(end + 2);
+        }
+        parts.push_back(list);
+        return parts;
+    };
+    const auto beyond = [&](std::string_view list, std::string_view known) {
+        const std::vector<std::string_view> there = entries(known);
+        std::string text;
+        for (const std::string_view entry : entries(list))
+            if (std::find(there.begin(), there.end(), entry) == there.end())
+                text.append(text.empty() ? "" : "; ").append(entry);
+        return text.empty() ? "none such" : printable(text);
+    };
+    return beyond(own, other) + ", not " + beyond(other, own);
 }
 
 } // namespace lpvbake

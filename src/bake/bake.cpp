@@ -144,7 +144,8 @@ void fit_volume(const BakePlan& plan, const Level& level, Surfaces& surfaces,
 void find_walls_of(const Level& level, const BakePlan& plan, solver::Stages& stages,
                    Volume& volume) {
     stages.begin("walls");
-    volume.walls = find_walls(level.visibility, level.frame, volume, level.cache(plan));
+    volume.walls = find_walls(level.visibility, level.frame, volume,
+                              plan.slab ? plan.slab->begin : 0, level.cache(plan));
     stages.end(share_with_walls(volume.walls));
 }
 
@@ -154,7 +155,7 @@ void finish_level(const Scene& scene, const BakePlan& plan, const gpu::Device& d
     add_air(level.axes.scene, plan, level.visibility, level.frame, stages, volume);
     add_direct(level.axes.scene, plan, level.visibility, level.frame, stages, volume);
     add_local_transfer(level.axes.scene, plan, level.visibility, level.frame, stages, volume);
-    volume.grid = level.grid;
+    volume.grid = plan.slab ? volume::grid_of(*plan.slab, level.grid) : level.grid;
     if (volume.grid.is_turned())
         volume::turn_directions(glm::mat3_cast(volume.grid.turn), volume);
     if (plan.settings.fit)
@@ -295,6 +296,7 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
         for (Volume& layer : layers)
             layer.grid = level.upright;
         inputs.layers = std::span(level.axes.layers).first(layers.size());
+        inputs.slab = plan.slab;
         inputs.cache = level.cache(plan);
         if (layers.empty())
             solvers[l]->solve(inputs, stages, volume);
@@ -314,7 +316,7 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
         baked.levels.pop_back();
         baked.layers.erase(baked.layers.begin(), baked.layers.end() - 1);
     }
-    if (!plan.settings.local_transfer.object)
+    if (!plan.settings.local_transfer.object && !plan.slab)
         warn_of_dark(scene, baked.levels, stages);
     baked.stages = stages.reports();
     return baked;

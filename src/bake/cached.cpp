@@ -35,18 +35,18 @@ cache::Key world_key(const Scene& scene, const scene::Frame& frame,
 
 std::vector<std::vector<glm::vec3>> find_walls(const visibility::Visibility& visibility,
                                                const scene::Frame& frame, const Volume& volume,
-                                               cache::Cache* cache) {
+                                               int first_layer, cache::Cache* cache) {
     std::vector<std::vector<glm::vec3>> walls;
     const auto make = [&] {
         walls = visibility::find_walls(visibility, volume.grid.dims, volume.validity, most_walls,
-                                       walls_reach);
+                                       walls_reach, first_layer);
     };
     if (!cache) {
         make();
         return walls;
     }
     cache::Key key = cache->key("walls");
-    key.add(frame.origin, frame.unit, volume.grid.dims).add_all(volume.validity);
+    key.add(frame.origin, frame.unit, volume.grid.dims, first_layer).add_all(volume.validity);
     const auto read = [&](cache::Reader& in) {
         walls.assign(most_walls, {});
         return std::ranges::all_of(walls, [&](std::vector<glm::vec3>& of) {

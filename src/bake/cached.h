@@ -13,9 +13,10 @@ namespace lpvbake::bake {
 cache::Key world_key(const Scene& scene, const scene::Frame& frame,
                      const visibility::Visibility& visibility);
 
-/// As visibility::find_walls, of the volume's cells, by its validity.
+/// As visibility::find_walls, of the volume's cells, by its validity, where the volume begins with
+/// a layer of the frame's.
 std::vector<std::vector<glm::vec3>> find_walls(const visibility::Visibility& visibility,
                                                const scene::Frame& frame, const Volume& volume,
-                                               cache::Cache* cache);
+                                               int first_layer, cache::Cache* cache);
 
 } // namespace lpvbake::bake

@@ -42,6 +42,12 @@ surface::LightingSettings lighting_of(const BakePlan& plan) {
     return lighting;
 }
 
+LitOrigin lit_origin(const BakePlan& plan, const visibility::Visibility& visibility) {
+    LitOrigin origin = plan.settings.lit_origin;
+    origin.tracer = visibility.tracer();
+    return origin;
+}
+
 visibility::Visibility open_scene(const Scene& scene, const BakePlan& plan,
                                   solver::Stages& stages) {
     stages.begin("visibility");
@@ -58,11 +64,14 @@ surface::LitSurfaces light_scene(const Scene& scene, const BakePlan& plan,
                                  std::span<const scene::LightLayer> layers) {
     surface::LitSurfaces lit;
     if (plan.lit) {
+        const std::string& file = plan.settings.lit;
         stages.begin("lighting");
-        lit = surface::light_surfaces(scene, visibility, plan.frame, lighting_of(plan),
-                                      stages.progress(), layers);
+        lit = file.empty() ? surface::light_surfaces(scene, visibility, plan.frame,
+                                                     lighting_of(plan), stages.progress(), layers)
+                           : read_lit(file, lit_origin(plan, visibility), scene, visibility);
         stages.end(counted(lit.patches.size(), "patch", "patches") + ", "
-                   + counted(uint64_t(lit.bounces), "reflection"));
+                   + counted(uint64_t(lit.bounces), "reflection")
+                   + (file.empty() ? "" : ", of " + file));
         if (lit.narrow > 0.05)
             stages.warn(
                 format("%.3g %% of the light of lamps and suns falls on spots smaller than a "

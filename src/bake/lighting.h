@@ -15,10 +15,14 @@ std::vector<scene::LightLayer> layers_in(const BakePlan& plan);
 /// How a bake of the plan lights surfaces.
 surface::LightingSettings lighting_of(const BakePlan& plan);
 
+/// What surfaces that the plan lights are of.
+LitOrigin lit_origin(const BakePlan& plan, const visibility::Visibility& visibility);
+
 /// What answers rays; warns of lights that meet backs.
 visibility::Visibility open_scene(const Scene& scene, const BakePlan& plan, solver::Stages& stages);
 
-/// The surfaces as the plan wants them lit, in layers too, empty where it does not; warns of light
+/// The surfaces as the plan wants them lit, in layers too, or of BakeSettings::lit; empty where it
+/// does not; warns of light
 /// that is not told. Throws as surface::light_surfaces.
 surface::LitSurfaces light_scene(const Scene& scene, const BakePlan& plan,
                                  const visibility::Visibility& visibility, solver::Stages& stages,

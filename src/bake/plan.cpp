@@ -508,6 +508,26 @@ void plan_fit(const surface::PatchCount& surfaces, const std::string& of, BakePl
     plan.host_bytes += uint64_t(solver::models::bytes::fit_point * points);
 }
 
+/// Sets which layers are baked. Throws Error (argument).
+void plan_shard(BakePlan& plan) {
+    const std::optional<volume::Shard>& shard = plan.settings.shard;
+    if (!shard)
+        return;
+    const solver::SolverKind& kind = plan.settings.solver.kind();
+    const int unit = kind.shard_layers ? kind.shard_layers(plan.settings.solver) : 0;
+    if (unit == 0 || kind.map_size(plan.grid, plan.settings.solver) > 0)
+        throw Error(ErrorKind::argument,
+                    kind.shard_layers && kind.map_size(plan.grid, plan.settings.solver) == 0
+                        ? format("`shard`: %s is parted into tiles; set `tile` to 64", kind.name)
+                        : "`shard` is of gather without `rsm_samples`, and of sn in tiles");
+    if (const int most = volume::most_shards(plan.grid, unit); shard->count > most)
+        throw Error(ErrorKind::argument,
+                    format("`shard` %d/%d: %d layers of cells along z are %d shards at most, of %d "
+                           "layers, which are solved together",
+                           shard->index, shard->count, plan.grid.dims.z, most, unit));
+    plan.slab = volume::slab_of(*shard, plan.grid, unit);
+}
+
 void check_host_memory(const BakePlan& plan) {
     const uint64_t memory = machine_memory();
     if (plan.host_bytes <= memory)
@@ -600,6 +620,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                                                 .statics = beamed_lights(scene.lights, {}) > 0,
                                                 .bounces = settings.bounces});
     fit(scene, device, plan);
+    plan_shard(plan);
     warn_of_far_lights(scene, plan.warnings);
     for (const Light& light : scene.lights) // its square is a float
         if (light.type != LightType::directional
@@ -627,16 +648,17 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     uint64_t solver_bytes = 0, all_cells = 0, layered_cells = 0;
     for (std::size_t level = 0; level < grids.size(); ++level) {
         const auto& [grid, layers] = grids[level];
+        const Grid own = plan.slab ? volume::grid_of(*plan.slab, grid) : grid;
         solver::Cost cost =
             solver.kind().cost({grid, patches, plan.lit, plan.maps, places_of(plan),
-                                plan.bricks.has_value(), device.type != "cpu", layers},
+                                plan.bricks.has_value(), device.type != "cpu", layers, plan.slab},
                                solver);
         if (plan.bricks)
             cost.stages.push_back(
                 {"walls", seconds::brick_place * double(places_of(plan)),
                  format("of about %llu bricks", (unsigned long long)plan.bricks->expected)});
         else if (places_of(plan) == 0)
-            cost.stages.push_back({"walls", seconds::walls_cell * double(grid.size()),
+            cost.stages.push_back({"walls", seconds::walls_cell * double(own.size()),
                                    "what stands between cells and the points around them"});
         for (StageReport& stage : cost.stages)
             stage.detail = of_level(level, plan) + stage.detail;
@@ -656,7 +678,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
         solver_bytes = solver.kind().nesting == solver::Nesting::coupled
                            ? solver_bytes + cost.host_bytes
                            : std::max(solver_bytes, cost.host_bytes);
-        all_cells += grid.size();
+        all_cells += own.size();
         layered_cells += layers > 0 ? grid.size() : 0;
     }
     if (!settings.fit && settings.points == 0)

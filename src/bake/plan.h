@@ -28,14 +28,15 @@ uint64_t sample_bytes(int order);
 uint64_t brick_numbers(int order);
 
 struct BakePlan {
-    BakeSettings settings;           ///< its volumes in the order of grids_in
-    Grid grid;                       ///< of several the finest
-    std::vector<Grid> coarser;       ///< the levels around it, or volumes beside it; mostly none
-    std::optional<Grid> layers_grid; ///< of BakeSettings::layers_level; none: layers are in those
-    std::optional<BrickPlan> bricks; ///< instead; the grid is all of the finest level
-    scene::Frame frame;              ///< the grid's, with the boxes of the others
-    int lights = 0;                  ///< punctual ones
-    bool emitters = false;           ///< some surface emits, and is wanted to
+    BakeSettings settings;            ///< its volumes in the order of grids_in
+    Grid grid;                        ///< of several the finest
+    std::vector<Grid> coarser;        ///< the levels around it, or volumes beside it; mostly none
+    std::optional<Grid> layers_grid;  ///< of BakeSettings::layers_level; none: layers are in those
+    std::optional<volume::Slab> slab; ///< of BakeSettings::shard
+    std::optional<BrickPlan> bricks;  ///< instead; the grid is all of the finest level
+    scene::Frame frame;               ///< the grid's, with the boxes of the others
+    int lights = 0;                   ///< punctual ones
+    bool emitters = false;            ///< some surface emits, and is wanted to
     bool lit = false; ///< surfaces are lit as a whole, not by reflective shadow maps alone
     solver::ReflectiveMaps maps;
     uint64_t triangles = 0;

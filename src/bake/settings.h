@@ -3,6 +3,7 @@
 
 #include "bake/kinds.h"
 #include "bake/layers.h"
+#include "bake/lit_file.h"
 #include "medium/lamp_radius.h"
 #include "medium/medium.h"
 #include "scene/scene.h"
@@ -10,6 +11,7 @@
 #include "volume/adjust.h"
 #include "volume/grid.h"
 #include "volume/levels.h"
+#include "volume/slab.h"
 
 #include <optional>
 
@@ -73,6 +75,11 @@ struct BakeSettings {
     solver::SolverSettings solver;
     volume::GridSettings grid;
     std::optional<Bounds> bounds; ///< what the grid is fitted to; none: the scene's bounds
+    /// Of one grid's field alone, by a solver with SolverKind::shard_layers, the layers that are
+    /// baked; none: all.
+    std::optional<volume::Shard> shard;
+    std::string lit;           ///< file of surfaces that are lit already; empty: none
+    LitOrigin lit_origin = {}; ///< of those, without its tracer
     /// Nested grids instead (volume/levels.h), by a solver of lit surfaces and without its
     /// reflective shadow maps; empty: one grid, by the two above.
     std::vector<volume::LevelBox> levels;

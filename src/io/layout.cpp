@@ -116,26 +116,29 @@ void make_grids(Volume& volume, const GridKind& kind, int count, const std::stri
     volume::set_grids(volume, kind, count);
 }
 
-std::optional<std::string> half_misfit(const Volume& volume, bool no_light) {
+std::optional<std::string> half_misfit(const volume::ConstGridView& grid) {
     constexpr float half_max = 65504, half_min = 1.0f / 16384;
-    for (const volume::ConstGridView& grid : volume::grids_of(volume)) {
-        if (no_light && grid.kind == &volume::light_kind())
-            continue;
-        float largest = 0;
-        for (const float value : grid.values())
-            largest = std::max(largest, std::abs(value));
-        const bool beyond = largest > half_max;
-        const bool below =
-            grid.kind == &volume::light_kind() && grid.k == 0 && largest > 0 && largest < half_min;
-        if (!beyond && !below)
-            continue;
-        std::ostringstream text;
-        text << grid.name() << (beyond ? " reaches " : " reaches only ") << largest
-             << (beyond ? ", more than half precision's largest value "
-                        : ", less than half precision's smallest normal value ")
-             << (beyond ? half_max : half_min);
-        return text.str();
-    }
+    float largest = 0;
+    for (const float value : grid.values())
+        largest = std::max(largest, std::abs(value));
+    const bool beyond = largest > half_max;
+    const bool below =
+        grid.kind == &volume::light_kind() && grid.k == 0 && largest > 0 && largest < half_min;
+    if (!beyond && !below)
+        return {};
+    std::ostringstream text;
+    text << grid.name() << (beyond ? " reaches " : " reaches only ") << largest
+         << (beyond ? ", more than half precision's largest value "
+                    : ", less than half precision's smallest normal value ")
+         << (beyond ? half_max : half_min);
+    return text.str();
+}
+
+std::optional<std::string> half_misfit(const Volume& volume, bool no_light) {
+    for (const volume::ConstGridView& grid : volume::grids_of(volume))
+        if (!no_light || grid.kind != &volume::light_kind())
+            if (auto why = half_misfit(grid))
+                return why;
     return {};
 }
 

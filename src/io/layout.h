@@ -3,6 +3,7 @@
 
 #include "lpvbake/error.h"
 #include "volume/convention.h"
+#include "volume/grids.h"
 
 #include <functional>
 #include <optional>
@@ -36,5 +37,7 @@ void make_grids(Volume& volume, const GridKind& kind, int count, const std::stri
 /// Why the volume, or what of it is no light, should not be stored as half: values beyond 65504, or
 /// an L0 whose largest value lies below 2^-14, where half has fewer digits. None: it fits.
 std::optional<std::string> half_misfit(const Volume& volume, bool no_light = false);
+/// The same of one grid.
+std::optional<std::string> half_misfit(const volume::ConstGridView& grid);
 
 } // namespace lpvbake::io

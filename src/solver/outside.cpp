@@ -4,6 +4,7 @@
 #include "text.h"
 #include "visibility/validity.h"
 #include "volume/adjust.h"
+#include "volume/sh.h"
 #include "volume/volume.h"
 
 #include <algorithm>
@@ -37,6 +38,26 @@ void find_validity(const Inputs& inputs, Stages& stages, Volume& volume) {
     volume.validity = kept_validity(inputs);
     volume::adjust_validity(inputs.adjust, volume);
     stages.end(outside_geometry(volume.validity));
+}
+
+void keep_slab(const Inputs& inputs, Volume& volume) {
+    if (!inputs.slab)
+        return;
+    volume::cut(volume::all_of(inputs.grid), *inputs.slab, inputs.grid, volume.validity);
+    volume.grid = volume::grid_of(*inputs.slab, inputs.grid);
+}
+
+Grid solved_grid(const Workload& work, int halo) {
+    const Grid& grid = work.grid;
+    return work.slab ? volume::grid_of(volume::widened(*work.slab, halo, grid), grid) : grid;
+}
+
+uint64_t beside_slab_bytes(const Workload& work, int halo, int order) {
+    if (!work.slab)
+        return 0;
+    const uint64_t around =
+        solved_grid(work, halo).size() - volume::grid_of(*work.slab, work.grid).size();
+    return 8 * work.grid.size() + around * sizeof(glm::vec3) * uint64_t(volume::sh_count(order));
 }
 
 double validity_seconds(const Grid& grid) {

@@ -9,6 +9,7 @@
 #include "solver/pilot.h"
 #include "solver/stages.h"
 #include "volume/grid.h"
+#include "volume/slab.h"
 
 #include <array>
 #include <cstdint>
@@ -71,6 +72,8 @@ struct Inputs {
     /// solved theirs. `lit` is in the finest's frame, and with its inputs alone.
     const Inputs* finest = nullptr;
     std::span<const std::unique_ptr<Solver>> around = {};
+    /// Solved alone, of kinds with SolverKind::shard_layers; none: all of the grid is.
+    std::optional<volume::Slab> slab = {};
     cache::Cache* cache = nullptr; ///< keeps what geometry alone decides; null: nothing does
 };
 
@@ -96,9 +99,10 @@ class Solver {
 public:
     virtual ~Solver() = default;
     /// Fills Volume::sh, sh_order and validity, and occlusion where the solver knows it, and adds
-    /// metadata of its own; the grid is there. Tells `stages` what it does, and warns there. The
-    /// same bits for any number of threads. Throws Error (memory, device), and whatever the
-    /// progress throws.
+    /// metadata of its own; the grid is there, and becomes that of Inputs::slab, if there is one,
+    /// in whose cells the bits are the same as without. Tells `stages` what it does, and warns
+    /// there. The same bits for any number of threads. Throws Error (memory, device), and whatever
+    /// the progress throws.
     virtual void solve(const Inputs& inputs, Stages& stages, Volume& volume) = 0;
     /// The same, and Volume::sh and sh_order of each of Inputs::layers, to which the grid is given:
     /// linear in the layers' weights, since all that is decided is decided by the light as a whole,
@@ -167,10 +171,11 @@ struct Workload {
     double patches = 0; ///< about
     bool lit = false;   ///< Inputs::lit is there
     ReflectiveMaps maps;
-    uint64_t places = 0; ///< that are given; 0: it is the grid's cells
-    bool blocks = false; ///< these stand in blocks
-    bool gpu = false;    ///< the device is one
-    uint64_t layers = 0; ///< Inputs::layers
+    uint64_t places = 0;                   ///< that are given; 0: it is the grid's cells
+    bool blocks = false;                   ///< these stand in blocks
+    bool gpu = false;                      ///< the device is one
+    uint64_t layers = 0;                   ///< Inputs::layers
+    std::optional<volume::Slab> slab = {}; ///< Inputs::slab
 };
 
 /// What a solver is going to cost.
@@ -218,6 +223,9 @@ struct SolverKind {
     /// Relative L1 of irradiance that it typically adds, beside what the harmonics' order loses, in
     /// a scene of which the pilot tells so much: the squares of both sum.
     double (*expected_error)(const SolverSettings& settings, const Pilot& pilot);
+    /// Layers of cells along z that Inputs::slab keeps together: it begins at a multiple of that;
+    /// 0: it can solve none. Null: nor can it with any settings.
+    int (*shard_layers)(const SolverSettings& settings) = nullptr;
     /// Peak of its device memory, bytes.
     uint64_t (*device_bytes)(const Grid& grid, const SolverSettings& settings, uint64_t layers);
     Cost (*cost)(const Workload& work, const SolverSettings& settings);

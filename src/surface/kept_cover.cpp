@@ -117,7 +117,9 @@ void unpack(const std::vector<uint64_t>& bits, std::vector<T>& to, const Unpack&
     std::ranges::transform(bits, to.begin(), of);
 }
 
-bool read(cache::Reader& in, const Scene& scene, PatchCover& cover) {
+} // namespace
+
+bool read_cover(cache::Reader& in, const Scene& scene, PatchCover& cover) {
     Kept patches, receivers;
     std::vector<uint64_t> pieces, nodes, roots;
     PatchTree& tree = cover.tree;
@@ -131,7 +133,7 @@ bool read(cache::Reader& in, const Scene& scene, PatchCover& cover) {
            && is_sound(tree, scene, cover.patches.size());
 }
 
-void write(const PatchCover& cover, cache::Writer& out) {
+void write_cover(const PatchCover& cover, cache::Writer& out) {
     for (const std::vector<Patch>* of : {&cover.patches, &cover.receivers}) {
         Kept kept;
         kept.take(*of);
@@ -142,8 +144,6 @@ void write(const PatchCover& cover, cache::Writer& out) {
     out.put(all_packed(cover.tree.roots));
     out.put(cover.tree.first_root);
 }
-
-} // namespace
 
 PatchNumbers::PatchNumbers(const Patch& of)
     : position(of.position),
@@ -193,9 +193,9 @@ PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,
     for (const Mesh& mesh : scene.meshes)
         key.add_all(mesh.uv_emission);
     PatchCover cover;
-    if (!cache->get(key, [&](cache::Reader& in) { return read(in, scene, cover); })) {
+    if (!cache->get(key, [&](cache::Reader& in) { return read_cover(in, scene, cover); })) {
         cover = cover_surfaces(scene, frame, visibility, max_edge);
-        cache->put(key, [&](cache::Writer& out) { write(cover, out); });
+        cache->put(key, [&](cache::Writer& out) { write_cover(cover, out); });
     }
     return cover;
 }

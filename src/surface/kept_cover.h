@@ -23,4 +23,9 @@ PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,
                           const visibility::Visibility& visibility, float max_edge,
                           cache::Cache* cache);
 
+/// Puts a cover, and takes it again, from bytes that anybody may have written: false where it is
+/// none of the scene.
+void write_cover(const PatchCover& cover, cache::Writer& out);
+bool read_cover(cache::Reader& in, const Scene& scene, PatchCover& cover);
+
 } // namespace lpvbake::surface

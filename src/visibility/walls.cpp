@@ -25,7 +25,7 @@ size_t walls_around(const Visibility& visibility, glm::vec3 place, float reach,
 
 std::vector<std::vector<glm::vec3>> find_walls(const Visibility& visibility, glm::ivec3 dims,
                                                std::span<const float> validity, int count,
-                                               float reach) {
+                                               float reach, int first_layer) {
     std::vector<std::vector<glm::vec3>> walls(
         static_cast<size_t>(count),
         std::vector<glm::vec3>(size_t(dims.x) * size_t(dims.y) * size_t(dims.z), glm::vec3(0.0f)));
@@ -36,7 +36,7 @@ std::vector<std::vector<glm::vec3>> find_walls(const Visibility& visibility, glm
             for (int x = 0; x < dims.x; ++x, ++cell) {
                 if (!validity.empty() && validity[cell] == 0.0f)
                     continue;
-                const auto [from, open] = visibility.capture({x, y, z});
+                const auto [from, open] = visibility.capture({x, y, first_layer + z});
                 if (!open)
                     continue;
                 const size_t found = walls_around(visibility, from, reach, own);

@@ -111,6 +111,10 @@ class Documents(unittest.TestCase):
         run("info_volume", "info", "layered.vdb")
         run("bake", *layers, "--layers-level", "1")
         run("bake_dry_run", *layers, "--layers-level", "1", "--dry-run")
+        shard = ["box.gltf", *SMALL, "--solver", "gather"]
+        run("light", "light", *shard, "-o", "box.lit")
+        run("bake", "bake", *shard, "--lit", "box.lit", "--shard", "1/1", "-o", "part.vdb")
+        run("merge", "merge", "part.vdb", "-o", "merged.vdb")
         run("mix", "mix", "layered.vdb", "sky=0.6:0.8:1,5", "-o", "mixed.vdb")
         cls.documents.append(("layers", "layered.layers.json",
                               json.loads((cls.folder / "layered.layers.json").read_text())))

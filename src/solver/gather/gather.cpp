@@ -16,6 +16,16 @@ namespace {
 
 constexpr uint64_t usual_list_bytes = uint64_t(32) << 20;
 
+/// Cells along the edge of a part of a zone, from which packets are filled (part_of).
+constexpr int part_edge = zone_edge / 2;
+
+/// Whether a cell is interpolated, and what it is made from, goes by the cells that the first pass
+/// solves up to two parts away: those that fill a packet in the second pass depend on boxes around
+/// the part, and these on packets of the first.
+volume::Slab with_halo(volume::Slab own, const Grid& grid) {
+    return volume::widened(own, 2 * part_edge, grid);
+}
+
 int sky_groups(const GatherSettings& settings) {
     return settings.sky_bins > 0 ? settings.sky_bins / int(sky_group) : settings.vpls;
 }
@@ -25,12 +35,14 @@ class Gathering {
 public:
     Gathering(const gpu::Device& device, const GatherSettings& settings,
               const gpu::Program& surfaces, uint32_t local_size, uint64_t list_bytes,
-              const Surroundings& world, const Cells& cells, Volume& volume,
+              const Surroundings& world, const Cells& cells, volume::Slab own, Volume& volume,
               std::span<Volume> layers, Progress& progress, GatherReport& report, Laps& laps)
         : settings_(settings),
           world_(world),
           cells_(cells),
           grid_(cells.grid),
+          own_(own),
+          known_(with_halo(own, grid_)),
           zone_grid_{{}, 1.0, (grid_.dims + zone_edge - 1) / zone_edge},
           zones_(zone_grid_.size()),
           volume_(volume),
@@ -40,29 +52,30 @@ public:
           laps_(laps),
           solver_(device, settings.order, surfaces, local_size, list_bytes, world, volume, layers,
                   report, laps),
-          adaptive_(volume, cells.occupied, settings.tolerance) {}
+          adaptive_(volume, known_, cells.occupied, settings.tolerance) {}
 
     void run() {
         progress_.begin("gather", 3 * zones_.size());
         if (settings_.tolerance > 0.0f) {
-            adaptive_.want(adaptive_.all(), coarse_edge);
+            adaptive_.want(adaptive_.all(), coarse_edge, known_);
             solve(0);
             const std::vector<CellBox> rough = adaptive_.leave_smooth(coarse_edge);
+            const volume::Slab beside = volume::widened(own_, part_edge, grid_);
             for (const CellBox& box : rough)
-                adaptive_.want(box, coarse_edge / 2);
+                adaptive_.want(box, coarse_edge / 2, beside);
             laps_.add_to(report_.interpolation_seconds);
             solve(1);
             for (const CellBox& half : adaptive_.leave_smooth_halves(rough, coarse_edge / 2))
-                adaptive_.want(half, 1);
+                adaptive_.want(half, 1, own_);
             laps_.add_to(report_.interpolation_seconds);
         } else {
-            adaptive_.want(adaptive_.all(), 1);
+            adaptive_.want(adaptive_.all(), 1, own_);
         }
         solve(2);
-        adaptive_.interpolate(volume_); // what is left lies in a smooth box
+        adaptive_.interpolate(own_, volume_); // what is left lies in a smooth box
         for (Volume& layer : layers_)
-            adaptive_.interpolate(layer);
-        report_.interpolated = adaptive_.interpolated();
+            adaptive_.interpolate(own_, layer);
+        report_.interpolated = adaptive_.interpolated(own_);
         for (const std::unique_ptr<CellZone>& zone : zones_)
             report_.rays += zone ? zone->rays() : 0;
         laps_.add_to(report_.interpolation_seconds);
@@ -98,10 +111,10 @@ private:
         const glm::ivec3 base = base_of(zone);
         const glm::ivec3 end = glm::min(base + zone_edge, grid_.dims);
         std::vector<std::pair<uint32_t, glm::ivec3>> cells;
-        for (int z = base.z; z < end.z; ++z)
+        for (int z = std::max(base.z, known_.begin); z < std::min(end.z, known_.end); ++z)
             for (int y = base.y; y < end.y; ++y)
                 for (int x = base.x; x < end.x; ++x)
-                    if (adaptive_.state[grid_.index({x, y, z})] == CellState::wanted)
+                    if (adaptive_.state[adaptive_.index({x, y, z})] == CellState::wanted)
                         cells.push_back({morton(glm::vec3(x, y, z) - glm::vec3(base)), {x, y, z}});
         std::vector<Packet> packets;
         if (cells.empty())
@@ -118,7 +131,7 @@ private:
                 || part_of(cells[at].first) != part_of(cells[at - 1].first))
                 packets.push_back({zones_[zone].get(), {}, {}, {}});
             const glm::ivec3 cell = cells[at].second;
-            packets.back().cells.push_back(grid_.index(cell));
+            packets.back().cells.push_back(adaptive_.index(cell));
             packets.back().points.push_back(world_.visibility.capture(cell).point);
             packets.back().sees.push_back(zones_[zone]->sees(cell));
         }
@@ -131,7 +144,8 @@ private:
     const Surroundings& world_;
     const Cells& cells_;
     const Grid& grid_;
-    Grid zone_grid_; ///< its cells are the zones
+    volume::Slab own_, known_; ///< layers that are wanted, and those that they are made from
+    Grid zone_grid_;           ///< its cells are the zones
     std::vector<std::unique_ptr<CellZone>> zones_;
     Volume& volume_;
     std::span<Volume> layers_;
@@ -205,13 +219,14 @@ Senders GatherProgram::senders(const surface::LitSurfaces& surfaces, const Sky& 
 /// Sizes the volumes and calls `run` with what sends light, unless nothing does.
 template <class Run>
 GatherReport GatherProgram::with_senders(const Senders& senders,
-                                         const visibility::Visibility& visibility, Volume& volume,
-                                         const Layers& layers, const Run& run) const {
+                                         const visibility::Visibility& visibility, size_t cells,
+                                         Volume& volume, const Layers& layers,
+                                         const Run& run) const {
     GatherReport report;
     report.clusters_seconds = senders.seconds;
     const auto size = [&](Volume& of, int order) {
         of.sh_order = order;
-        of.sh.assign(terms(order), std::vector<glm::vec3>(volume.grid.size(), glm::vec3(0.0f)));
+        of.sh.assign(terms(order), std::vector<glm::vec3>(cells, glm::vec3(0.0f)));
     };
     size(volume, settings_.order);
     for (size_t i = 0; i < layers.volumes.size(); ++i)
@@ -229,7 +244,7 @@ template <class Run>
 GatherReport GatherProgram::with_packets(const Senders& senders,
                                          const visibility::Visibility& visibility, Volume& volume,
                                          const Layers& layers, const Run& run) const {
-    return with_senders(senders, visibility, volume, layers,
+    return with_senders(senders, visibility, volume.grid.size(), volume, layers,
                         [&](const Surroundings& world, GatherReport& report, Laps& laps) {
                             PacketSolver solver(device_, settings_.order, surfaces_, local_size_,
                                                 list_bytes_, world, volume, layers.volumes, report,
@@ -240,15 +255,27 @@ GatherReport GatherProgram::with_packets(const Senders& senders,
 
 GatherReport GatherProgram::gather(const surface::LitSurfaces& surfaces, const Sky& sky,
                                    const visibility::Visibility& visibility, Volume& volume,
-                                   Progress& progress, float above, const Layers& layers) const {
-    const Occupied occupied(surfaces.patches, volume.grid);
-    const Cells cells{volume.grid, occupied, volume.validity};
-    return with_senders(senders(surfaces, sky, visibility, above, layers.light), visibility, volume,
-                        layers, [&](const Surroundings& world, GatherReport& report, Laps& laps) {
-                            Gathering(device_, settings_, surfaces_, local_size_, list_bytes_,
-                                      world, cells, volume, layers.volumes, progress, report, laps)
-                                .run();
-                        });
+                                   Progress& progress, float above, const Layers& layers,
+                                   std::optional<volume::Slab> slab) const {
+    const Grid& grid = volume.grid;
+    const volume::Slab own = slab.value_or(volume::all_of(grid)), known = with_halo(own, grid);
+    const Occupied occupied(surfaces.patches, grid);
+    const Cells cells{grid, occupied, volume.validity};
+    const GatherReport report =
+        with_senders(senders(surfaces, sky, visibility, above, layers.light), visibility,
+                     volume::grid_of(known, grid).size(), volume, layers,
+                     [&](const Surroundings& world, GatherReport& done, Laps& laps) {
+                         Gathering(device_, settings_, surfaces_, local_size_, list_bytes_, world,
+                                   cells, own, volume, layers.volumes, progress, done, laps)
+                             .run();
+                     });
+    const auto keep = [&](Volume& of) {
+        for (std::vector<glm::vec3>& values : of.sh)
+            volume::cut(known, own, grid, values);
+    };
+    keep(volume);
+    std::ranges::for_each(layers.volumes, keep);
+    return report;
 }
 
 GatherReport GatherProgram::gather_at(std::span<const glm::vec3> places,

@@ -8,8 +8,10 @@
 #include "solver/gather/sky_bins.h"
 #include "solver/solver.h"
 #include "surface/lit_surfaces.h"
+#include "volume/slab.h"
 #include "volume/volume.h"
 
+#include <optional>
 #include <span>
 
 namespace lpvbake::solver::gather {
@@ -54,6 +56,9 @@ struct GatherReport {
            interpolation_seconds = 0;
 };
 
+/// Layers of cells that no slab parts: a zone's.
+inline constexpr int shard_layers = 16;
+
 /// Layers of the light, and the volume of each.
 struct Layers {
     std::span<const scene::LightLayer> light = {};
@@ -83,9 +88,13 @@ public:
     /// The same of each of LitSurfaces::layers, which are of `layers`: what is seen, how clusters
     /// are opened and which cells are interpolated is as the volume's light has it, so that fields
     /// are linear in the layers' weights.
+    ///
+    /// Of a slab alone, which begins at a multiple of shard_layers, the same bits in its cells, and
+    /// Volume::sh has no others; the grid and the validity are the whole grid's all the same.
     GatherReport gather(const surface::LitSurfaces& surfaces, const Sky& sky,
                         const visibility::Visibility& visibility, Volume& volume,
-                        Progress& progress, float above = 0.0f, const Layers& layers = {}) const;
+                        Progress& progress, float above = 0.0f, const Layers& layers = {},
+                        std::optional<volume::Slab> slab = {}) const;
 
     /// The same at places (frame units, less than 2^24 from its origin) instead of a grid's cells:
     /// the volume has a cell for each, in a row. Every place with a validity above 0 is solved and
@@ -109,7 +118,8 @@ public:
 private:
     template <class Run>
     GatherReport with_senders(const Senders& senders, const visibility::Visibility& visibility,
-                              Volume& volume, const Layers& layers, const Run& run) const;
+                              size_t cells, Volume& volume, const Layers& layers,
+                              const Run& run) const;
     template <class Run>
     GatherReport with_packets(const Senders& senders, const visibility::Visibility& visibility,
                               Volume& volume, const Layers& layers, const Run& run) const;

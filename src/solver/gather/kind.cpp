@@ -91,14 +91,17 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
                          work.blocks ? "sample" : "point by itself")}},
                 {},
                 gather_host_bytes({}, patches, gather)};
-    const double passes = 1 + models::seconds::gather_layer * double(work.layers);
+    const Grid solved = solved_grid(work, shard_layers);
+    const double share = double(solved.size()) / double(std::max<uint64_t>(work.grid.size(), 1));
+    const double passes = share * (1 + models::seconds::gather_layer * double(work.layers));
     Cost cost{{{"validity", validity_seconds(work.grid), "which cells lie outside geometry"},
                {"gather", passes * gather_seconds(work.grid, patches, gather, work.gpu),
                 format("%d clusters, tolerance %.3g, order %d", gather.vpls,
                        double(gather.tolerance), gather.order)
                     + (work.layers > 0 ? ", " + counted(work.layers, "layer") : "")}},
               {},
-              gather_host_bytes(work.grid, patches, gather, work.layers)};
+              gather_host_bytes(solved, patches, gather, work.layers)
+                  + beside_slab_bytes(work, shard_layers, gather.order)};
     if (work.maps.count > 0)
         cost.stages.push_back(
             {"discs",
@@ -128,8 +131,9 @@ public:
         const surface::LitSurfaces none;
         end(program_.get().gather(inputs.lit ? *inputs.lit : none, inputs.scene.sky,
                                   inputs.visibility, volume, stages.progress(), 0.0f,
-                                  {inputs.layers, layers}),
+                                  {inputs.layers, layers}, inputs.slab),
             "cell", stages);
+        keep_slab(inputs, volume);
         const auto [count, size] = inputs.maps;
         if (count == 0)
             return;
@@ -190,6 +194,10 @@ constinit const SolverKind gather_kind{
     .ladder = ladder,
     .map_size = map_size,
     .expected_error = expected_error,
+    .shard_layers =
+        [](const SolverSettings& settings) {
+            return settings["rsm-samples"] > 0 ? 0 : shard_layers; // of discs there is no part
+        },
     .device_bytes =
         [](const Grid&, const SolverSettings& settings, uint64_t layers) {
             return gather_device_bytes(settings_of(settings).gather, layers > 0);

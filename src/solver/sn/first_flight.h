@@ -57,8 +57,8 @@ float mean_luminance(const SnLight& light, const Grid& grid, std::span<const flo
 
 /// A cell whose luminance is looked up, or a place beside the grid.
 struct SnPlace {
-    uint32_t slot; ///< see sweep.h
-    glm::ivec3 cell;
+    uint32_t slot;   ///< see sweep.h
+    glm::ivec3 cell; ///< of the grid
 };
 
 /// The luminance (nits) that arrives along each direction of travel in up to eight cells:

@@ -31,30 +31,31 @@ Front order_front(const Octant& octant, const Occupancy& surfaces, bool boundary
         const bool near = surfaces.is_occupied(octant.cube(c));
         const uint32_t slot = layout.slot(p, q);
         (near ? part.near : part.interior)
-            .push_back({layout.base(front) + slot, uint32_t(octant.grid.index(c))});
+            .push_back({layout.base(front) + slot, uint32_t(octant.tile.cells.index(c))});
         if (near)
-            part.given.push_back({slot, c});
+            part.given.push_back({slot, octant.tile.in_grid(c)});
     });
-    const uint64_t slab =
-        uint64_t(slab_layers) * uint64_t(octant.grid.dims.x) * uint64_t(octant.grid.dims.y);
-    if (slab_layers < octant.grid.dims.z)
+    const glm::ivec3 dims = octant.tile.cells.dims;
+    const uint64_t slab = uint64_t(slab_layers) * uint64_t(dims.x) * uint64_t(dims.y);
+    if (slab_layers < dims.z)
         for (std::vector<Entry>* list : {&part.near, &part.interior})
             std::stable_sort(list->begin(), list->end(), [&](const Entry& a, const Entry& b) {
                 return a.cell / slab < b.cell / slab;
             });
-    // Places outside the grid, beside its upstream faces.
+    // Places outside the tile, beside its upstream faces.
     if (boundary)
         visit_front(layout, front, -1, [&](int p, int q, int r) {
             if (p < 0 || q < 0 || r < 0)
-                part.given.push_back({layout.slot(p, q), octant.cell(p, q, r)});
+                part.given.push_back(
+                    {layout.slot(p, q), octant.tile.in_grid(octant.cell(p, q, r))});
         });
     return part;
 }
 
 } // namespace
 
-Octant::Octant(const Grid& g, const SweepLayout& l, int number)
-    : grid(g),
+Octant::Octant(const Tile& t, const SweepLayout& l, int number)
+    : tile(t),
       layout(l),
       sign(number & 1 ? -1 : 1, number & 2 ? -1 : 1, number & 4 ? -1 : 1) {}
 
@@ -63,7 +64,7 @@ glm::ivec3 Octant::cell(int p, int q, int r) const {
     const int along[] = {p, q, r};
     for (int i = 0; i < 3; ++i) {
         const int axis = layout.axes[i];
-        c[axis] = sign[axis] > 0 ? along[i] : grid.dims[axis] - 1 - along[i];
+        c[axis] = sign[axis] > 0 ? along[i] : tile.cells.dims[axis] - 1 - along[i];
     }
     return c;
 }

@@ -11,24 +11,34 @@
 
 namespace lpvbake::solver::sn {
 
+/// Cells that are swept by themselves: those of a grid from `begin` on. What enters from beside it
+/// is given.
+struct Tile {
+    glm::ivec3 begin{0};
+    Grid cells; ///< its own lattice, of which the dims count
+
+    /// The cell of the whole grid, whose units the frame has.
+    glm::ivec3 in_grid(glm::ivec3 cell) const { return begin + cell; }
+};
+
 /// The coordinates of an octant, along the way of its light.
 struct Octant {
-    const Grid& grid;
+    const Tile& tile;
     const SweepLayout& layout;
     glm::ivec3 sign; ///< of the directions' x, y, z
 
     /// `number` is 0 to 7.
-    Octant(const Grid& grid, const SweepLayout& layout, int number);
+    Octant(const Tile& tile, const SweepLayout& layout, int number);
 
-    /// The cell at (p, q, r); outside the grid where these are.
+    /// The cell of the tile at (p, q, r); outside of it where these are.
     glm::ivec3 cell(int p, int q, int r) const;
-    /// The cube of Occupancy upstream of a cell.
-    glm::ivec3 cube(glm::ivec3 c) const { return c + (1 - sign) / 2; }
+    /// The cube of the whole grid's Occupancy upstream of a cell.
+    glm::ivec3 cube(glm::ivec3 c) const { return tile.in_grid(c) + (1 - sign) / 2; }
 };
 
 struct Entry {
     uint32_t slot; ///< of the ring
-    uint32_t cell;
+    uint32_t cell; ///< of the tile
 };
 static_assert(sizeof(Entry) == 8);
 
@@ -51,7 +61,7 @@ struct FrontOrder {
 };
 
 /// Orders the cells of a front by the slab of `slab_layers` layers that they lie in, too. With
-/// `boundary` places outside the grid, beside its upstream faces, are given.
+/// `boundary` places outside the tile, beside its upstream faces, are given.
 FrontOrder order_fronts(const Octant& octant, const Occupancy& surfaces, bool boundary,
                         int slab_layers);
 

@@ -25,6 +25,16 @@ constexpr Parameter parameters[] = {
      .unit = "directions",
      .help = "directions over the sphere",
      .round = [](double value) { return double(sn_direction_count(int(value))); }},
+    {.name = "tile",
+     .kind = ValueKind::whole,
+     .hi = 4096,
+     .unit = "cells",
+     .help = "cells along an edge of tiles that are swept by themselves, a multiple of 16, so that "
+             "the device holds one; 0: all at once",
+     .round =
+         [](double value) {
+             return std::ceil(value / gather::shard_layers) * gather::shard_layers;
+         }},
 };
 
 constexpr Rung ladder[] = {
@@ -35,7 +45,7 @@ constexpr Rung ladder[] = {
 };
 
 SnSettings settings_of(const SolverSettings& settings) {
-    return {int(settings["directions"]), settings.order()};
+    return {int(settings["directions"]), settings.order(), int(settings["tile"])};
 }
 
 double expected_error(const SolverSettings& settings, const Pilot& pilot) {
@@ -48,7 +58,11 @@ double expected_error(const SolverSettings& settings, const Pilot& pilot) {
 
 Cost cost(const Workload& work, const SolverSettings& settings) {
     const SnSettings sn = settings_of(settings);
-    const double gathers = 1 + models::seconds::gather_layer * double(work.layers);
+    const Grid solved = solved_grid(work, gather::shard_layers);
+    const Grid own = solved_grid(work, 0);
+    const double all = double(std::max<uint64_t>(work.grid.size(), 1));
+    const double gathers =
+        double(solved.size()) / all * (1 + models::seconds::gather_layer * double(work.layers));
     const double sweeps = 1 + models::seconds::sweep_layer * double(work.layers);
     return {
         {{"validity", validity_seconds(work.grid), "which cells lie outside geometry"},
@@ -57,11 +71,12 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
               * gather::gather_seconds(work.grid, uint64_t(work.patches / models::patches_a_peak),
                                        peak_settings(sn), work.gpu),
           "what is brighter than 1.5 times the mean"},
-         {"sweep", sweeps * sn_seconds(work.grid, sn, work.gpu),
+         {"sweep", sweeps * sn_seconds(own, sn, work.gpu),
           format("%d directions, order %d", sn.directions, sn.order)
               + (work.layers > 0 ? ", " + counted(work.layers, "layer") : "")}},
         {},
-        sn_host_bytes(work.grid, uint64_t(work.patches), sn, work.layers)};
+        sn_host_bytes(solved, uint64_t(work.patches), sn, work.layers)
+            + beside_slab_bytes(work, gather::shard_layers, sn.order)};
 }
 
 /// Luminance along fixed directions, from cell to cell, downstream.
@@ -85,15 +100,19 @@ public:
         const visibility::Air* const air = inputs.visibility.air();
         const Sky none, &sky = air && air->is_lit() ? none : inputs.scene.sky;
         stages.begin("gather");
-        const float limit =
-            sn.gather_peaks(*inputs.lit, inputs.visibility, sky, stages.progress(), volume, layers);
+        const float limit = sn.gather_peaks(*inputs.lit, inputs.visibility, sky, stages.progress(),
+                                            volume, layers, inputs.slab);
         stages.end(air ? "nothing: in air all light is swept"
                        : format("what is brighter than %.4g nits", double(limit)));
         stages.begin("sweep", 100);
         sn.sweep(*inputs.lit, inputs.visibility, sky, limit, stages.progress(), volume, layers,
-                 {air ? nullptr : inputs.cache, inputs.frame});
-        stages.end(format("%d directions", settings_.directions));
+                 {air ? nullptr : inputs.cache, inputs.frame}, inputs.slab);
+        stages.end(format("%d directions", settings_.directions)
+                   + (settings_.tile > 0 ? format(", tiles of %d cells", settings_.tile) : ""));
         volume.metadata["directions"] = std::to_string(settings_.directions);
+        if (settings_.tile > 0)
+            volume.metadata["tile"] = std::to_string(settings_.tile);
+        keep_slab(inputs, volume);
     }
 
 private:
@@ -115,6 +134,7 @@ constinit const SolverKind sn_kind{
     .ladder = ladder,
     .map_size = [](const Grid&, const SolverSettings&) { return 0; },
     .expected_error = expected_error,
+    .shard_layers = [](const SolverSettings& settings) { return int(settings["tile"]); },
     .device_bytes =
         [](const Grid& grid, const SolverSettings& settings, uint64_t layers) {
             return sn_device_bytes(grid, settings_of(settings), layers > 0);

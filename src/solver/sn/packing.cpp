@@ -75,7 +75,7 @@ void pack_fronts(const FrontOrder& order, const SweepLayout& layout, uint32_t st
                            [&](const Entry& entry) { return float(entry.slot % layout.slots()); });
 }
 
-void pack_air(const FrontOrder& order, const Grid& grid, const Directions& directions,
+void pack_air(const FrontOrder& order, const Tile& tile, const Directions& directions,
               const visibility::Air& air, uint32_t coefficients, Chunk& chunk) {
     glm::vec3 half(0.0f);
     for (const glm::vec3 travel : directions.travel) {
@@ -88,7 +88,8 @@ void pack_air(const FrontOrder& order, const Grid& grid, const Directions& direc
     const size_t vec4s = air_vec4s(coefficients);
     chunk.air.assign(count * vec4s, glm::vec4(0.0f));
     tbb::parallel_for(size_t(0), count, [&](size_t i) {
-        const glm::vec3 centre = glm::vec3(grid.cell_at(order.cells[first + i].cell)) + 0.5f;
+        const glm::ivec3 cell = tile.in_grid(tile.cells.cell_at(order.cells[first + i].cell));
+        const glm::vec3 centre = glm::vec3(cell) + 0.5f;
         const visibility::Air::Place place = air.at(centre - half);
         glm::vec4* const row = &chunk.air[i * vec4s];
         row[0] = place.density * glm::vec4(air.extinction(), 1.0f);

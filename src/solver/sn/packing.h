@@ -50,7 +50,7 @@ void pack_fronts(const FrontOrder& order, const SweepLayout& layout, uint32_t st
 
 /// Lists what the air is on the way into the chunk's cells, in its middle for the mean of the
 /// directions, with so many coefficients of its source.
-void pack_air(const FrontOrder& order, const Grid& grid, const Directions& directions,
+void pack_air(const FrontOrder& order, const Tile& tile, const Directions& directions,
               const visibility::Air& air, uint32_t coefficients, Chunk& chunk);
 
 /// Finds the luminance of what is given there; and what rays met, unless `sights` is null.

@@ -49,12 +49,26 @@ std::vector<scene::LightLayer> sky_layers(std::span<const scene::LightLayer> lay
     return wanted;
 }
 
-/// True if surfaces lie beyond the places beside the grid.
+/// True if surfaces lie beyond the places beside the tile.
 bool reaches_out(const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
-                 const Grid& grid) {
+                 const Tile& tile) {
+    const glm::vec3 lo(tile.begin), hi(tile.begin + tile.cells.dims);
     return !lit.patches.empty()
-           && (glm::any(glm::lessThan(visibility.lo(), glm::vec3(-0.5f)))
-               || glm::any(glm::greaterThan(visibility.hi(), glm::vec3(grid.dims) + 0.5f)));
+           && (glm::any(glm::lessThan(visibility.lo(), lo - 0.5f))
+               || glm::any(glm::greaterThan(visibility.hi(), hi + 0.5f)));
+}
+
+/// Those of some layers of a grid.
+std::vector<Tile> tiles_of(const Grid& grid, volume::Slab slab, const SnSettings& settings) {
+    const glm::ivec3 edges = tile_of(grid, settings).dims;
+    std::vector<Tile> tiles;
+    for (int z = slab.begin; z < slab.end; z += edges.z)
+        for (int y = 0; y < grid.dims.y; y += edges.y)
+            for (int x = 0; x < grid.dims.x; x += edges.x) {
+                const glm::ivec3 begin(x, y, z);
+                tiles.push_back({begin, {{}, 1.0, glm::min(edges, grid.dims - begin)}});
+            }
+    return tiles;
 }
 
 /// More than this are not kept: 256 MiB in memory.
@@ -106,9 +120,14 @@ gather::GatherSettings peak_settings(const SnSettings& settings) {
     return gather;
 }
 
+Grid tile_of(const Grid& grid, const SnSettings& settings) {
+    return settings.tile == 0 ? grid
+                              : Grid{{}, 1.0, glm::min(grid.dims, glm::ivec3(settings.tile))};
+}
+
 uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings, bool layers) {
-    const uint64_t sweep =
-        sweep_bytes(grid, sn_direction_count(settings.directions), settings.order);
+    const uint64_t sweep = sweep_bytes(tile_of(grid, settings),
+                                       sn_direction_count(settings.directions), settings.order);
     return std::max(sweep, gather::gather_device_bytes(peak_settings(settings), layers));
 }
 
@@ -116,7 +135,9 @@ uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& set
                        uint64_t layers) {
     const uint64_t met =
         layers > 0 ? sizeof(uint32_t) * uint64_t(sn_direction_count(settings.directions)) : 0;
-    const uint64_t sweep = grid.size() * (1 + 8 + sizeof(SnPlace) + met) + 4 * chunk_bytes;
+    const uint64_t sweep = grid.size()
+                           + tile_of(grid, settings).size() * (8 + sizeof(SnPlace) + met)
+                           + 4 * chunk_bytes;
     return grid.size() * uint64_t(volume::sh_count(settings.order)) * 12
            + std::max(sweep,
                       gather::gather_host_bytes(grid, patches, peak_settings(settings), layers));
@@ -131,31 +152,32 @@ SnProgram::SnProgram(const gpu::Device& device, const Grid& grid, const SnSettin
                      uint64_t window)
     : device_(device),
       grid_(grid),
-      settings_{sn_direction_count(settings.directions), settings.order},
+      settings_{sn_direction_count(settings.directions), settings.order, settings.tile},
       gather_(device, peak_settings(settings)),
       largest_(
           std::min({window ? window : std::numeric_limits<uint64_t>::max(),
                     device.info().max_storage_range, device.info().max_texels * sizeof(glm::vec4)})
           - device.info().window_alignment),
-      stride_(swept_directions(SweepLayout(grid.dims), settings_.directions, largest_,
-                               device.is_cpu())),
+      stride_(swept_directions(SweepLayout(tile_of(grid, settings).dims), settings_.directions,
+                               largest_, device.is_cpu())),
       sweep_(compile_sweep(device, stride_, settings.order)) {}
 
 float SnProgram::gather_peaks(const surface::LitSurfaces& lit,
                               const visibility::Visibility& visibility, const Sky& sky,
-                              Progress& progress, Volume& volume,
-                              const gather::Layers& layers) const {
+                              Progress& progress, Volume& volume, const gather::Layers& layers,
+                              std::optional<volume::Slab> slab) const {
     if (visibility.air()) { // the gather knows of none: all is swept
+        const Grid cells = volume::grid_of(slab.value_or(volume::all_of(grid_)), grid_);
         volume.sh_order = settings_.order;
         volume.sh.assign(size_t(volume::sh_count(settings_.order)),
-                         std::vector(volume.grid.size(), glm::vec3(0.0f)));
+                         std::vector(cells.size(), glm::vec3(0.0f)));
         return HUGE_VALF;
     }
     const float limit = peak * mean_luminance({lit, visibility, sky}, volume.grid, volume.validity);
     const bool bright = is_peak(sky, limit);
     const std::vector<scene::LightLayer> gathered = sky_layers(layers.light, bright);
     gather_.gather(lit, bright ? sky : Sky(), visibility, volume, progress, limit,
-                   {gathered, layers.volumes});
+                   {gathered, layers.volumes}, slab);
     const auto cut = [&](Volume& of) {
         of.sh_order = settings_.order;
         of.sh.resize(size_t(volume::sh_count(settings_.order)));
@@ -165,18 +187,34 @@ float SnProgram::gather_peaks(const surface::LitSurfaces& lit,
     return limit;
 }
 
-/// What all sweeps of a grid share: of the light, and of its layers by what its rays met.
+/// How far all sweeps are together.
+struct SnProgram::Done {
+    Progress& progress;
+    size_t sweeps;
+    size_t done = 0;
+
+    /// A share of the one that is under way.
+    void tell(double share) const {
+        progress.advance(uint64_t(100.0 * (double(done) + share) / double(sweeps)));
+    }
+};
+
+/// What all sweeps of a tile share: of the light, and of its layers by what its rays met.
 class SnProgram::Sweeping {
 public:
-    Sweeping(const SnProgram& program, const surface::LitSurfaces& lit,
-             const visibility::Visibility& visibility, size_t sweeps, Progress& progress)
+    /// `layer` is the first in the volumes' cells. The arguments outlive it.
+    Sweeping(const SnProgram& program, const Tile& tile, int layer, const Occupancy& occupancy,
+             const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
+             size_t sweeps, Done& done)
         : program_(program),
-          plan_(plan_sweep(program.device_, program.grid_, program.settings_.order, program.stride_,
+          tile_(tile),
+          at_(tile.begin - glm::ivec3(0, 0, layer)),
+          plan_(plan_sweep(program.device_, tile.cells, program.settings_.order, program.stride_,
                            program.largest_)),
-          occupancy_(find_occupied(lit.patches, program.grid_.dims)),
-          boundary_(visibility.air() || reaches_out(lit, visibility, program.grid_)),
+          occupancy_(occupancy),
+          boundary_(visibility.air() || reaches_out(lit, visibility, tile)),
           sweeps_(sweeps),
-          progress_(progress) {}
+          done_(done) {}
 
     /// Takes what the rays of the first sweep meet from a cache, or keeps it there after that.
     void use(const KeptSights& kept, const surface::LitSurfaces& lit) {
@@ -185,7 +223,7 @@ public:
             return;
         key_ = cache_->key("sights");
         surface::add_patches(lit, *key_);
-        key_->add(kept.frame.origin, kept.frame.unit, program_.grid_.dims, boundary_,
+        key_->add(kept.frame.origin, kept.frame.unit, tile_.begin, tile_.cells.dims, boundary_,
                   program_.settings_.directions, program_.stride_, plan_.chunk, plan_.slab);
         known_ = cache_->get(*key_, [&](cache::Reader& in) {
             uint64_t chunks = 0;
@@ -210,11 +248,11 @@ public:
         std::optional<SweptAir> air;
         if (light.air)
             air.emplace(program_.device_, *light.air, light.part, stride, program_.settings_.order);
-        Sweeper sweeper(program_.device_, program_.grid_, plan_, program_.sweep_,
+        Sweeper sweeper(program_.device_, tile_.cells, plan_, program_.sweep_,
                         air ? &*air : nullptr);
         size_t chunks = 0;
         for (int number = 0; number < 8; ++number) {
-            const Octant octant(program_.grid_, plan_.layout, number);
+            const Octant octant(tile_, plan_.layout, number);
             const FrontOrder order = order_fronts(octant, occupancy_, boundary_, plan_.slab);
             for (size_t batch = 0; batch < batches; ++batch) {
                 const size_t first = batch * stride;
@@ -229,17 +267,16 @@ public:
                     pack_fronts(order, plan_.layout, stride, plan_.chunk,
                                 air ? air_vec4s(air->coefficients) : 0, begin, chunk_);
                     if (air)
-                        pack_air(order, program_.grid_, directions, air->air, air->coefficients,
-                                 chunk_);
+                        pack_air(order, tile_, directions, air->air, air->coefficients, chunk_);
                     find_given(light, order, directions, chunks++);
                     sweeper.run(order, chunk_);
                     const double share = double(chunk_.end) / order.fronts();
-                    tell((number + (double(batch) + share) / double(batches)) / 8.0);
+                    done_.tell((number + (double(batch) + share) / double(batches)) / 8.0);
                 }
             }
         }
-        sweeper.add_to(volume);
-        ++done_;
+        sweeper.add_to(program_.grid_, at_, volume.sh);
+        ++done_.done;
         keep();
     }
 
@@ -276,17 +313,14 @@ private:
         cache_ = nullptr;
     }
 
-    /// A share of this sweep.
-    void tell(double share) {
-        progress_.advance(uint64_t(100.0 * (double(done_) + share) / double(sweeps_)));
-    }
-
     const SnProgram& program_;
+    const Tile& tile_;
+    const glm::ivec3 at_; ///< in the volumes' cells
     const SweepPlan plan_;
-    const Occupancy occupancy_;
+    const Occupancy& occupancy_;
     const bool boundary_;
-    size_t sweeps_, done_ = 0;
-    Progress& progress_;
+    size_t sweeps_; ///< of this tile
+    Done& done_;
     std::vector<Sights> sights_;    ///< of the first sweep's chunks, one after the other
     cache::Cache* cache_ = nullptr; ///< null: nothing is to be kept, any more
     std::optional<cache::Key> key_;
@@ -298,7 +332,8 @@ private:
 
 void SnProgram::sweep(const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
                       const Sky& sky, float limit, Progress& progress, Volume& volume,
-                      const gather::Layers& layers, const KeptSights& kept) const {
+                      const gather::Layers& layers, const KeptSights& kept,
+                      std::optional<volume::Slab> slab) const {
     if (limit == 0.0f)
         return; // peaks are all there is
     progress.begin("sweep", 100);
@@ -306,17 +341,29 @@ void SnProgram::sweep(const surface::LitSurfaces& lit, const visibility::Visibil
     const visibility::Visibility clear = visibility.in_air(nullptr);
     SnLight light{lit, clear, bright ? Sky() : sky_along(sky, settings_.directions), limit};
     light.air = visibility.air();
-    Sweeping sweeping(*this, lit, visibility, 1 + layers.light.size(), progress);
-    sweeping.use(kept, lit);
-    sweeping.run(light, volume);
-    if (light.air && light.air->is_lit()) {
-        light.part = LightPart::air;
-        Sweeping(*this, lit, visibility, 1, progress).run(light, volume);
-    }
+    const bool lit_air = light.air && light.air->is_lit();
     const std::vector<scene::LightLayer> swept = sky_layers(layers.light, !bright);
-    for (light.index = 0; light.index < swept.size(); ++light.index) {
-        light.layer = &swept[light.index];
-        sweeping.run(light, layers.volumes[light.index]);
+    const Occupancy occupancy = find_occupied(lit.patches, grid_.dims);
+    const volume::Slab own = slab.value_or(volume::all_of(grid_));
+    const std::vector<Tile> tiles = tiles_of(grid_, own, settings_);
+    Done done{progress, tiles.size() * (1 + (lit_air ? 1 : 0) + swept.size())};
+    for (const Tile& tile : tiles) {
+        const auto sweeping = [&](size_t sweeps) {
+            return Sweeping(*this, tile, own.begin, occupancy, lit, visibility, sweeps, done);
+        };
+        Sweeping of_all = sweeping(1 + swept.size());
+        light.layer = nullptr;
+        light.part = LightPart::surfaces;
+        of_all.use(kept, lit);
+        of_all.run(light, volume);
+        if (lit_air) {
+            light.part = LightPart::air;
+            sweeping(1).run(light, volume);
+        }
+        for (light.index = 0; light.index < swept.size(); ++light.index) {
+            light.layer = &swept[light.index];
+            of_all.run(light, layers.volumes[light.index]);
+        }
     }
 }
 

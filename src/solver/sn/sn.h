@@ -21,7 +21,14 @@ namespace lpvbake::solver::sn {
 struct SnSettings {
     int directions = 240; ///< over the sphere; rounded up to one of sn_direction_counts()
     int order = 2;        ///< bands of the result, 1 to 4
+    /// Cells along an edge of tiles that are swept by themselves, a multiple of
+    /// gather::shard_layers: the light that enters one is looked up by rays; 0: all of the grid is
+    /// swept at once.
+    int tile = 0;
 };
+
+/// What is swept at once, at most.
+Grid tile_of(const Grid& grid, const SnSettings& settings);
 
 /// How what is brighter than the mean is gathered.
 gather::GatherSettings peak_settings(const SnSettings& settings);
@@ -56,21 +63,26 @@ public:
     /// a limit, 1.5 times the mean luminance in the valid cells (Volume::validity has to be there;
     /// other cells get none), and returns the limit, nits. The scene's units are the grid's cells,
     /// as `frame` has them. Throws as GatherProgram::gather.
-    /// The same of layers: of each side's light the share that is taken of all.
+    /// The same of layers: of each side's light the share that is taken of all. Of a slab alone, as
+    /// GatherProgram::gather.
     float gather_peaks(const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
                        const Sky& sky, Progress& progress, Volume& volume,
-                       const gather::Layers& layers = {}) const;
+                       const gather::Layers& layers = {},
+                       std::optional<volume::Slab> slab = {}) const;
 
     /// Adds the light below the limit, that of surfaces and the sky beyond the grid as well. Tells
     /// `progress` the share that is done, of 100. Throws Error (memory, device) and whatever
     /// `progress` throws. Of layers it adds the rest, swept one after the other by what the rays
     /// of the first sweep met. What those met is kept, where there is a cache, for bakes in other
-    /// light.
+    /// light. Of a slab alone, which begins at a multiple of SnSettings::tile, as gather_peaks
+    /// leaves it.
     void sweep(const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
                const Sky& sky, float limit, Progress& progress, Volume& volume,
-               const gather::Layers& layers = {}, const KeptSights& kept = {}) const;
+               const gather::Layers& layers = {}, const KeptSights& kept = {},
+               std::optional<volume::Slab> slab = {}) const;
 
 private:
+    struct Done;
     class Sweeping;
     const gpu::Device& device_;
     Grid grid_;

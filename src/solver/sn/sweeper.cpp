@@ -268,7 +268,8 @@ void Sweeper::record_project(std::span<const Entry> cells, uint32_t first, uint3
     }
 }
 
-void Sweeper::add_to(Volume& volume) const {
+void Sweeper::add_to(const Grid& grid, glm::ivec3 at,
+                     std::vector<std::vector<glm::vec3>>& sh) const {
     const size_t coefficients = size_t(volume::sh_count(plan_.order));
     const uint64_t floats = plan_.cell_bytes / sizeof(float);
     std::vector<float> layer(plan_.layer_cells * floats);
@@ -276,10 +277,12 @@ void Sweeper::add_to(Volume& volume) const {
         const uint64_t start = uint64_t(z) * plan_.layer_cells;
         gpu::download(device_, sh_, start * plan_.cell_bytes,
                       std::as_writable_bytes(std::span(layer)));
-        tbb::parallel_for(uint64_t(0), plan_.layer_cells, [&](uint64_t cell) {
-            const float* c = &layer[cell * floats];
-            for (size_t k = 0; k < coefficients; ++k)
-                volume.sh[k][start + cell] += glm::vec3(c[3 * k], c[3 * k + 1], c[3 * k + 2]);
+        tbb::parallel_for(0, grid_.dims.y, [&](int y) {
+            const float* c = &layer[floats * grid_.index({0, y, 0})];
+            const size_t row = grid.index(at + glm::ivec3(0, y, z));
+            for (size_t x = 0; x < size_t(grid_.dims.x); ++x, c += floats)
+                for (size_t k = 0; k < coefficients; ++k)
+                    sh[k][row + x] += glm::vec3(c[3 * k], c[3 * k + 1], c[3 * k + 2]);
         });
     }
 }

@@ -74,8 +74,8 @@ public:
     void begin(const Directions& directions, std::span<const glm::vec4> ring);
     /// Sweeps the fronts of a chunk, which follow those of the one before.
     void run(const FrontOrder& order, const Chunk& chunk);
-    /// Adds the coefficients to Volume::sh.
-    void add_to(Volume& volume) const;
+    /// Adds the coefficients to those of cells of a grid, whose cell `at` is the first.
+    void add_to(const Grid& grid, glm::ivec3 at, std::vector<std::vector<glm::vec3>>& sh) const;
 
 private:
     void upload(const FrontOrder& order, const Chunk& chunk);

@@ -1,0 +1,101 @@
+// lpvbake merge: one volume of the parts that shards of a bake have left.
+
+#include "commands.h"
+#include "io/parts.h"
+#include "io/vdb.h"
+#include "lpvbake/error.h"
+#include "render/display.h"
+#include "report/describe.h"
+#include "scene_options.h"
+#include "text.h"
+#include "unchanged.h"
+
+#include <algorithm>
+#include <memory>
+
+namespace lpvbake::cmd {
+namespace {
+
+const char manual[] =
+#include "manual/merge.txt.h"
+    ;
+
+struct MergeOptions {
+    std::vector<std::string> parts;
+    std::vector<std::string> outputs;
+    Precision precision = Precision::full;
+    Format format = Format::text;
+};
+
+/// OpenVDB files grid by grid; others have all of it in memory.
+Written write(const MergeOptions& o, const std::string& path, const io::Parts& parts,
+              TerminalProgress& progress) {
+    io::Target generic = *io::target_named("generic");
+    generic.precision = o.precision;
+    const WriteReport report = io::volume_format(path) == &io::vdb_format
+                                   ? io::write_merged(path, parts, o.precision)
+                                   : io::write_for(generic, path, parts.read());
+    for (const std::string& warning : report.warnings)
+        progress.warn(warning);
+    return {path, report.files, report.packing};
+}
+
+void run(const MergeOptions& o, const options::Options& options) {
+    for (const std::string& path : o.outputs)
+        if (!io::volume_format(path))
+            throw Error(ErrorKind::argument,
+                        path + ": the name of an output ends in " + io::format_list());
+    check_files(o.parts, {}, o.outputs);
+    probe_outputs(o.outputs);
+    TerminalProgress progress(ProgressStyle::none);
+    io::Parts parts(o.parts);
+    parts.set_metadata("exposure",
+                       format("%.1f", render::automatic_exposure(parts.read_first_band())));
+    if (const std::string settings = output_settings(options); !settings.empty())
+        parts.set_metadata("output_settings", settings);
+    std::vector<Written> written;
+    for (const std::string& path : o.outputs)
+        written.push_back(write(o, path, parts, progress));
+    const Volume& whole = parts.whole();
+    if (o.format == Format::json) {
+        print_json({{"command", "merge"},
+                    {"version", LPVBAKE_VERSION},
+                    {"parts", o.parts.size()},
+                    {"grid", report::grid_json(whole.grid)},
+                    {"sh_order", whole.sh_order},
+                    {"outputs", outputs_json(written)},
+                    {"warnings", progress.warnings()}});
+        return;
+    }
+    print_grid(whole.grid);
+    print_outputs(written);
+}
+
+options::Action declare(options::Options& options) {
+    const auto fields = std::make_shared<MergeOptions>();
+    MergeOptions& o = *fields;
+    options.texts("parts", o.parts, "PART", "All parts of one bake, in any order (bake --shard)")
+        .require();
+    options
+        .texts("-o,--output", o.outputs, "FILE",
+               "Volume to write, " + io::format_list() + "; may be repeated")
+        .keep_to_one_run()
+        .require();
+    options.group("Output");
+    options.choice(
+        "--precision", o.precision,
+        options::Choices<Precision>{{"float", Precision::full}, {"half", Precision::half}},
+        "Of the numbers in the files");
+    options.group("Run");
+    add_format_option(options, o.format);
+    return [fields, &options] { run(*fields, options); };
+}
+
+} // namespace
+
+options::Command merge_command() {
+    return {"merge", "Makes one volume of the parts that shards of a bake have left.", manual,
+            declare};
+}
+
+} // namespace lpvbake::cmd

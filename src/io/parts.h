@@ -1,0 +1,70 @@
+// Parts of a volume, as shards of a bake leave them, and the volume that they make up.
+//
+// A part is an OpenVDB file of the layers of cells that a shard has baked, on a lattice of their
+// own, canonical and in full precision. Its metadata are those of the whole bake, but for what only
+// all of its cells tell, and besides
+//
+//     lpv:shard         "2/3": which of how many
+//     lpv:shard_layers  "16,32": the layers [begin, end) along z that it has
+//     lpv:shard_grid    "x,y,z,nx,ny,nz": origin and dims of the whole lattice
+#pragma once
+
+#include "io/format.h"
+#include "volume/grids.h"
+#include "volume/slab.h"
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace lpvbake::io {
+
+/// A volume is that of the layers of a shard of `whole`. Throws Error (file).
+WriteReport write_part(const std::string& path, Volume volume, volume::Shard shard,
+                       volume::Slab layers, const Grid& whole);
+
+/// Whether the volume of a file is a part, and of which shard.
+std::optional<volume::Shard> shard_of(const Volume& volume);
+
+/// All parts of a volume. Their values are read when they are asked for.
+class Parts {
+public:
+    struct Part {
+        std::string path, uuid;
+        volume::Shard shard;
+        volume::Slab layers;
+    };
+
+    /// Throws Error: file; invalid, which names the file and what is wrong: it is no part, is
+    /// damaged, is of another bake than the first, comes twice, or which shard is missing.
+    explicit Parts(const std::vector<std::string>& paths);
+
+    /// Their lattice, order and metadata, without cells.
+    const Volume& whole() const { return whole_; }
+    /// Sets what only all cells tell.
+    void set_metadata(const std::string& key, const std::string& value) {
+        whole_.metadata[key] = value;
+    }
+    /// From the lowest layers up.
+    const std::vector<Part>& parts() const { return parts_; }
+    /// That they have, without values.
+    const std::vector<volume::ConstGridView>& grids() const { return grids_; }
+    /// All values. Throws as write_merged, and Error (memory).
+    Volume read() const;
+    /// Those of the first grid of light, and the validity.
+    Volume read_first_band() const;
+
+private:
+    void add(const std::string& path);
+    void check_complete() const;
+
+    Volume whole_;
+    std::vector<volume::ConstGridView> grids_;
+    std::vector<Part> parts_;
+};
+
+/// Writes them as one OpenVDB file, the same bytes as of a bake that was not parted. Grid after
+/// grid is in memory. Throws Error: file; invalid (a part was changed since).
+WriteReport write_merged(const std::string& path, const Parts& parts, Precision precision);
+
+} // namespace lpvbake::io
