@@ -11,7 +11,6 @@
 namespace lpvbake::solver::gather {
 namespace {
 
-constexpr uint32_t strata = 16;       ///< points of a cluster that places may test
 constexpr float smallest = 0.25f;     ///< clusters of this share of a patch's size are not opened
 constexpr float near_triangle = 1.0f; ///< sizes of a triangle within which it is not a point
 constexpr float divided_weight = 8.0f;
@@ -48,16 +47,21 @@ uint32_t pattern_of(glm::vec3 place) {
 Zone::Zone(const Surroundings& world, glm::vec3 lo, glm::vec3 hi, float step) : world_(world) {
     const glm::vec3 half = 0.5f * (hi - lo);
     choose_clusters(lo + half, half, step);
-    targets_.reserve(clusters_.size() * strata);
+    targets_.reserve(clusters_.size());
     for (const uint32_t index : clusters_) {
         const Cluster& cluster = world_.clusters.nodes[index];
+        Targets& targets = targets_.emplace_back();
         for (uint32_t s = 0; s < strata; ++s) {
             const uint32_t key = mix_word(mix_word(index) + s);
             const double share = (double(s) + double(unit(key))) / strata;
             const Emitter& emitter =
                 world_.clusters.emitters[world_.clusters.emitter_at(cluster, share)];
-            targets_.push_back({emitter.point({unit(mix_word(key + 1)), unit(mix_word(key + 2))}),
-                                emitter.normal});
+            const glm::vec3 point =
+                emitter.point({unit(mix_word(key + 1)), unit(mix_word(key + 2))});
+            for (int i = 0; i < 3; ++i) {
+                targets.point[size_t(i)][s] = point[i];
+                targets.normal[size_t(i)][s] = emitter.normal[i];
+            }
         }
     }
     channels_ = world.visibility.is_tinted() ? 3 : 1;
@@ -115,25 +119,30 @@ bool Zone::aim(glm::vec3 from, uint32_t source, uint32_t pattern, visibility::Ra
         ray = {from, bin.direction({unit(pattern + shift), unit(mix_word(key))}), 0.0f, HUGE_VALF};
         return true;
     }
-    const std::span<const Target> targets =
-        std::span(targets_).subspan(size_t(source) * strata, strata);
+    const Targets& targets = targets_[source];
     // One point speaks for all: the more light one would send here, the more often it is that one.
     // Near parts of a cluster, which send most, are seen more often than the others.
+    std::array<float, strata> sent;
+    for (uint32_t i = 0; i < strata; ++i) {
+        const float x = targets.point[0][i] - from.x, y = targets.point[1][i] - from.y,
+                    z = targets.point[2][i] - from.z;
+        const float square = std::max(x * x + y * y + z * z, 1e-6f);
+        const float facing =
+            x * targets.normal[0][i] + y * targets.normal[1][i] + z * targets.normal[2][i];
+        sent[i] = std::max(0.0f, -facing) / (square * std::sqrt(square));
+    }
     std::array<float, strata> up_to;
     float sum = 0.0f;
-    for (uint32_t i = 0; i < strata; ++i) {
-        const glm::vec3 way = targets[i].point - from;
-        const float square = std::max(glm::dot(way, way), 1e-6f);
-        sum += std::max(0.0f, -glm::dot(way, targets[i].normal)) / (square * std::sqrt(square));
-        up_to[i] = sum;
-    }
+    for (uint32_t i = 0; i < strata; ++i)
+        up_to[i] = sum += sent[i];
     if (!(sum > 0.0f))
         return false;
     const float wanted = unit(pattern + shift) * sum;
-    uint32_t pick = 0;
-    while (pick + 1 < strata && !(up_to[pick] > wanted))
-        ++pick;
-    ray = {from, targets[pick].point - from};
+    uint32_t pick = 0; // they rise
+    for (uint32_t i = 0; i + 1 < strata; ++i)
+        pick += !(up_to[i] > wanted);
+    ray = {from, glm::vec3(targets.point[0][pick], targets.point[1][pick], targets.point[2][pick])
+                     - from};
     return true;
 }
 

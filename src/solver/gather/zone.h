@@ -70,9 +70,10 @@ protected:
     size_t words_ = 0;    ///< of a plane
 
 private:
-    /// A point of a cluster that a place may test.
-    struct Target {
-        glm::vec3 point, normal;
+    static constexpr uint32_t strata = 16; ///< points of a cluster that places may test
+    /// Those of one, coordinate by coordinate, so that all are weighed at once.
+    struct alignas(16) Targets {
+        std::array<std::array<float, strata>, 3> point, normal;
     };
 
     void choose_clusters(glm::vec3 centre, glm::vec3 half, float step);
@@ -94,7 +95,7 @@ private:
     void descend(uint32_t cluster, uint32_t mask, glm::vec3 channels, glm::vec3 centre,
                  glm::vec3 half, const Take& take) const;
 
-    std::vector<Target> targets_;
+    std::vector<Targets> targets_; ///< a cluster
 };
 
 } // namespace lpvbake::solver::gather
