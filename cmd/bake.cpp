@@ -355,6 +355,7 @@ options::Action declare_light(options::Options& options) {
             if (options.find(other)->is_given())
                 throw Error(ErrorKind::argument,
                             std::string("--") + other + " is of bake, not of light");
+        std::ranges::sort(options.find("level")->given);
         o.light_file = std::exchange(o.outputs.paths, {}).front();
         check_files({o.scene}, {}, {o.light_file}, true);
         probe_outputs({o.light_file});

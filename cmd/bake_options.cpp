@@ -451,12 +451,12 @@ void add_shard_option(options::Options& options, BakeOptions& o) {
                "Bake the i-th of N parts of the grid, slabs along z, into a part (-o PART, an "
                "OpenVDB file) of which lpvbake merge makes what one bake would have written, to "
                "the byte; by gather, or sn with --tile; see below")
-        .exclude({"at",         "level",         "levels",         "focus",       "volume",
-                  "volumes",    "adaptive",      "layers",         "direct",      "static",
-                  "medium",     "adjust",        "local-transfer", "rsm-samples", "bytes",
-                  "fit",        "evaluation",    "verify",         "target",      "precision",
-                  "axes",       "sh-convention", "packing",        "dering",      "l1-scale",
-                  "exr-columns"})
+        .exclude({"at",          "level",         "levels",         "focus",       "volume",
+                  "volumes",     "adaptive",      "layers",         "direct",      "static",
+                  "medium",      "adjust",        "local-transfer", "rsm-samples", "bytes",
+                  "fit",         "evaluation",    "verify",         "target",      "precision",
+                  "axes",        "sh-convention", "packing",        "dering",      "l1-scale",
+                  "exr-columns", "error",         "time-budget"})
         .keep_to_one_run();
     options
         .text("--lit", o.lit, "FILE",
@@ -621,6 +621,8 @@ void check_options(const BakeOptions& o) {
         check_files({o.adjust}, {}, o.outputs.paths);
     if (has_volume_file(o))
         check_files({o.volumes}, {}, o.outputs.paths);
+    if (!o.depfile.empty())
+        check_files({o.scene, o.lit, o.adjust}, {}, {o.depfile}, true);
     if (o.adaptive)
         check_brick_outputs(o.outputs);
     if (o.nests() || o.adaptive)
@@ -789,6 +791,7 @@ bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& read
     settings.layers_level = o.layers_level;
     settings.shard = o.shard;
     settings.lit = o.lit;
+    settings.surfaces_alone = !o.light_file.empty();
     settings.isa = o.isa;
     settings.direct = o.direct.value_or(bake::DirectSettings());
     settings.direct.beams = o.beams;

@@ -207,6 +207,10 @@ std::vector<Written> planned_outputs(const BakeOptions& o, const bake::BakePlan&
                 output.files.push_back({file, 0});
             continue;
         }
+        if (o.shard) {
+            output.files.push_back({path, 0});
+            continue;
+        }
         const std::size_t levels = 1 + plan.coarser.size();
         const std::vector<volume::Place> places = places_of(plan.settings.volumes);
         const auto add_set = [&](const std::string& set, const Volume& grids) {

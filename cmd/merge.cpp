@@ -1,6 +1,7 @@
 // lpvbake merge: one volume of the parts that shards of a bake have left.
 
 #include "commands.h"
+#include "io/atomic_file.h"
 #include "io/parts.h"
 #include "io/vdb.h"
 #include "lpvbake/error.h"
@@ -53,9 +54,13 @@ void run(const MergeOptions& o, const options::Options& options) {
                        format("%.1f", render::automatic_exposure(parts.read_first_band())));
     if (const std::string settings = output_settings(options); !settings.empty())
         parts.set_metadata("output_settings", settings);
+    if (o.precision == Precision::half) // that of the parts is of a bake in float
+        parts.erase_metadata("bake_hash");
     std::vector<Written> written;
+    io::PublishTogether together; // all or none
     for (const std::string& path : o.outputs)
         written.push_back(write(o, path, parts, progress));
+    together.publish();
     const Volume& whole = parts.whole();
     if (o.format == Format::json) {
         print_json({{"command", "merge"},

@@ -178,6 +178,7 @@ void write_depfile(const BakeOptions& o, const Scene& scene) {
     inputs.insert(inputs.end(), scene.file.beside.begin(), scene.file.beside.end());
     inputs.push_back(o.adjust);
     inputs.push_back(o.at);
+    inputs.push_back(o.lit);
     inputs.push_back(density_file(o.medium));
     if (has_volume_file(o))
         inputs.push_back(o.volumes);

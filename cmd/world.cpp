@@ -144,8 +144,10 @@ std::unique_ptr<RowBake> row_bake(const io::World& world, const io::World::Scena
         options::take_words("bake", words_of(world, scenario, bounds, file), row->table);
         if (bake.outputs.paths.size() != 1)
             throw Error(ErrorKind::argument, "a row has one output, which the plan names");
-        if (bake.dry_run || !bake.layers.empty() || bake.adaptive)
-            throw Error(ErrorKind::argument, "--dry-run, --layers and --adaptive are not for rows");
+        if (bake.dry_run || !bake.layers.empty() || bake.adaptive || bake.shard
+            || !bake.lit.empty())
+            throw Error(ErrorKind::argument,
+                        "--dry-run, --layers, --adaptive, --shard and --lit are not for rows");
     } catch (const Error& error) {
         throw Error(error.kind, "scenario " + scenario.name + ": " + error.what());
     }

@@ -555,14 +555,23 @@ void check_host_memory(const BakePlan& plan) {
                            double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30,
                            less_of_levels(plan.settings)));
     const glm::ivec3 dims = plan.grid.dims;
+    if (const auto& shard = plan.settings.shard)
+        throw Error(ErrorKind::memory,
+                    format("`shard` %d/%d of ", shard->index, shard->count) + dims_text(dims)
+                        + format(" needs about %.1f GiB of this machine's %.1f GiB of memory; part "
+                                 "it into more of them",
+                                 double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30));
     const double fits =
         std::max({dims.x, dims.y, dims.z}) * std::cbrt(double(memory) / double(plan.host_bytes));
     throw Error(ErrorKind::memory,
                 dims_text(dims)
                     + format(" needs about %.1f GiB of this machine's %.1f GiB of memory; lower "
-                             "`resolution`, to about %d",
+                             "`resolution`, to about %d%s",
                              double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30,
-                             std::max(3, int(fits))));
+                             std::max(3, int(fits)),
+                             plan.settings.solver.kind().shard_layers
+                                 ? ", or bake it in parts by `shard`"
+                                 : ""));
 }
 
 /// Of a cell.
@@ -635,7 +644,8 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     const surface::PatchCount surfaces =
         surface::count_patches(scene.surfaces, plan.frame, 1.0f, scene.cuts.get());
     const double patches = surfaces.patches;
-    const std::vector<Solved> grids = solved_in(plan);
+    const std::vector<Solved> grids =
+        settings.surfaces_alone ? std::vector<Solved>{} : solved_in(plan);
     plan_light(scene, plan);
     plan.stages.push_back({"visibility", seconds::visibility_triangle * double(plan.triangles),
                            counted(plan.triangles, "triangle")});
@@ -689,8 +699,8 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
         plan.seconds += stage.seconds;
     }
 
-    // The volume itself takes 12 bytes a coefficient and a wall, and a copy while it is fitted, or
-    // written more than once.
+    // The volume itself takes 12 bytes a coefficient and a wall, and, but for parts, a copy while
+    // it is fitted, or written more than once.
     plan.host_bytes += solver::models::bytes::triangle * plan.triangles
                        + solver::models::bytes::fixed + solver_bytes;
     if (plan.bricks)
@@ -706,7 +716,8 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                            * (4 + 12 * uint64_t(volume::sh_count(solver.order()))))
             : all_cells
                       * (solver::models::bytes::cell
-                         + 24 * uint64_t(volume::sh_count(solver.order()) + most_walls))
+                         + (plan.slab ? 12 : 24)
+                               * uint64_t(volume::sh_count(solver.order()) + most_walls))
                   + layered_cells * layer_bytes(settings);
     check_host_memory(plan);
     return plan;

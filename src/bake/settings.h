@@ -78,8 +78,9 @@ struct BakeSettings {
     /// Of one grid's field alone, by a solver with SolverKind::shard_layers, the layers that are
     /// baked; none: all.
     std::optional<volume::Shard> shard;
-    std::string lit;           ///< file of surfaces that are lit already; empty: none
-    LitOrigin lit_origin = {}; ///< of those, without its tracer
+    bool surfaces_alone = false; ///< they are lit, and nothing else is done
+    std::string lit;             ///< file of surfaces that are lit already; empty: none
+    LitOrigin lit_origin = {};   ///< of those, without its tracer
     /// Nested grids instead (volume/levels.h), by a solver of lit surfaces and without its
     /// reflective shadow maps; empty: one grid, by the two above.
     std::vector<volume::LevelBox> levels;

@@ -45,6 +45,7 @@ public:
     void set_metadata(const std::string& key, const std::string& value) {
         whole_.metadata[key] = value;
     }
+    void erase_metadata(const std::string& key) { whole_.metadata.erase(key); }
     /// From the lowest layers up.
     const std::vector<Part>& parts() const { return parts_; }
     /// That they have, without values.

@@ -82,6 +82,15 @@ TEST_F(ShardsCli, MergedPartsOfSnInTilesAreTheBakeToTheByte) {
     }
 }
 
+TEST_F(ShardsCli, APlanOfAShardNamesItsFileAndTakesLessMemory) {
+    const auto plan = [&](const std::string& more) {
+        return json::parse(run("bake " + gather + more + " --dry-run --format json").out);
+    };
+    const json part = plan("-o part --shard 2/7");
+    EXPECT_EQ(part["outputs"][0]["files"][0]["path"], "part");
+    EXPECT_LT(part["host_bytes"].get<double>(), plan("-o a.vdb")["host_bytes"].get<double>());
+}
+
 TEST_F(ShardsCli, HalfPrecisionIsThatOfTheBake) {
     must("bake " + gather + "-o whole.vdb --precision half");
     bake_parts(gather, 2);
@@ -89,6 +98,7 @@ TEST_F(ShardsCli, HalfPrecisionIsThatOfTheBake) {
     const Volume whole = io::read_vdb(folder_ / "whole.vdb");
     const Volume merged = io::read_vdb(folder_ / "merged/whole.vdb");
     EXPECT_EQ(merged.sh, whole.sh);
+    EXPECT_FALSE(merged.metadata.contains("bake_hash"));
     EXPECT_EQ(merged.walls, whole.walls);
     EXPECT_EQ(merged.metadata.at("output_settings"), whole.metadata.at("output_settings"));
 }
@@ -213,6 +223,8 @@ TEST_F(ShardsCli, WhatIsNoShardIsRefused) {
     refused(long_box + "--solver sn --shard 1/2", "sn is parted into tiles; set --tile to 64");
     refused("$ROOM --solver lpv --shard 1/2", "--shard is of gather without --rsm-samples");
     refused(gather + "--shard 1/2 --dilate 1", "--dilate fills cells");
+    refused(gather + "--shard 1/2 --time-budget 2s", "--time-budget");
+    refused(gather + "--shard 1/2 --depfile $ROOM", "cornell_box.gltf");
     const std::string exr = "bake " + gather + "--shard 1/2 -o p.exr";
     expect_one_error(run(exr), exr, ExitCode::usage, "a part is an OpenVDB file");
 }

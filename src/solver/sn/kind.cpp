@@ -29,7 +29,8 @@ constexpr Parameter parameters[] = {
      .kind = ValueKind::whole,
      .hi = 4096,
      .unit = "cells",
-     .help = "cells along an edge of tiles that are swept by themselves, a multiple of 16, so that "
+     .help = "cells along an edge of tiles that are swept by themselves, up to a multiple of 16, "
+             "so that "
              "the device holds one; 0: all at once",
      .round =
          [](double value) {
