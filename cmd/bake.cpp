@@ -220,14 +220,14 @@ std::string shard_text(const BakeOptions& o, const bake::BakePlan& plan) {
 }
 
 /// Writes what a shard has of the volume.
-std::vector<Written> write_parts(const BakeOptions& o, const bake::BakePlan& plan,
-                                 const Volume& volume, Run& run) {
+std::vector<Written> write_parts(const BakeOptions& o, const bake::BakePlan& plan, Volume& volume,
+                                 Run& run) {
     std::vector<Written> written;
     run.progress.begin("write", o.outputs.paths.size());
     for (const std::string& path : o.outputs.paths) {
         run.progress.advance(written.size());
         written.push_back(
-            {path, io::write_part(path, volume, *o.shard, *plan.slab, plan.grid).files, {}});
+            {path, io::write_part(path, *o.shard, *plan.slab, plan.grid, volume).files, {}});
         tell("wrote " + path);
     }
     return written;

@@ -581,6 +581,14 @@ std::string volume_nodes(const BakeOptions& o) {
     return o.volumes.starts_with(nodes_prefix) ? o.volumes.substr(nodes_prefix.size()) : "";
 }
 
+std::vector<std::string> inputs_of(const BakeOptions& o) {
+    std::vector<std::string> inputs = inputs_of(o, o);
+    inputs.insert(inputs.end(), {o.adjust, o.at, o.lit, density_file(o.medium)});
+    if (has_volume_file(o))
+        inputs.push_back(o.volumes);
+    return inputs;
+}
+
 void check_options(const BakeOptions& o) {
     check_paths("bake", o, o, o.outputs.paths, o.at, o.shard.has_value());
     check_files({o.lit}, {}, o.outputs.paths);
@@ -622,7 +630,7 @@ void check_options(const BakeOptions& o) {
     if (has_volume_file(o))
         check_files({o.volumes}, {}, o.outputs.paths);
     if (!o.depfile.empty())
-        check_files({o.scene, o.lit, o.adjust}, {}, {o.depfile}, true);
+        check_files(inputs_of(o), {}, {o.depfile}, true);
     if (o.adaptive)
         check_brick_outputs(o.outputs);
     if (o.nests() || o.adaptive)

@@ -91,6 +91,9 @@ bool has_volume_file(const BakeOptions& o);
 /// The pattern of its nodes; else empty.
 std::string volume_nodes(const BakeOptions& o);
 
+/// The files that a bake reads but for what the scene's file names; some may be empty.
+std::vector<std::string> inputs_of(const BakeOptions& o);
+
 /// All that can be known to be wrong before any work is done. Throws Error (argument).
 void check_options(const BakeOptions& o);
 

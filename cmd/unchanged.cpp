@@ -174,14 +174,8 @@ bool is_missing(const BakeOptions& o, Run& run) {
 void write_depfile(const BakeOptions& o, const Scene& scene) {
     if (o.depfile.empty())
         return;
-    std::vector<std::string> inputs = inputs_of(o, o);
+    std::vector<std::string> inputs = inputs_of(o);
     inputs.insert(inputs.end(), scene.file.beside.begin(), scene.file.beside.end());
-    inputs.push_back(o.adjust);
-    inputs.push_back(o.at);
-    inputs.push_back(o.lit);
-    inputs.push_back(density_file(o.medium));
-    if (has_volume_file(o))
-        inputs.push_back(o.volumes);
     std::string text;
     const auto add = [&](const std::string& path) {
         for (const char c : path) {

@@ -117,7 +117,6 @@ void make_grids(Volume& volume, const GridKind& kind, int count, const std::stri
 }
 
 std::optional<std::string> half_misfit(const volume::ConstGridView& grid) {
-    constexpr float half_max = 65504, half_min = 1.0f / 16384;
     float largest = 0;
     for (const float value : grid.values())
         largest = std::max(largest, std::abs(value));

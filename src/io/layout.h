@@ -34,6 +34,9 @@ void check_dims(glm::ivec3 dims, int sh_order, volume::GridKinds kinds, const st
 /// volume has.
 void make_grids(Volume& volume, const GridKind& kind, int count, const std::string& path);
 
+/// The largest number of half precision, and the smallest with all of its digits.
+inline constexpr float half_max = 65504, half_min = 1.0f / 16384;
+
 /// Why the volume, or what of it is no light, should not be stored as half: values beyond 65504, or
 /// an L0 whose largest value lies below 2^-14, where half has fewer digits. None: it fits.
 std::optional<std::string> half_misfit(const Volume& volume, bool no_light = false);

@@ -9,12 +9,9 @@
 #include "volume/grids.h"
 #include "volume/sh.h"
 
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
 #include <array>
 #include <cstdio>
-#include <cstring>
 
 namespace lpvbake::io {
 namespace {
@@ -71,18 +68,6 @@ void check_alike(const std::string& path, const std::string& first,
         check(key);
 }
 
-/// Copies what is active, `layer` layers higher.
-template <class GridType>
-void append(const openvdb::GridBase& from, int layer, openvdb::GridBase& to) {
-    auto accessor = static_cast<GridType&>(to).getAccessor();
-    for (auto value = static_cast<const GridType&>(from).cbeginValueOn(); value; ++value) {
-        openvdb::CoordBBox box;
-        value.getBoundingBox(box);
-        for (auto at = box.begin(); at; ++at) // of one voxel, or of a block of equal ones
-            accessor.setValueOn((*at).offsetBy(0, 0, layer), *value);
-    }
-}
-
 /// Takes an entry out of the metadata. Throws Error (invalid) where it is none.
 template <class... Number>
 void take(const std::string& path, Volume& volume, const char* key, const char* form,
@@ -100,15 +85,15 @@ void take(const std::string& path, Volume& volume, const char* key, const char* 
 
 } // namespace
 
-WriteReport write_part(const std::string& path, Volume volume, volume::Shard shard,
-                       volume::Slab layers, const Grid& whole) {
+WriteReport write_part(const std::string& path, volume::Shard shard, volume::Slab layers,
+                       const Grid& whole, Volume& volume) {
     const glm::dvec3 origin = whole.origin;
     const glm::ivec3 dims = whole.dims;
     volume.metadata[shard_key] = format("%d/%d", shard.index, shard.count);
     volume.metadata[layers_key] = format("%d,%d", layers.begin, layers.end);
     volume.metadata[grid_key] =
         format("%.17g,%.17g,%.17g,%d,%d,%d", origin.x, origin.y, origin.z, dims.x, dims.y, dims.z);
-    return write_vdb(path, Stored(std::move(volume), {}, path), Precision::full);
+    return write_vdb(path, Stored(volume, {}, path), Precision::full);
 }
 
 std::optional<volume::Shard> shard_of(const Volume& volume) {
@@ -145,12 +130,7 @@ void Parts::add(const std::string& path) {
         || part.layers.end > grid.dims.z || part.layers.end - part.layers.begin != layers
         || !precision || precision->value() != name_of(Precision::full))
         reject(path, "is no part of a bake any more: it was changed since; bake it again");
-    std::vector<volume::ConstGridView> grids;
-    for (const GridKind* kind : volume::grid_kinds())
-        for (int k = 0; k < kind->most; ++k)
-            if (file.content.has(volume::grid_name(*kind, k)))
-                grids.push_back({kind, k, nullptr, 0});
-    grids.push_back({&density_kind, 0, nullptr, 0});
+    std::vector<volume::ConstGridView> grids = grids_in(file.content, own.sh_order);
     if (parts_.empty()) {
         whole_ = std::move(own);
         grids_ = std::move(grids);
@@ -203,65 +183,46 @@ void Parts::check_complete() const {
 
 namespace {
 
-openvdb::GridBase::Ptr read_grid(const Parts& parts, const Parts::Part& part,
-                                 const volume::ConstGridView& view) {
-    const openvdb::GridBase::Ptr grid = open_vdb(part.path, part.uuid).content.grid(view.name());
-    if (!grid
-        || !(view.kind->width() == 1 ? grid->isType<openvdb::FloatGrid>()
-                                     : grid->isType<openvdb::Vec3SGrid>()))
-        reject(part.path, "has no grid " + view.name() + ", or one of another type");
-    const Grid lattice = volume::grid_of(part.layers, parts.whole().grid);
-    const openvdb::CoordBBox active = grid->evalActiveVoxelBoundingBox();
-    if (const glm::ivec3 dims = lattice.dims;
-        !active.empty()
-        && !openvdb::CoordBBox({0, 0, 0}, {dims.x - 1, dims.y - 1, dims.z - 1}).isInside(active))
-        reject(part.path, "grid " + view.name() + " has values outside lpv:grid_dims");
+openvdb::GridBase::Ptr read_grid(const Parts::Part& part, const std::string& name) {
+    openvdb::GridBase::Ptr grid = open_vdb(part.path, part.uuid).content.grid(name);
+    if (!grid)
+        reject(part.path, "has no grid " + name);
     return grid;
 }
 
 /// Reads all values of a grid.
 void fill(const Parts& parts, const volume::GridView& view) {
     const auto width = std::size_t(view.kind->width());
-    const auto copy = [&]<class GridType>(const Parts::Part& part, const GridType& grid) {
-        tbb::parallel_for(part.layers.begin, part.layers.end, [&](int z) {
-            const auto accessor = grid.getConstAccessor();
-            float* cell = view.data + width * parts.whole().grid.index({0, 0, z});
-            for (int y = 0; y < parts.whole().grid.dims.y; ++y)
-                for (int x = 0; x < parts.whole().grid.dims.x; ++x, cell += width) {
-                    const auto value = accessor.getValue({x, y, z - part.layers.begin});
-                    std::memcpy(cell, &value, sizeof value);
-                }
-        });
-    };
     for (const Parts::Part& part : parts.parts()) {
-        const openvdb::GridBase::Ptr grid = read_grid(parts, part, {view.kind, view.k, nullptr, 0});
-        if (width == 1)
-            copy(part, static_cast<const openvdb::FloatGrid&>(*grid));
-        else
-            copy(part, static_cast<const openvdb::Vec3SGrid&>(*grid));
+        const Grid own = volume::grid_of(part.layers, parts.whole().grid);
+        float* const first = view.data + width * volume::first_of(part.layers, parts.whole().grid);
+        copy_grid(read_grid(part, view.name()), own, nullptr, part.path,
+                  {view.kind, view.k, first, own.size()});
     }
 }
 
 /// A grid of all parts, as a file has it.
 openvdb::GridBase::Ptr merged(const Parts& parts, const volume::ConstGridView& view, bool half) {
-    const auto merge = [&]<class GridType>(const typename GridType::Ptr& grid) {
-        for (const Parts::Part& part : parts.parts())
-            append<GridType>(*read_grid(parts, part, view), part.layers.begin, *grid);
+    const Volume& whole = parts.whole();
+    const auto merge = [&]<class GridType>() -> openvdb::GridBase::Ptr {
+        auto grid = GridType::create();
+        auto accessor = grid->getAccessor();
+        for (const Parts::Part& part : parts.parts()) {
+            const auto from = openvdb::gridPtrCast<GridType>(read_grid(part, view.name()));
+            if (!from)
+                reject(part.path, "grid " + view.name() + " has the wrong type");
+            check_within(*from, volume::grid_of(part.layers, whole.grid).dims, part.path);
+            each_active(*from, [&](const openvdb::Coord& at, const auto& value) {
+                accessor.setValueOn(at.offsetBy(0, 0, part.layers.begin), value);
+            });
+        }
         grid->tree().prune();
         return grid;
     };
-    const openvdb::GridBase::Ptr grid =
-        view.kind->width() == 1
-            ? openvdb::GridBase::Ptr(
-                merge.operator()<openvdb::FloatGrid>(openvdb::FloatGrid::create()))
-            : merge.operator()<openvdb::Vec3SGrid>(openvdb::Vec3SGrid::create());
-    describe_grid(view.name(), parts.whole().grid, false, view.kind == &density_kind, *grid);
-    grid->setSaveFloatAsHalf(half);
-    insert_lattice(parts.whole(), {}, *grid);
-    const volume::Quantity quantity =
-        volume::quantity_of(*view.kind, volume::ShConvention::radiance);
-    grid->insertMeta("lpv:quantity", openvdb::StringMetadata(quantity.name));
-    grid->insertMeta("lpv:units", openvdb::StringMetadata(quantity.units));
+    openvdb::GridBase::Ptr grid = view.kind->width() == 1 ? merge.operator()<openvdb::FloatGrid>()
+                                                          : merge.operator()<openvdb::Vec3SGrid>();
+    describe_grid(view.name(), whole.grid, false, view.kind == &density_kind, *grid);
+    insert_facts(*view.kind, whole, {}, half, *grid);
     return grid;
 }
 

@@ -19,9 +19,10 @@
 
 namespace lpvbake::io {
 
-/// A volume is that of the layers of a shard of `whole`. Throws Error (file).
-WriteReport write_part(const std::string& path, Volume volume, volume::Shard shard,
-                       volume::Slab layers, const Grid& whole);
+/// Writes the volume of the layers of a shard of `whole`, and gives it the metadata of a part.
+/// Throws Error (file).
+WriteReport write_part(const std::string& path, volume::Shard shard, volume::Slab layers,
+                       const Grid& whole, Volume& volume);
 
 /// Whether the volume of a file is a part, and of which shard.
 std::optional<volume::Shard> shard_of(const Volume& volume);

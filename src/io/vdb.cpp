@@ -255,6 +255,15 @@ void insert_lattice(const Volume& volume, const volume::Encoding& encoding, Meta
     metadata.insertMeta("lpv:sh_order", openvdb::Int32Metadata(volume.sh_order));
 }
 
+void insert_facts(const GridKind& kind, const Volume& volume, const volume::Encoding& encoding,
+                  bool half, openvdb::GridBase& grid, const BrickPlaces* bricks) {
+    const volume::Quantity quantity = volume::quantity_of(kind, encoding.convention);
+    grid.setSaveFloatAsHalf(half);
+    insert_lattice(volume, encoding, grid, bricks);
+    insert_text(grid, "quantity", quantity.name);
+    insert_text(grid, "units", quantity.units);
+}
+
 MetaMap file_metadata(const Volume& volume, const volume::Encoding& encoding, bool half,
                       const BrickPlaces* bricks) {
     MetaMap metadata;
@@ -322,11 +331,7 @@ void copy_cells(const openvdb::GridBase::Ptr& base, const Grid& cells, const Bri
     const auto grid = openvdb::gridPtrCast<GridType>(base);
     if (!grid)
         reject(path, "grid " + base->getName() + " has the wrong type, " + base->type());
-    const glm::ivec3 last = (bricks ? bricks->lattice : cells).dims - 1;
-    const openvdb::CoordBBox whole(Coord(0), Coord(last.x, last.y, last.z));
-    const openvdb::CoordBBox active = grid->evalActiveVoxelBoundingBox();
-    if (!active.empty() && !whole.isInside(active))
-        reject(path, "grid " + base->getName() + " has values outside lpv:grid_dims");
+    check_within(*grid, (bricks ? bricks->lattice : cells).dims, path);
     const int width = view.kind->width();
     tbb::parallel_for(0, cells.dims.z, [&](int z) {
         const auto accessor = grid->getConstAccessor();
@@ -340,6 +345,8 @@ void copy_cells(const openvdb::GridBase::Ptr& base, const Grid& cells, const Bri
     });
 }
 
+} // namespace
+
 void copy_grid(const openvdb::GridBase::Ptr& base, const Grid& lattice, const BrickPlaces* bricks,
                const std::string& path, const volume::GridView& view) {
     if (view.kind->width() == 1)
@@ -351,8 +358,6 @@ void copy_grid(const openvdb::GridBase::Ptr& base, const Grid& lattice, const Br
                                   std::copy_n(value.asPointer(), 3, cell);
                               });
 }
-
-} // namespace
 
 Volume volume_of(const VdbContent& content, const std::string& path, volume::GridKinds kinds,
                  const BrickPlaces* bricks) {
@@ -429,20 +434,15 @@ WriteReport write_vdb(const std::string& path, const Stored& stored, Precision w
     WriteReport report;
     const bool half = stored.precision(wanted, path, report) == Precision::half;
     const std::vector<uint8_t> active = active_cells(volume);
-    const auto make = [&](const volume::ConstGridView& view, const volume::Quantity& quantity) {
+    const auto make = [&](const volume::ConstGridView& view) {
         const openvdb::GridBase::Ptr grid = make_grid(view, stored, active, bricks);
-        grid->setSaveFloatAsHalf(half);
-        insert_lattice(volume, encoding, *grid, bricks);
-        insert_text(*grid, "quantity", quantity.name);
-        insert_text(*grid, "units", quantity.units);
+        insert_facts(*view.kind, volume, encoding, half, *grid, bricks);
         return grid;
     };
     const std::vector<volume::ConstGridView> views = grids_to_write(stored);
-    report.files.push_back(write_grids(
-        path, file_metadata(volume, encoding, half, bricks), views.size(),
-        grids_at_once(volume.grid), [&](size_t i) {
-            return make(views[i], volume::quantity_of(*views[i].kind, encoding.convention));
-        }));
+    report.files.push_back(write_grids(path, file_metadata(volume, encoding, half, bricks),
+                                       views.size(), grids_at_once(volume.grid),
+                                       [&](size_t i) { return make(views[i]); }));
     return report;
 }
 

@@ -1,5 +1,8 @@
 #include "io/vdb_grids.h"
 
+#include "io/atomic_file.h"
+#include "volume/sh.h"
+
 #include <mutex>
 
 namespace lpvbake::io {
@@ -99,6 +102,24 @@ void describe_grid(const std::string& name, const Grid& lattice, bool corner_ind
     grid.setTransform(transform_of(lattice, corner_index));
     grid.setVectorType(openvdb::VEC_INVARIANT); // colours do not turn with the transform
     grid.setGridClass(fog ? openvdb::GRID_FOG_VOLUME : openvdb::GRID_UNKNOWN);
+}
+
+std::vector<volume::ConstGridView> grids_in(const VdbContent& content, int order) {
+    std::vector<volume::ConstGridView> grids;
+    for (const GridKind* kind : volume::grid_kinds()) {
+        const int most = kind == &volume::light_kind() ? volume::sh_count(order) : kind->most;
+        for (int k = 0; k < most && content.has(volume::grid_name(*kind, k)); ++k)
+            grids.push_back({kind, k});
+    }
+    grids.push_back({&density_kind});
+    return grids;
+}
+
+void check_within(const openvdb::GridBase& grid, glm::ivec3 dims, const std::string& path) {
+    const openvdb::CoordBBox whole(Coord(0), Coord(dims.x - 1, dims.y - 1, dims.z - 1));
+    const openvdb::CoordBBox active = grid.evalActiveVoxelBoundingBox();
+    if (!active.empty() && !whole.isInside(active))
+        reject(path, "grid " + grid.getName() + " has values outside lpv:grid_dims");
 }
 
 } // namespace lpvbake::io

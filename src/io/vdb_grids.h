@@ -50,6 +50,10 @@ void insert_lattice(const Volume& volume, const volume::Encoding& encoding,
 openvdb::MetaMap file_metadata(const Volume& volume, const volume::Encoding& encoding, bool half,
                                const BrickPlaces* bricks = nullptr);
 
+/// Precision and metadata of a grid of that kind in a file of the volume; the lattice is there.
+void insert_facts(const GridKind& kind, const Volume& volume, const volume::Encoding& encoding,
+                  bool half, openvdb::GridBase& grid, const BrickPlaces* bricks = nullptr);
+
 /// Writes a file of so many grids, which `make` returns; at most `at_once` of them are in memory at
 /// a time, and `make` is then called by as many threads. Throws Error (file), and what `make`
 /// throws.
@@ -72,6 +76,29 @@ struct OpenVdb {
     std::string uuid;
 };
 OpenVdb open_vdb(const std::string& path, const std::string& known = "");
+
+/// The grids that a file of a volume of that order has, without values: those that are read, as
+/// grids_of has them, and, for viewers, density.
+std::vector<volume::ConstGridView> grids_in(const VdbContent& content, int order);
+
+/// Throws Error (invalid) where the grid is active outside of a lattice of these dims.
+void check_within(const openvdb::GridBase& grid, glm::ivec3 dims, const std::string& path);
+
+/// Copies a grid's active values into a view's cells, of a lattice, or of the stack of bricks;
+/// those without stay as they are. Throws Error (invalid).
+void copy_grid(const openvdb::GridBase::Ptr& base, const Grid& lattice, const BrickPlaces* bricks,
+               const std::string& path, const volume::GridView& view);
+
+/// take(at, value) for each active voxel, those of blocks of equal ones as well.
+template <class GridType, class Take>
+void each_active(const GridType& grid, const Take& take) {
+    for (auto value = grid.cbeginValueOn(); value; ++value) {
+        openvdb::CoordBBox box;
+        value.getBoundingBox(box);
+        for (auto at = box.begin(); at; ++at)
+            take(*at, *value);
+    }
+}
 
 /// The volume that the grids hold; its values may be anything. Throws Error (invalid, memory) that
 /// begins with `path`, and openvdb::Exception.

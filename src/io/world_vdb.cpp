@@ -1,5 +1,6 @@
 // The export of a world: all tiles as one OpenVDB file, grid by grid.
 #include "io/atomic_file.h"
+#include "io/layout.h"
 #include "io/vdb_grids.h"
 #include "io/world_volume.h"
 #include "lpvbake/error.h"
@@ -15,41 +16,12 @@ namespace {
 
 using openvdb::Coord;
 
-constexpr float half_max = 65504, half_min = 1.0f / 16384;
-
 /// A file of the tiles, and what told it.
 struct Source {
     const WorldVolume::Tile* tile;
     std::string uuid;
     bool half = false; ///< its values are
 };
-
-struct GridName {
-    std::string name;
-    volume::Quantity quantity;
-    int width = 1;
-};
-
-/// As they stand in the file; those that are read and, for viewers, density.
-std::vector<GridName> names_in(const VdbContent& content, int order) {
-    std::vector<GridName> names;
-    for (const GridKind* kind : volume::grid_kinds()) {
-        const bool is_light = kind == &volume::light_kind();
-        const int most = is_light ? volume::sh_count(order) : kind->most;
-        for (int k = 0; k < most && content.has(volume::grid_name(*kind, k)); ++k)
-            names.push_back({volume::grid_name(*kind, k),
-                             volume::quantity_of(*kind, volume::ShConvention::radiance),
-                             kind->width()});
-    }
-    names.push_back({density_kind.name, density_kind.quantity, 1});
-    return names;
-}
-
-openvdb::GridBase::Ptr empty_grid(int width) {
-    if (width == 1)
-        return openvdb::FloatGrid::create();
-    return openvdb::Vec3SGrid::create();
-}
 
 /// Copies the values that are active and that the volume has from this tile.
 template <class GridType>
@@ -63,12 +35,7 @@ public:
 
     /// Returns the largest size of a value; infinity where one is not finite.
     float operator()(const GridType& from) {
-        for (auto value = from.cbeginValueOn(); value; ++value) {
-            openvdb::CoordBBox box;
-            value.getBoundingBox(box);
-            for (auto at = box.begin(); at; ++at) // of one voxel, or of a block of equal ones
-                put(*at, *value);
-        }
+        each_active(from, [this](const Coord& at, const auto& value) { put(at, value); });
         return largest_;
     }
 
@@ -98,17 +65,12 @@ private:
 /// Throws Error (invalid).
 template <class GridType>
 float copy_tile(const WorldVolume::Tile& tile, const std::vector<uint8_t>& share,
-                const openvdb::GridBase::Ptr& from, const std::string& name,
-                openvdb::GridBase& to) {
+                const openvdb::GridBase::Ptr& from, const std::string& name, GridType& to) {
     const auto grid = from ? openvdb::gridPtrCast<GridType>(from) : nullptr;
     if (!grid)
         reject(tile.file, "has no grid " + name + ", or one of another type");
-    const glm::ivec3 last = tile.end - tile.begin + 1;
-    const openvdb::CoordBBox whole(Coord(0), Coord(last.x, last.y, last.z));
-    const openvdb::CoordBBox active = grid->evalActiveVoxelBoundingBox();
-    if (!active.empty() && !whole.isInside(active))
-        reject(tile.file, "grid " + name + " has values outside lpv:grid_dims");
-    return TileCopy<GridType>(tile, share, static_cast<GridType&>(to))(*grid);
+    check_within(*grid, tile.end - tile.begin + 2, tile.file);
+    return TileCopy<GridType>(tile, share, to)(*grid);
 }
 
 class Export {
@@ -125,10 +87,11 @@ public:
             check_tile(volume, tile, header);
             check_encoding(tile, file.content);
             facts.add(volume, tile, header);
-            std::vector<GridName> names = names_in(file.content, header.sh_order);
-            if (names_.empty())
-                names_ = std::move(names);
-            else if (!std::ranges::equal(names, names_, {}, &GridName::name, &GridName::name))
+            const auto name = &volume::ConstGridView::name;
+            std::vector<volume::ConstGridView> grids = grids_in(file.content, header.sh_order);
+            if (grids_.empty())
+                grids_ = std::move(grids);
+            else if (!std::ranges::equal(grids, grids_, {}, name, name))
                 reject(volume.path, volume.title_of(tile) + " has other grids than the first row");
             const auto precision =
                 file.content.metadata->getMetadata<openvdb::StringMetadata>("lpv:precision");
@@ -139,43 +102,41 @@ public:
     }
 
     int sh_order() const { return header_.sh_order; }
-    std::size_t count() const { return names_.size(); }
+    std::size_t count() const { return grids_.size(); }
     openvdb::MetaMap metadata() const { return file_metadata(header_, {}, half_); }
 
     openvdb::GridBase::Ptr grid(std::size_t i) const {
-        const GridName& name = names_[i];
-        openvdb::GridBase::Ptr grid = empty_grid(name.width);
+        if (grids_[i].kind->width() == 1)
+            return grid_of<openvdb::FloatGrid>(grids_[i]);
+        return grid_of<openvdb::Vec3SGrid>(grids_[i]);
+    }
+
+private:
+    template <class GridType>
+    typename GridType::Ptr grid_of(const volume::ConstGridView& view) const {
+        const std::string name = view.name();
+        auto grid = GridType::create();
         float largest = 0;
         for (std::size_t k = 0; k < sources_.size(); ++k) {
             const Source& source = sources_[k];
             const std::vector<uint8_t> share = shares_.of(k);
             const openvdb::GridBase::Ptr from =
-                open_vdb(source.tile->file, source.uuid).content.grid(name.name);
-            const float own =
-                name.width == 1
-                    ? copy_tile<openvdb::FloatGrid>(*source.tile, share, from, name.name, *grid)
-                    : copy_tile<openvdb::Vec3SGrid>(*source.tile, share, from, name.name, *grid);
+                open_vdb(source.tile->file, source.uuid).content.grid(name);
+            const float own = copy_tile<GridType>(*source.tile, share, from, name, *grid);
             if (!std::isfinite(own))
-                reject(source.tile->file, "grid " + name.name + " has a value that is not finite");
-            check_half(own > half_max && !source.half, name.name, own);
+                reject(source.tile->file, "grid " + name + " has a value that is not finite");
+            check_half(own > half_max && !source.half, name, own);
             largest = std::max(largest, own);
         }
-        check_half(name.name == volume::grid_name(volume::light_kind(), 0) && largest > 0
+        check_half(view.kind == &volume::light_kind() && view.k == 0 && largest > 0
                        && largest < half_min,
-                   name.name, largest);
-        if (name.width == 1)
-            static_cast<openvdb::FloatGrid&>(*grid).tree().prune();
-        else
-            static_cast<openvdb::Vec3SGrid&>(*grid).tree().prune();
-        describe_grid(name.name, volume_.grid, false, name.name == density_kind.name, *grid);
-        grid->setSaveFloatAsHalf(half_);
-        insert_lattice(header_, {}, *grid);
-        grid->insertMeta("lpv:quantity", openvdb::StringMetadata(name.quantity.name));
-        grid->insertMeta("lpv:units", openvdb::StringMetadata(name.quantity.units));
+                   name, largest);
+        grid->tree().prune();
+        describe_grid(name, volume_.grid, false, view.kind == &density_kind, *grid);
+        insert_facts(*view.kind, header_, {}, half_, *grid);
         return grid;
     }
 
-private:
     /// Values are copied as they are stored.
     void check_encoding(const WorldVolume::Tile& tile, const VdbContent& content) const {
         openvdb::MetaMap usual;
@@ -200,9 +161,9 @@ private:
     const WorldVolume& volume_;
     TileShares shares_;
     bool half_;
-    std::vector<Source> sources_; ///< of each tile
-    std::vector<GridName> names_;
-    Volume header_; ///< without grids
+    std::vector<Source> sources_;              ///< of each tile
+    std::vector<volume::ConstGridView> grids_; ///< that each has, without values
+    Volume header_;                            ///< without grids
 };
 
 } // namespace

@@ -5,14 +5,7 @@ layout(set = 0, binding = 5) uniform sampler3D fog_grids[3];
 #define lpv_extinction fog_grids[1]
 #include "../../examples/shaders/lpvbake.glsl"
 
-layout(local_size_x = 64) in;
-layout(set = 0, binding = 3) readonly buffer Rays { vec4 surfaces[]; }; // eye and end, view and steps
-layout(set = 0, binding = 4) writeonly buffer Results { vec4 irradiances[]; }; // 5 a ray
-layout(push_constant) uniform Push {
-    vec3 origin;
-    float cell;
-    uint count;
-} push;
+#include "read_points.glsl" // surfaces: eye and end, view and steps
 
 void main() {
     uint i = gl_GlobalInvocationID.x;

@@ -6,14 +6,7 @@
 #define lpv_extinction fog_grids[1]
 #include "../../examples/shaders/lpvbake.hlsl"
 
-[[vk::binding(3)]] StructuredBuffer<float4> surfaces;      // eye and end, view and steps
-[[vk::binding(4)]] RWStructuredBuffer<float4> irradiances; // 5 a ray
-struct Push {
-    float3 origin;
-    float cell;
-    uint count;
-};
-[[vk::push_constant]] ConstantBuffer<Push> push;
+#include "read_points.hlsl" // surfaces: eye and end, view and steps
 
 [numthreads(64, 1, 1)]
 void main(uint3 thread : SV_DispatchThreadID) {

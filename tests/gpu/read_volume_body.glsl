@@ -18,14 +18,7 @@ layout(set = 0, binding = 5) uniform sampler3D lpv_walls[3];
 #endif
 #include "../../examples/shaders/lpvbake.glsl"
 
-layout(local_size_x = 64) in;
-layout(set = 0, binding = 3) readonly buffer Surfaces { vec4 surfaces[]; }; // point, normal
-layout(set = 0, binding = 4) writeonly buffer Irradiances { vec4 irradiances[]; }; // 5 a point
-layout(push_constant) uniform Push {
-    vec3 origin;
-    float cell;
-    uint count;
-} push;
+#include "read_points.glsl" // surfaces: point, normal
 
 void main() {
     uint i = gl_GlobalInvocationID.x;

@@ -19,14 +19,7 @@
 #endif
 #include "../../examples/shaders/lpvbake.hlsl"
 
-[[vk::binding(3)]] StructuredBuffer<float4> surfaces;      // point, normal
-[[vk::binding(4)]] RWStructuredBuffer<float4> irradiances; // 5 a point
-struct Push {
-    float3 origin;
-    float cell;
-    uint count;
-};
-[[vk::push_constant]] ConstantBuffer<Push> push;
+#include "read_points.hlsl" // surfaces: point, normal
 
 [numthreads(64, 1, 1)]
 void main(uint3 thread : SV_DispatchThreadID) {

@@ -12,14 +12,7 @@
 static float4 _LpvbakeScale, _LpvbakeOffset;
 #include "../../examples/unity/Lpvbake.hlsl"
 
-[[vk::binding(3)]] StructuredBuffer<float4> surfaces;      // point, normal
-[[vk::binding(4)]] RWStructuredBuffer<float4> irradiances; // 5 a point: of order 1, of order 2
-struct Push {
-    float3 origin;
-    float cell;
-    uint count;
-};
-[[vk::push_constant]] ConstantBuffer<Push> push;
+#include "read_points.hlsl" // surfaces: point, normal; out: of order 1, of order 2
 
 [numthreads(64, 1, 1)]
 void main(uint3 thread : SV_DispatchThreadID) {
