@@ -5,6 +5,7 @@
 #include "mix_word.h"
 #include "scene/material.h"
 #include "visibility/capture.h"
+#include "visibility/opposites.h"
 
 #include <embree3/rtcore.h>
 #include <tbb/blocked_range.h>
@@ -62,6 +63,7 @@ struct Visibility::Impl {
     RTCScene bvh = nullptr;
     const glm::vec3* positions = nullptr; ///< of the acceleration structure, which owns them
     const glm::uvec3* triangles = nullptr;
+    std::optional<Opposites> opposites;
 
     explicit Impl(const Scene& s) : scene(s) {}
     ~Impl() {
@@ -302,19 +304,33 @@ void find_sheets(const Visibility::Impl& impl, glm::vec3 point, glm::vec3 normal
 }
 
 /// Where sheets lie on each other rounding tells which a ray meets: a front before a back.
-void turn_to_front(const Visibility::Impl& impl, const Ray& ray, Hit& hit) {
+void turn_to_front(const Visibility::Impl& impl, const Ray& ray, uint32_t primitive, Hit& hit) {
     if (hit.instance == no_hit || hit.facing != Facing::back)
         return;
-    thread_local std::vector<Hit> sheets;
     const glm::vec3 point = ray.origin + hit.t * ray.direction;
-    find_sheets(impl, point, -hit.normal, same_place(point), sheets);
-    for (Hit& sheet : sheets)
-        if (sheet.facing != Facing::back) {
-            sheet.t = hit.t;
-            sheet.tint = hit.tint;
-            hit = sheet;
-            return;
+    const glm::vec3 normal = -hit.normal;
+    const float reach = same_place(point);
+    const auto turn = [&](Hit sheet) {
+        sheet.t = hit.t;
+        sheet.tint = hit.tint;
+        hit = sheet;
+    };
+    if (const Opposites::Answer near = impl.opposites->at(primitive, point); near.known) {
+        for (const Opposites::Other& other : near.others) {
+            if (glm::any(glm::lessThan(point, other.lo - slack * reach))
+                || glm::any(glm::greaterThan(point, other.hi + slack * reach)))
+                continue;
+            const auto sheet = sheet_at(impl, other.primitive, point, normal, double(reach));
+            if (sheet && sheet->facing != Facing::back)
+                return turn(*sheet);
         }
+        return;
+    }
+    thread_local std::vector<Hit> sheets;
+    find_sheets(impl, point, normal, reach, sheets);
+    for (const Hit& sheet : sheets)
+        if (sheet.facing != Facing::back)
+            return turn(sheet);
 }
 
 /// All surfaces on a segment by rising t.
@@ -364,7 +380,7 @@ Hit nearest(const Visibility::Impl& impl, const Ray& ray, Seen seen) {
         hit = to_hit(impl, ray.direction, r.ray.tfar, r.hit.primID, {r.hit.u, r.hit.v},
                      {r.hit.Ng_x, r.hit.Ng_y, r.hit.Ng_z});
     look_back(query, ray, 0, hit);
-    turn_to_front(impl, ray, hit);
+    turn_to_front(impl, ray, r.hit.primID, hit);
     return hit;
 }
 
@@ -504,6 +520,11 @@ Visibility::Visibility(const Scene& scene, const scene::Frame& frame, Isa isa,
     rtcAttachGeometry(impl.bvh, geometry);
     rtcReleaseGeometry(geometry);
     rtcCommitScene(impl.bvh);
+    const glm::vec3 farthest = glm::max(glm::abs(impl.lo), glm::abs(impl.hi));
+    impl.opposites.emplace(impl.bvh, positions, std::span(target, impl.origins.size()),
+                           same_place(farthest), [&impl](uint32_t primitive) {
+                               return impl.two_fronts[impl.origins[primitive].instance] != 0;
+                           });
     if (const RTCError error = rtcGetDeviceError(impl.device); error != RTC_ERROR_NONE)
         throw Error(error == RTC_ERROR_OUT_OF_MEMORY ? ErrorKind::memory : ErrorKind::failure,
                     "Embree cannot build its tree over " + std::to_string(triangles)
@@ -803,7 +824,7 @@ void Visibility::closest_of_eights(std::span<const Ray> rays, Bundle bundle,
                     : to_hit(*impl_, some[i].direction, packet.r.ray.tfar[i], hit.primID[i],
                              {hit.u[i], hit.v[i]}, {hit.Ng_x[i], hit.Ng_y[i], hit.Ng_z[i]});
             look_back(query, some[i], unsigned(i), hits[first + i]);
-            turn_to_front(*impl_, some[i], hits[first + i]);
+            turn_to_front(*impl_, some[i], hit.primID[i], hits[first + i]);
             dim(some[i], hits[first + i]);
         }
     }

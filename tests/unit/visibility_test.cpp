@@ -7,6 +7,8 @@
 #include <glm/gtc/matrix_transform.hpp>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <random>
 
 namespace lpvbake {
@@ -98,6 +100,60 @@ TEST(Visibility, AgreesWithBruteForce) {
     }
     EXPECT_GT(hits, 1000);
     EXPECT_LE(different, 2);
+}
+
+/// Squares of many sizes in a few turned planes, each with its front to one side or the other.
+Scene squares_on_squares(uint32_t seed) {
+    Scene scene;
+    const int material = scenes::add_material(scene, glm::vec3(0.5f));
+    std::mt19937 random(seed);
+    std::uniform_real_distribution<float> at(0.0f, 1.0f);
+    for (int plane = 0; plane < 3; ++plane) {
+        const glm::dmat4 turned =
+            glm::rotate(glm::translate(glm::dmat4(1.0), glm::dvec3(5.0, 5.0, 5.0)), 0.7 * plane,
+                        glm::dvec3(1.0, 0.3 * plane, 0.2));
+        for (int i = 0; i < 120; ++i) {
+            const float edge = 0.2f + (i == 0 ? 9.0f : 2.0f * at(random) * at(random));
+            const glm::vec3 corner((9.8f - edge) * at(random) - 5.0f,
+                                   (9.8f - edge) * at(random) - 5.0f, 0.0f);
+            const glm::vec3 u(edge, 0, 0), v(0, edge, 0);
+            const bool up = random() & 1;
+            scenes::add_quad(scene, material, corner, up ? u : v, up ? v : u, turned);
+        }
+    }
+    return scene;
+}
+
+TEST(Visibility, OfSurfacesInOnePlaceAFrontComesBeforeABack) {
+    const Scene scene = squares_on_squares(3);
+    const visibility::Visibility visibility(scene, scene::Frame{});
+    std::mt19937 random(4);
+    std::uniform_real_distribution<float> at(0.0f, 10.0f);
+    std::vector<visibility::Hit> sheets;
+    int backs = 0, before_backs = 0;
+    for (int i = 0; i < 20000; ++i) {
+        const glm::vec3 from{at(random), at(random), at(random)};
+        const visibility::Ray ray{from, glm::vec3{at(random), at(random), at(random)} - from, 0.0f,
+                                  HUGE_VALF};
+        const visibility::Hit hit = visibility.closest(ray);
+        if (hit.instance == visibility::no_hit)
+            continue;
+        const glm::vec3 place = from + hit.t * ray.direction;
+        const bool is_back = hit.facing == visibility::Facing::back;
+        const glm::vec3 against = is_back ? -hit.normal : hit.normal;
+        visibility.sheets_at(place, against, visibility::same_place(place), sheets);
+        const auto fronts = std::ranges::count_if(sheets, [](const visibility::Hit& sheet) {
+            return sheet.facing == visibility::Facing::front;
+        });
+        if (is_back) {
+            ++backs;
+            EXPECT_EQ(fronts, 0);
+        } else {
+            before_backs += size_t(fronts) < sheets.size();
+        }
+    }
+    EXPECT_GT(backs, 1000);
+    EXPECT_GT(before_backs, 1000);
 }
 
 TEST(Visibility, ClosedBoxIsTightAtEdgesAndCorners) {
