@@ -1,6 +1,7 @@
 #include "bake/lighting.h"
 
 #include "bake/cached.h"
+#include "lpvbake/error.h"
 #include "scene/lights.h"
 #include "scene/sky.h"
 #include "text.h"
@@ -69,6 +70,11 @@ surface::LitSurfaces light_scene(const Scene& scene, const BakePlan& plan,
         lit = file.empty() ? surface::light_surfaces(scene, visibility, plan.frame,
                                                      lighting_of(plan), stages.progress(), layers)
                            : read_lit(file, lit_origin(plan, visibility), scene, visibility);
+        if (lit.layer_count != layers.size())
+            throw Error(ErrorKind::invalid,
+                        file
+                            + ": has the light of other layers; light the scene "
+                              "again");
         stages.end(counted(lit.patches.size(), "patch", "patches") + ", "
                    + counted(uint64_t(lit.bounces), "reflection")
                    + (file.empty() ? "" : ", of " + file));

@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdio>
 
 namespace lpvbake::io {
@@ -119,15 +120,17 @@ void Parts::add(const std::string& path) {
     Volume own = volume_of(file.content, path, {});
     Part part{path, file.uuid, {}, {}};
     Grid& grid = own.grid;
-    const int layers = grid.dims.z;
+    const glm::ivec3 dims = grid.dims;
     take(path, own, shard_key, "%d/%d%n", &part.shard.index, &part.shard.count);
     take(path, own, layers_key, "%d,%d%n", &part.layers.begin, &part.layers.end);
     take(path, own, grid_key, "%lf,%lf,%lf,%d,%d,%d%n", &grid.origin.x, &grid.origin.y,
          &grid.origin.z, &grid.dims.x, &grid.dims.y, &grid.dims.z);
     check_dims(grid.dims, own.sh_order, {}, path);
     const volume::Shard shard = part.shard;
-    if (shard.index < 1 || shard.index > shard.count || part.layers.begin < 0
-        || part.layers.end > grid.dims.z || part.layers.end - part.layers.begin != layers
+    if (shard.index < 1 || shard.index > shard.count || part.layers.begin < 0 || part.layers.end < 1
+        || part.layers.end > grid.dims.z || dims.z > grid.dims.z
+        || part.layers.begin != part.layers.end - dims.z || dims.x != grid.dims.x
+        || dims.y != grid.dims.y || !std::isfinite(grid.origin.x + grid.origin.y + grid.origin.z)
         || !precision || precision->value() != name_of(Precision::full))
         reject(path, "is no part of a bake any more: it was changed since; bake it again");
     std::vector<volume::ConstGridView> grids = grids_in(file.content, own.sh_order);

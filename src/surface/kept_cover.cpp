@@ -32,6 +32,9 @@ Root root_of(uint64_t bits) {
     return {uint32_t(bits), uint8_t(bits >> 32), uint8_t(bits >> 40)};
 }
 
+/// What Embree takes of a ray, and what has a product of two whose square a float holds.
+constexpr float farthest = 1e18f, longest = 4e9f;
+
 /// Calls `of(i)` for all below a number on all threads; true where all say so.
 template <class Of>
 bool all_of(size_t count, const Of& of) {
@@ -177,8 +180,14 @@ bool PatchNumbers::to(const Scene& scene, Patch& patch) const {
     patch.met = (flags >> 3 & 1) != 0;
     patch.asked = (flags >> 4 & 1) != 0;
     patch.under = uint8_t(flags >> 8);
-    const glm::vec3 sum = position + normal + edge_u + edge_v + albedo + patch.emission;
-    return std::isfinite(sum.x + sum.y + sum.z + area + alpha);
+    const auto within = [](glm::vec3 value, float least, float most) {
+        return glm::all(glm::greaterThanEqual(value, glm::vec3(least)))
+               && glm::all(glm::lessThanEqual(value, glm::vec3(most)));
+    };
+    return within(position, -farthest, farthest) && within(edge_u, -longest, longest)
+           && within(edge_v, -longest, longest) && within(normal, -2, 2) && within(albedo, 0, 2)
+           && within({area, alpha, 0}, 0, longest * longest) && alpha <= 2
+           && std::isfinite(patch.emission.x + patch.emission.y + patch.emission.z);
 }
 
 PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,

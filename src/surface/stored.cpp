@@ -13,6 +13,18 @@ bool are_finite(const std::vector<glm::vec3>& values) {
         values, [](glm::vec3 value) { return std::isfinite(value.x + value.y + value.z); });
 }
 
+/// Whether a float holds the light of all.
+bool is_bounded(const LitSurfaces& lit) {
+    double power = 0;
+    for (size_t i = 0; i < lit.luminance.size(); ++i) {
+        const Patch& patch = lit.patches[i / 2];
+        const glm::vec3 light = glm::abs(lit.luminance[i]);
+        power += (double(light.x) + double(light.y) + double(light.z))
+                 * double(patch.area + glm::length(glm::cross(patch.edge_u, patch.edge_v)));
+    }
+    return power < 1e37;
+}
+
 /// Whether the numbers fit the patches.
 bool is_sound(const LitSurfaces& lit) {
     const size_t sides = 2 * lit.patches.size();
@@ -24,7 +36,8 @@ bool is_sound(const LitSurfaces& lit) {
            && lit.cut_from.size() <= lit.patches.size()
            && std::ranges::all_of(lit.cut_from,
                                   [&](uint32_t patch) { return patch < lit.patches.size(); })
-           && lit.bounces >= 0 && std::isfinite(lit.residual + lit.narrow + lit.lost);
+           && lit.bounces >= 0 && std::isfinite(lit.residual + lit.narrow + lit.lost)
+           && is_bounded(lit);
 }
 
 } // namespace
