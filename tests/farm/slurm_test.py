@@ -1,5 +1,5 @@
 """A world baked by a Slurm cluster: rows.sh, check.sh and export.sh of examples/slurm, with tasks that are
-killed; and by Make.
+killed, and on a node that goes down; and by Make.
 
     slurm_test.py LPVBAKE SCENE EXAMPLES
 
@@ -111,8 +111,7 @@ class Cluster:
                        f"--log-file={folder}/log/munged.log", "--num-threads=2")
             wait_until((folder / "munge/socket").exists, 10, "munged")
             self.start("slurmctld", "-D")
-            self.start("slurmd", "-D", "-N", host)
-            wait_until(lambda: output("sinfo", "-h", "-o", "%T") == "idle", 30, "the node is idle")
+            self.start_node()
         except BaseException:
             self.stop()
             for log in sorted((folder / "log").iterdir()):
@@ -123,6 +122,21 @@ class Cluster:
         with open(self.folder / "log" / f"{name}.out", "w") as log:
             self.daemons.append(subprocess.Popen([name, *arguments], stdin=subprocess.DEVNULL, stdout=log,
                                                  stderr=log, start_new_session=True))
+
+    def start_node(self):
+        self.start("slurmd", "-D", "-N", socket.gethostname())
+        wait_until(lambda: output("sinfo", "-h", "-o", "%T") == "idle", 30, "the node is idle")
+
+    def lose_node(self, bakes):
+        """Its power fails while these run; the controller, which waits minutes for a node, is told."""
+        slurmd = self.daemons.pop()
+        slurmd.kill()
+        slurmd.wait()
+        for bake in bakes:
+            script = parent_of(bake)
+            for process in (parent_of(script), script, bake):  # what watches a task comes first
+                os.kill(process, signal.SIGKILL)
+        subprocess.run(["scontrol", "update", f"nodename={socket.gethostname()}", "state=down", "reason=power"], check=True)
 
     def stop(self):
         for daemon in reversed(self.daemons):
@@ -144,6 +158,10 @@ def state_of(job):
     return dict(field.split("=", 1) for field in fields if "=" in field)
 
 
+def parent_of(process):
+    return int(output("ps", "-o", "ppid=", "-p", str(process)))
+
+
 def bake_of(rows):
     """The id of the program that bakes these rows, if one runs."""
     found = output("pgrep", "-f", f"^{LPVBAKE} world .* --rows {rows}$").split()
@@ -156,19 +174,19 @@ class Farm(unittest.TestCase):
         cls.root = tempfile.TemporaryDirectory(prefix="lpvbake_farm.")
         cls.addClassCleanup(cls.root.cleanup)
         root = pathlib.Path(cls.root.name)
-        cluster = Cluster(root / "cluster")
-        cls.addClassCleanup(cluster.stop)
+        cls.cluster = Cluster(root / "cluster")
+        cls.addClassCleanup(cls.cluster.stop)
         cls.hand = cls.plan_in(root / "hand")
         subprocess.run([LPVBAKE, "world", cls.hand, "--rows", f"0-{cls.count - 1}", "-q"], check=True,
                        stdout=subprocess.DEVNULL)
 
     @classmethod
-    def plan_in(cls, folder):
-        """A room as 48 tiles in two lightings."""
+    def plan_in(cls, folder, scenarios=("day:--point 0,1,0,100", "night:--point 0.5,0.5,0,10")):
+        """A room as 48 tiles in each lighting."""
         folder.mkdir()
         plan = folder / "room.world.json"
         subprocess.run([LPVBAKE, "world", SCENE, "-o", plan, "--cell-size", "0.1", "--tile", "8", "--surroundings", "3",
-                        "--scenario", "day:--point 0,1,0,100", "--scenario", "night:--point 0.5,0.5,0,10", "-q"],
+                        *(f"--scenario={each}" for each in scenarios), "-q"],
                        check=True, stdout=subprocess.DEVNULL)
         cls.count = len(json.loads(plan.read_text())["rows"])
         return plan
@@ -222,6 +240,24 @@ class Farm(unittest.TestCase):
         self.submit(plan, "afterok")
         self.assertEqual(self.settle()["JobState"], "COMPLETED")
         self.assertEqual(before, {path: path.stat().st_mtime_ns for path in plan.parent.glob("*.vdb")})
+
+    def test_a_node_goes_down_and_its_tasks_come_back(self):
+        plan = self.plan_in(pathlib.Path(self.root.name) / "down", ["day:--point 0,1,0,100"])
+        self.submit(plan, "afterok")
+        rows = [f"{task * ROWS}-{task * ROWS + ROWS - 1}" for task in (0, 1)]  # that a node of two processors runs
+        bakes = wait_until(lambda: all(ids := [bake_of(each) for each in rows]) and ids, 60, "two tasks run")
+        self.cluster.lose_node(bakes)
+        for task in (0, 1):
+            wait_until(lambda task=task: state_of(f"{self.array}_{task}")["JobState"] == "PENDING", 20, "it is queued again")
+        self.assertLess(len(self.hashes(plan)), self.count)
+        self.cluster.start_node()
+        state = self.settle()
+        self.assertEqual(state["JobState"], "COMPLETED", (plan.parent / "check.log").read_text())
+        for task in (0, 1):
+            self.assertEqual(state_of(f"{self.array}_{task}")["Restarts"], "1")
+        by_hand = self.hashes(self.hand)
+        self.assertEqual(self.hashes(plan), {name: by_hand[name] for name in by_hand if "_day_" in name})
+        self.assertEqual(len(self.hashes(plan)), self.count)
 
     def test_make_bakes_the_same(self):
         plan = self.plan_in(pathlib.Path(self.root.name) / "made")
