@@ -361,7 +361,8 @@ vk::raii::CommandBuffer Device::Impl::make_commands() const {
     return std::move(made.front());
 }
 
-void Device::Impl::finish(const vk::raii::CommandBuffer& recorded) const {
+void Device::Impl::start(const vk::raii::CommandBuffer& recorded,
+                         const vk::raii::Fence& done) const {
     // Kernels are compiled as they run.
     if (info.type == "cpu" && !has_addresses(compiler_room))
         throw Error(ErrorKind::memory, "'" + info.name
@@ -370,11 +371,16 @@ void Device::Impl::finish(const vk::raii::CommandBuffer& recorded) const {
     checked("running on the Vulkan device", [&] {
         recorded.end();
         const vk::CommandBuffer raw = *recorded;
-        queue.submit(vk::SubmitInfo({}, {}, raw), *fence);
-        while (handle.waitForFences(*fence, VK_TRUE, std::numeric_limits<uint64_t>::max())
+        queue.submit(vk::SubmitInfo({}, {}, raw), *done);
+    });
+}
+
+void Device::Impl::wait(const vk::raii::Fence& done) const {
+    checked("running on the Vulkan device", [&] {
+        while (handle.waitForFences(*done, VK_TRUE, std::numeric_limits<uint64_t>::max())
                == vk::Result::eTimeout) {
         }
-        handle.resetFences(*fence);
+        handle.resetFences(*done);
     });
 }
 
@@ -385,7 +391,8 @@ void Device::Impl::submit_now(
         record(commands);
         full_barrier(commands);
     });
-    finish(commands);
+    start(commands, fence);
+    wait(fence);
 }
 
 void full_barrier(const vk::raii::CommandBuffer& commands) {

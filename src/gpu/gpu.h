@@ -81,6 +81,7 @@ struct Window {
     const Buffer* buffer = nullptr;
     uint64_t offset = 0;
     uint64_t bytes = 0;
+    bool operator==(const Window&) const = default;
 };
 
 /// All of a buffer.
@@ -97,16 +98,24 @@ struct Groups {
     uint32_t x = 1, y = 1, z = 1;
 };
 
-/// Records dispatches, then runs them in order; each sees what the ones before it wrote.
+/// Records dispatches, then runs them in order; each sees what the ones before it wrote, and what
+/// batches wrote that were submitted before. What a batch names lives until it is done.
 class Batch {
 public:
     explicit Batch(const Device& device);
-    ~Batch();
+    ~Batch(); ///< waits
     void dispatch(const Program& program, std::span<const Window> windows,
                   std::span<const std::byte> push, Groups groups);
     /// Copies bytes between buffers, ordered like a dispatch.
     void copy(const Window& source, const Window& target);
-    /// Submits and waits; then the batch is empty again.
+    /// What is written there until submit() is in the buffer for what is recorded from now on.
+    /// Nothing that was recorded or submitted before, and is not done, may use that part.
+    std::span<std::byte> stage(const Buffer& target, uint64_t offset, uint64_t bytes);
+    /// Hands all that is recorded to the device. Until wait() nothing more can be recorded.
+    void submit();
+    /// Waits until that is done; then the batch is empty again.
+    void wait();
+    /// Submits and waits.
     void run();
 
 private:

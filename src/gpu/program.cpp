@@ -70,15 +70,40 @@ Program& Program::operator=(Program&&) noexcept = default;
 struct Batch::Impl {
     static constexpr uint32_t sets_per_pool = 256;
     static constexpr uint32_t buffers_per_set = 8; ///< on average
+    static constexpr size_t sets_known = 16;       ///< of them, that are looked through
 
-    explicit Impl(Device::Impl& device) : gpu(device), commands(device.make_commands()) {}
+    /// A set that dispatches to come may use, too.
+    struct KnownSet {
+        const Program::Impl* program;
+        std::vector<Window> windows;
+        vk::DescriptorSet set;
+    };
+    /// Memory that the host writes and the device copies from.
+    struct Staging {
+        Buffer::Impl buffer;
+        uint64_t bytes, used = 0;
+
+        Staging(Device::Impl& device, uint64_t size)
+            : buffer(device, size, Placement::host),
+              bytes(size) {}
+    };
+
+    explicit Impl(Device::Impl& device)
+        : gpu(device),
+          commands(device.make_commands()),
+          done(device.handle, vk::FenceCreateInfo()) {}
 
     void begin_step() {
-        if (recording)
+        if (running)
+            throw Error(ErrorKind::failure, "a batch that runs cannot be recorded");
+        if (recording) {
             full_barrier(commands);
-        else
+        } else {
+            sets.clear();
+            next_known = 0;
             commands.begin(
                 vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eOneTimeSubmit));
+        }
         recording = true;
     }
 
@@ -111,14 +136,56 @@ struct Batch::Impl {
         }
     }
 
+    /// The set of a program that shows it these windows.
+    vk::DescriptorSet set_of(const Program::Impl& program, std::span<const Window> windows) {
+        const auto known = std::ranges::find_if(sets, [&](const KnownSet& each) {
+            return each.program == &program && std::ranges::equal(each.windows, windows);
+        });
+        if (known != sets.end())
+            return known->set;
+        const vk::DescriptorSet set = make_set(program);
+        std::vector<vk::DescriptorBufferInfo> buffers(windows.size());
+        std::vector<vk::BufferView> shown(windows.size());
+        std::vector<vk::WriteDescriptorSet> writes;
+        for (uint32_t i = 0; i < windows.size(); ++i) {
+            const Window& window = windows[i];
+            const Binding binding = program.bindings[i];
+            const vk::Buffer buffer = *window.buffer->impl().handle;
+            writes.emplace_back(set, i, 0, 1, type_of(binding));
+            if (binding == Binding::storage || binding == Binding::uniform) {
+                buffers[i] = vk::DescriptorBufferInfo(buffer, window.offset, window.bytes);
+                writes.back().pBufferInfo = &buffers[i];
+            } else {
+                const vk::Format format = binding == Binding::texels_rgba32
+                                              ? vk::Format::eR32G32B32A32Sfloat
+                                              : vk::Format::eR32Sfloat;
+                views.emplace_back(
+                    gpu.handle,
+                    vk::BufferViewCreateInfo({}, buffer, format, window.offset, window.bytes));
+                shown[i] = *views.back();
+                writes.back().pTexelBufferView = &shown[i];
+            }
+        }
+        gpu.handle.updateDescriptorSets(writes, {});
+        if (sets.size() < sets_known)
+            sets.emplace_back();
+        KnownSet& kept = sets[next_known++ % sets_known];
+        kept = {&program, {windows.begin(), windows.end()}, set};
+        return set;
+    }
+
     Device::Impl& gpu;
     vk::raii::CommandBuffer commands;
-    bool recording = false;
+    vk::raii::Fence done;
+    bool recording = false, running = false;
     std::vector<vk::raii::BufferView> views; ///< of the texel buffers in use
     std::vector<vk::raii::DescriptorPool> pools;
     std::size_t pool = 0; ///< the one in use
     uint32_t sets_left = 0;
     uint32_t buffers_left = 0;
+    std::vector<KnownSet> sets; ///< the last that were made
+    size_t next_known = 0;
+    std::vector<Staging> staged;
 };
 
 namespace {
@@ -137,7 +204,12 @@ void check_window(const Window& window, uint64_t alignment) {
 
 Batch::Batch(const Device& device)
     : impl_(checked("starting a batch", [&] { return std::make_unique<Impl>(device.impl()); })) {}
-Batch::~Batch() = default;
+Batch::~Batch() {
+    try {
+        wait();
+    } catch (const Error&) { // a lost device runs nothing any more
+    }
+}
 
 void Batch::dispatch(const Program& program, std::span<const Window> windows,
                      std::span<const std::byte> push, Groups groups) {
@@ -172,30 +244,7 @@ void Batch::dispatch(const Program& program, std::span<const Window> windows,
         const vk::raii::CommandBuffer& commands = impl_->commands;
         commands.bindPipeline(vk::PipelineBindPoint::eCompute, *kernel.pipeline);
         if (!windows.empty()) {
-            const vk::DescriptorSet set = impl_->make_set(kernel);
-            std::vector<vk::DescriptorBufferInfo> buffers(windows.size());
-            std::vector<vk::BufferView> views(windows.size());
-            std::vector<vk::WriteDescriptorSet> writes;
-            for (uint32_t i = 0; i < windows.size(); ++i) {
-                const Window& window = windows[i];
-                const Binding binding = kernel.bindings[i];
-                const vk::Buffer buffer = *window.buffer->impl().handle;
-                writes.emplace_back(set, i, 0, 1, type_of(binding));
-                if (binding == Binding::storage || binding == Binding::uniform) {
-                    buffers[i] = vk::DescriptorBufferInfo(buffer, window.offset, window.bytes);
-                    writes.back().pBufferInfo = &buffers[i];
-                } else {
-                    const vk::Format format = binding == Binding::texels_rgba32
-                                                  ? vk::Format::eR32G32B32A32Sfloat
-                                                  : vk::Format::eR32Sfloat;
-                    impl_->views.emplace_back(
-                        impl_->gpu.handle,
-                        vk::BufferViewCreateInfo({}, buffer, format, window.offset, window.bytes));
-                    views[i] = *impl_->views.back();
-                    writes.back().pTexelBufferView = &views[i];
-                }
-            }
-            impl_->gpu.handle.updateDescriptorSets(writes, {});
+            const vk::DescriptorSet set = impl_->set_of(kernel, windows);
             commands.bindDescriptorSets(vk::PipelineBindPoint::eCompute, *kernel.layout, 0, set,
                                         {});
         }
@@ -219,18 +268,55 @@ void Batch::copy(const Window& source, const Window& target) {
     });
 }
 
-void Batch::run() {
+std::span<std::byte> Batch::stage(const Buffer& target, uint64_t offset, uint64_t bytes) {
+    if (bytes == 0)
+        return {};
+    check_window({&target, offset, bytes}, 1);
+    const Buffer::Impl& buffer = target.impl();
+    if (buffer.mapped)
+        return {buffer.mapped + offset, bytes};
+    return checked("recording a copy", [&] {
+        auto room = std::ranges::find_if(impl_->staged, [&](const Impl::Staging& each) {
+            return bytes <= each.bytes - each.used;
+        });
+        if (room == impl_->staged.end())
+            room = impl_->staged.emplace(room, impl_->gpu, std::max(staging_bytes, bytes));
+        impl_->begin_step();
+        impl_->commands.copyBuffer(*room->buffer.handle, *buffer.handle,
+                                   vk::BufferCopy(room->used, offset, bytes));
+        std::byte* const place = room->buffer.mapped + room->used;
+        room->used += bytes;
+        return std::span(place, bytes);
+    });
+}
+
+void Batch::submit() {
     if (!impl_->recording)
         return;
     impl_->recording = false;
     full_barrier(impl_->commands);
-    impl_->gpu.finish(impl_->commands);
+    impl_->gpu.start(impl_->commands, impl_->done);
+    impl_->running = true;
+}
+
+void Batch::wait() {
+    if (!impl_->running)
+        return;
+    impl_->running = false;
+    impl_->gpu.wait(impl_->done);
+    for (Impl::Staging& staging : impl_->staged)
+        staging.used = 0;
     impl_->views.clear();
     for (const vk::raii::DescriptorPool& pool : impl_->pools)
         pool.reset();
     impl_->pool = 0;
     impl_->sets_left = impl_->pools.empty() ? 0 : Impl::sets_per_pool;
     impl_->buffers_left = impl_->sets_left * Impl::buffers_per_set;
+}
+
+void Batch::run() {
+    submit();
+    wait();
 }
 
 } // namespace lpvbake::gpu

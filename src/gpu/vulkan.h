@@ -92,8 +92,10 @@ struct __attribute__((visibility("hidden"))) Device::Impl { // in a class that i
     /// Memory for a buffer or an image. Throws Error (memory).
     Memory allocate(const vk::MemoryRequirements& needs, Placement placement);
     vk::raii::CommandBuffer make_commands() const;
-    /// Ends the commands, submits them and waits.
-    void finish(const vk::raii::CommandBuffer& recorded) const;
+    /// Ends the commands and submits them; the fence tells when they are done.
+    void start(const vk::raii::CommandBuffer& recorded, const vk::raii::Fence& done) const;
+    /// Waits for a fence, and resets it.
+    void wait(const vk::raii::Fence& done) const;
     /// Records, submits and waits.
     void submit_now(const std::function<void(const vk::raii::CommandBuffer&)>& record) const;
 };

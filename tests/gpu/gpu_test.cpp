@@ -172,6 +172,53 @@ TEST_F(GpuTest, StepsOfABatchRunInOrder) {
     }
 }
 
+TEST_F(GpuTest, BatchesRunWhileOthersAreFilled) {
+    const gpu::Program once = affine(1), twice = affine(2);
+    constexpr size_t words = 4'000'000; // twice as much is more than a piece of staging
+    gpu::Buffer sum = filled(Words(words, 1)), before(device(), 4 * words);
+    struct Stream {
+        gpu::Buffer summands, kept;
+        gpu::Batch batch{device()};
+    };
+    std::array<Stream, 2> streams;
+    for (Stream& stream : streams) {
+        stream.summands = gpu::Buffer(device(), 4 * words);
+        stream.kept = gpu::Buffer(device(), 4 * words);
+    }
+    Words expected(words, 1);
+    for (uint32_t round = 0; round < 6; ++round) {
+        Stream& stream = streams[round % 2];
+        stream.batch.wait();
+        for (size_t part = 0; part < 2; ++part) {
+            const std::span<std::byte> bytes =
+                stream.batch.stage(stream.summands, part * 2 * words, 2 * words);
+            Words own(words / 2);
+            std::iota(own.begin(), own.end(), round + uint32_t(part * words / 2));
+            std::ranges::copy(std::as_bytes(std::span(own)), bytes.begin());
+        }
+        std::ranges::fill(stream.batch.stage(stream.kept, 0, 4 * words), std::byte(9));
+        // Of the same windows again, and of others between.
+        const auto& program = round % 3 ? once : twice;
+        add(stream.batch, program, all(stream.summands), all(stream.kept), 3);
+        add(stream.batch, once, all(sum), all(before), 1);
+        add(stream.batch, program, all(stream.summands), all(stream.kept), 4);
+        add(stream.batch, twice, all(before), all(sum), round);
+        stream.batch.submit();
+        expect_error(ErrorKind::failure, "runs",
+                     [&] { add(stream.batch, once, all(sum), all(before), 1); });
+        for (uint32_t& word : expected)
+            word = 2 * (word + 1) + round;
+    }
+    for (Stream& stream : streams)
+        stream.batch.wait();
+    EXPECT_EQ(contents(sum), expected);
+    for (uint32_t round : {4u, 5u}) {
+        const Words kept = contents(streams[round % 2].kept);
+        for (uint32_t i = 0; i < words; i += 1000)
+            ASSERT_EQ(kept[i], (round % 3 ? 1 : 2) * (i + round) + 4) << round << " " << i;
+    }
+}
+
 TEST_F(GpuTest, BatchesRefuseWhatDoesNotFit) {
     const gpu::Program program = affine(1);
     gpu::Buffer buffer(device(), 1024), other(device(), 1024);

@@ -77,16 +77,27 @@ FrontOrder order_fronts(const Octant& octant, const Occupancy& surfaces, bool bo
         parts[size_t(front)] = order_front(octant, surfaces, boundary, slab_layers, front);
     });
     FrontOrder order;
+    order.first.push_back(0);
+    order.first_given.push_back(0);
     for (const Front& part : parts) {
-        order.first.push_back(uint32_t(order.cells.size()));
-        order.cells.insert(order.cells.end(), part.near.begin(), part.near.end());
-        order.middle.push_back(uint32_t(order.cells.size()));
-        order.cells.insert(order.cells.end(), part.interior.begin(), part.interior.end());
-        order.first_given.push_back(uint32_t(order.given.size()));
-        order.given.insert(order.given.end(), part.given.begin(), part.given.end());
+        const uint32_t middle = order.first.back() + uint32_t(part.near.size());
+        order.middle.push_back(middle);
+        order.first.push_back(middle + uint32_t(part.interior.size()));
+        order.first_given.push_back(order.first_given.back() + uint32_t(part.given.size()));
     }
-    order.first.push_back(uint32_t(order.cells.size()));
-    order.first_given.push_back(uint32_t(order.given.size()));
+    order.cells.resize(order.first.back());
+    order.slots.resize(order.first.back());
+    order.given.resize(order.first_given.back());
+    tbb::parallel_for(0, fronts, [&](int front) {
+        const Front& part = parts[size_t(front)];
+        const auto first = order.cells.begin() + order.first[size_t(front)];
+        const auto end =
+            std::ranges::copy(part.interior, std::ranges::copy(part.near, first).out).out;
+        const uint32_t base = octant.layout.base(front);
+        std::transform(first, end, order.slots.begin() + order.first[size_t(front)],
+                       [&](const Entry& entry) { return float(entry.slot - base); });
+        std::ranges::copy(part.given, order.given.begin() + order.first_given[size_t(front)]);
+    });
     return order;
 }
 

@@ -45,6 +45,7 @@ static_assert(sizeof(Entry) == 8);
 /// Everything of an octant, front by front.
 struct FrontOrder {
     std::vector<Entry> cells;     ///< of a front those that are given first
+    std::vector<float> slots;     ///< of the cells, without their front's base
     std::vector<uint32_t> first;  ///< a front's first entry of `cells`; ends with their number
     std::vector<uint32_t> middle; ///< its first entry that is not given
     std::vector<SnPlace> given;   ///< cells beside surfaces, and places beside the grid

@@ -45,20 +45,18 @@ Directions direction_table(const Octant& octant, std::span<const glm::dvec3> pos
     return directions;
 }
 
-void fill_ring(const SnLight& light, const Directions& directions, uint32_t stride, uint64_t texels,
-               std::vector<glm::vec4>& ring) {
-    ring.resize(texels);
-    for (size_t i = 0; i < ring.size(); ++i) {
-        const size_t d = i % stride;
-        ring[i] =
-            light.part == LightPart::surfaces && d < directions.travel.size() ? glm::vec4(
-                light.luminance({Sight::sky, glm::vec3(1.0f)}, -directions.travel[d]), 0.0f)
-                                                                              : glm::vec4(0.0f);
-    }
+std::vector<glm::vec4> luminance_beyond(const SnLight& light, const Directions& directions,
+                                        uint32_t stride) {
+    std::vector<glm::vec4> luminance(stride, glm::vec4(0.0f));
+    if (light.part == LightPart::surfaces)
+        for (size_t d = 0; d < directions.travel.size(); ++d)
+            luminance[d] = glm::vec4(
+                light.luminance({Sight::sky, glm::vec3(1.0f)}, -directions.travel[d]), 0.0f);
+    return luminance;
 }
 
-void pack_fronts(const FrontOrder& order, const SweepLayout& layout, uint32_t stride,
-                 uint64_t bytes, uint32_t air_vec4s, int begin, Chunk& chunk) {
+void choose_fronts(const FrontOrder& order, uint32_t stride, uint64_t bytes, uint32_t air_vec4s,
+                   int begin, Chunk& chunk) {
     const uint64_t of_cell = std::max(sizeof(Entry), air_vec4s * sizeof(glm::vec4));
     const auto fits = [&](int end) {
         return order.cells_of(begin, end) * of_cell <= bytes
@@ -68,11 +66,6 @@ void pack_fronts(const FrontOrder& order, const SweepLayout& layout, uint32_t st
     chunk.end = begin + 1;
     while (chunk.end < order.fronts() && fits(chunk.end + 1))
         ++chunk.end;
-    const auto cells = std::span(order.cells)
-                           .subspan(order.first[size_t(begin)], order.cells_of(begin, chunk.end));
-    chunk.cell_slots.resize(cells.size());
-    std::ranges::transform(cells, chunk.cell_slots.begin(),
-                           [&](const Entry& entry) { return float(entry.slot % layout.slots()); });
 }
 
 void pack_air(const FrontOrder& order, const Tile& tile, const Directions& directions,
@@ -98,6 +91,17 @@ void pack_air(const FrontOrder& order, const Tile& tile, const Directions& direc
     });
 }
 
+namespace {
+
+/// Zero where places have no direction.
+void pad(const Directions& directions, uint32_t stride, std::span<glm::vec4> luminance) {
+    for (size_t i = 0; i < luminance.size(); i += stride)
+        std::ranges::fill(luminance.subspan(i, stride).subspan(directions.travel.size()),
+                          glm::vec4(0.0f));
+}
+
+} // namespace
+
 void trace_given(const FrontOrder& order, const SnLight& light, const Directions& directions,
                  uint32_t stride, Chunk& chunk, Sights* sights) {
     const uint32_t first = order.first_given[size_t(chunk.begin)];
@@ -109,7 +113,7 @@ void trace_given(const FrontOrder& order, const SnLight& light, const Directions
              i += 8)
             eights.push_back(i);
     eights.push_back(order.first_given[size_t(chunk.end)]);
-    chunk.given.assign(size_t(count) * stride, glm::vec4(0.0f));
+    chunk.given.resize(size_t(count) * stride);
     if (sights) {
         sights->sides.assign(chunk.given.size(), surface::LitSurfaces::no_side);
         if (light.visibility.is_tinted())
@@ -121,6 +125,7 @@ void trace_given(const FrontOrder& order, const SnLight& light, const Directions
         for (uint32_t k = from; k < from + eight; ++k)
             chunk.given_slots[k - first] = all[k].slot;
         const size_t at = size_t(from - first) * stride;
+        pad(directions, stride, std::span(chunk.given).subspan(at, eight * stride));
         trace_arriving(light, all.subspan(from, eight), directions.travel, stride,
                        std::span(chunk.given).subspan(at), sights, at);
     });
@@ -131,9 +136,10 @@ void recall_given(const FrontOrder& order, const SnLight& light, const Direction
     const uint32_t first = order.first_given[size_t(chunk.begin)];
     const uint32_t count = order.given_of(chunk.begin, chunk.end);
     chunk.given_slots.resize(count);
-    chunk.given.assign(size_t(count) * stride, glm::vec4(0.0f));
+    chunk.given.resize(size_t(count) * stride);
     tbb::parallel_for(size_t(0), size_t(count), [&](size_t i) {
         chunk.given_slots[i] = order.given[first + i].slot;
+        pad(directions, stride, std::span(chunk.given).subspan(i * stride, stride));
         for (size_t d = 0; d < directions.travel.size(); ++d) {
             const size_t at = i * stride + d;
             chunk.given[at] = glm::vec4(light.luminance(sights[at], -directions.travel[d]), 0.0f);

@@ -24,15 +24,14 @@ struct Directions {
 Directions direction_table(const Octant& octant, std::span<const glm::dvec3> positive,
                            uint32_t stride, int total, int order);
 
-/// The luminance that every slot of the ring starts with: the sky's, which is read before it is
-/// written where a slot's place lies outside the grid. Of `texels` texels.
-void fill_ring(const SnLight& light, const Directions& directions, uint32_t stride, uint64_t texels,
-               std::vector<glm::vec4>& ring);
+/// The luminance that every slot of the ring starts with, a texel a direction: the sky's, which is
+/// read before it is written where a slot's place lies outside the grid.
+std::vector<glm::vec4> luminance_beyond(const SnLight& light, const Directions& directions,
+                                        uint32_t stride);
 
 /// Some fronts of an octant: [begin, end).
 struct Chunk {
     int begin = 0, end = 0;
-    std::vector<float> cell_slots;     ///< of the cells, without their front's base
     std::vector<uint32_t> given_slots; ///< of what is given
     std::vector<glm::vec4> given;      ///< its luminance, nits: [given * stride + direction]
     std::vector<glm::vec4> air;        ///< air_vec4s of each cell; empty where there is none
@@ -43,10 +42,10 @@ constexpr uint32_t air_vec4s(uint32_t coefficients) {
     return 1 + sh_vec4s(coefficients);
 }
 
-/// Lists the fronts from `begin` on that fit `bytes` in each of the lists, one at least; where
+/// Takes the fronts from `begin` on that fit `bytes` in each of the lists, one at least; where
 /// cells are in air, with so many vec4s each.
-void pack_fronts(const FrontOrder& order, const SweepLayout& layout, uint32_t stride,
-                 uint64_t bytes, uint32_t air_vec4s, int begin, Chunk& chunk);
+void choose_fronts(const FrontOrder& order, uint32_t stride, uint64_t bytes, uint32_t air_vec4s,
+                   int begin, Chunk& chunk);
 
 /// Lists what the air is on the way into the chunk's cells, in its middle for the mean of the
 /// directions, with so many coefficients of its source.

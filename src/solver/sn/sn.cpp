@@ -136,7 +136,7 @@ uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& set
     const uint64_t met =
         layers > 0 ? sizeof(uint32_t) * uint64_t(sn_direction_count(settings.directions)) : 0;
     const uint64_t sweep = grid.size()
-                           + tile_of(grid, settings).size() * (8 + sizeof(SnPlace) + met)
+                           + tile_of(grid, settings).size() * (12 + sizeof(SnPlace) + met)
                            + 4 * chunk_bytes;
     return grid.size() * uint64_t(volume::sh_count(settings.order)) * 12
            + std::max(sweep,
@@ -261,11 +261,10 @@ public:
                                     std::span(positive).subspan(
                                         first, std::min(size_t(stride), positive.size() - first)),
                                     stride, count, program_.settings_.order);
-                fill_ring(light, directions, stride, plan_.ring_texels(), ring_);
-                sweeper.begin(directions, ring_);
+                sweeper.begin(directions, luminance_beyond(light, directions, stride));
                 for (int begin = 0; begin < order.fronts(); begin = chunk_.end) {
-                    pack_fronts(order, plan_.layout, stride, plan_.chunk,
-                                air ? air_vec4s(air->coefficients) : 0, begin, chunk_);
+                    choose_fronts(order, stride, plan_.chunk,
+                                  air ? air_vec4s(air->coefficients) : 0, begin, chunk_);
                     if (air)
                         pack_air(order, tile_, directions, air->air, air->coefficients, chunk_);
                     find_given(light, order, directions, chunks++);
@@ -326,7 +325,6 @@ private:
     std::optional<cache::Key> key_;
     bool known_ = false; ///< sights_ are there before the first sweep
     uint64_t kept_rays_ = 0;
-    std::vector<glm::vec4> ring_;
     Chunk chunk_;
 };
 

@@ -35,7 +35,7 @@ gather::GatherSettings peak_settings(const SnSettings& settings);
 
 /// Device memory of a bake, bytes: the coefficients (12 floats a cell for order 1, 28 for order 2,
 /// 48 for 3, 76 for 4), eight fronts of the luminance of up to all directions of an octant, and
-/// what is streamed, at most 60 MiB; or what the gather takes.
+/// what is streamed, at most 120 MiB; or what the gather takes.
 uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings, bool layers = false);
 
 /// Host memory, bytes, where all cells lie beside surfaces and all patches are bright; with layers,

@@ -17,26 +17,31 @@ namespace lpvbake::solver::sn {
 namespace {
 
 constexpr uint64_t texel = sizeof(glm::vec4);
-/// Of the ring of fronts, where all directions of an octant do not fit.
-constexpr uint64_t ring_bytes = uint64_t(64) << 20;
+/// Of the ring of fronts, where all directions of an octant do not fit: so many, or so many a cell
+/// of the grid, whose coefficients take five times as much at order 2. Fewer batches of directions
+/// are fewer times that all lists of cells are streamed.
+constexpr uint64_t ring_bytes = uint64_t(128) << 20, cell_ring_bytes = 20;
 /// The same on a CPU device, whose caches should hold them.
-constexpr uint64_t cpu_ring_bytes = uint64_t(6) << 20;
+constexpr uint64_t cpu_ring_bytes = uint64_t(12) << 20;
 
 uint32_t padded_directions(int directions) {
     return (uint32_t(directions) / 8 + lanes - 1) / lanes * lanes;
 }
 
+/// Into a buffer that is made at least so large, for what its stream records from now on.
 template <class T>
-void put(const gpu::Device& device, const gpu::Buffer& buffer, std::span<const T> values) {
-    gpu::upload(device, buffer, 0, std::as_bytes(values));
-}
-
-/// The same into a buffer that is made at least so large.
-template <class T>
-void replace(const gpu::Device& device, gpu::Buffer& buffer, std::span<const T> values) {
+void put(const gpu::Device& device, gpu::Batch& batch, gpu::Buffer& buffer,
+         std::span<const T> values) {
     if (buffer.bytes() < values.size_bytes())
         buffer = gpu::Buffer(device, values.size_bytes());
-    put(device, buffer, values);
+    const std::span<std::byte> target = batch.stage(buffer, 0, values.size_bytes());
+    const std::span<const std::byte> source = std::as_bytes(values);
+    constexpr size_t part = 1 << 20;
+    tbb::parallel_for(size_t(0), (source.size() + part - 1) / part, [&](size_t i) {
+        const std::span<const std::byte> some =
+            source.subspan(i * part, std::min(part, source.size() - i * part));
+        std::ranges::copy(some, target.begin() + std::ptrdiff_t(i * part));
+    });
 }
 
 template <class Push>
@@ -49,7 +54,10 @@ std::span<const std::byte> bytes_of(const Push& push) {
 uint32_t swept_directions(const SweepLayout& layout, int directions, uint64_t most_bytes,
                           bool cpu) {
     const uint64_t group = layout.ring_texels(lanes) * texel;
-    const uint64_t groups = std::min(most_bytes, cpu ? cpu_ring_bytes : ring_bytes) / group;
+    const uint64_t cells =
+        uint64_t(layout.dims.x) * uint64_t(layout.dims.y) * uint64_t(layout.dims.z);
+    const uint64_t most = cpu ? cpu_ring_bytes : std::max(ring_bytes, cell_ring_bytes * cells);
+    const uint64_t groups = std::min(most_bytes, most) / group;
     return uint32_t(std::clamp<uint64_t>(groups, 1, padded_directions(directions) / lanes)) * lanes;
 }
 
@@ -69,7 +77,7 @@ uint64_t sweep_bytes(const Grid& grid, int directions, int order) {
     const uint32_t stride =
         swept_directions(layout, directions, std::numeric_limits<uint64_t>::max(), false);
     return grid.size() * sh_vec4s(uint32_t(volume::sh_count(order))) * texel
-           + layout.ring_texels(stride) * texel + 3 * chunk_bytes;
+           + layout.ring_texels(stride) * texel + 6 * chunk_bytes;
 }
 
 SweepPlan plan_sweep(const gpu::Device& device, const Grid& grid, int order, uint32_t stride,
@@ -153,32 +161,34 @@ Sweeper::Sweeper(const gpu::Device& device, const Grid& grid, const SweepPlan& p
       in_air_(in_air),
       sh_(device, grid.size() * plan.cell_bytes),
       ring_(device, plan.ring_texels() * texel),
-      table_(device, plan.stride * direction_vec4s * texel),
-      weights_(device, plan.stride / plan.at_once * plan.weight_bytes),
-      air_table_(device, plan.stride * air_direction_vec4s * texel),
-      cells_(device, texel),
-      cell_slots_(device, texel),
-      given_slots_(device, texel),
-      given_(device, texel),
-      air_(device, texel),
-      batch_(device) {
+      streams_{make_stream(), make_stream()} {
     gpu::clear(device, sh_);
 }
 
-void Sweeper::begin(const Directions& directions, std::span<const glm::vec4> ring) {
-    const size_t coefficients = size_t(volume::sh_count(plan_.order));
-    put(device_, table_, std::span(directions.table));
-    if (in_air_)
-        put(device_, air_table_, std::span(directions.air));
-    for (uint32_t d = 0; d < plan_.stride; d += plan_.at_once)
-        gpu::upload(device_, weights_, d / plan_.at_once * plan_.weight_bytes,
-                    std::as_bytes(std::span(directions.weights)
-                                      .subspan(d * coefficients, plan_.at_once * coefficients)));
-    put(device_, ring_, ring);
+Sweeper::Stream Sweeper::make_stream() const {
+    const auto empty = [&] { return gpu::Buffer(device_, texel); };
+    return {empty(),
+            empty(),
+            empty(),
+            empty(),
+            empty(),
+            gpu::Buffer(device_, plan_.stride * texel),
+            gpu::Buffer(device_, plan_.stride * direction_vec4s * texel),
+            gpu::Buffer(device_, plan_.stride / plan_.at_once * plan_.weight_bytes),
+            gpu::Buffer(device_, plan_.stride * air_direction_vec4s * texel),
+            gpu::Batch(device_)};
+}
+
+void Sweeper::begin(const Directions& directions, std::span<const glm::vec4> beyond) {
+    directions_ = &directions;
+    beyond_.assign(beyond.begin(), beyond.end());
 }
 
 void Sweeper::run(const FrontOrder& order, const Chunk& chunk) {
+    stream().batch.wait(); // for the chunk before the last
     upload(order, chunk);
+    if (!beyond_.empty())
+        record_beyond();
     const uint32_t first_cell = order.first[size_t(chunk.begin)];
     const uint32_t first_given = order.first_given[size_t(chunk.begin)];
     const auto cells = std::span(order.cells).subspan(first_cell);
@@ -194,20 +204,52 @@ void Sweeper::run(const FrontOrder& order, const Chunk& chunk) {
             projected = last;
         }
     }
-    batch_.run();
+    stream().batch.submit();
+    at_ = 1 - at_;
 }
 
 void Sweeper::upload(const FrontOrder& order, const Chunk& chunk) {
-    replace(device_, cells_,
-            std::span(order.cells)
-                .subspan(order.first[size_t(chunk.begin)], order.cells_of(chunk.begin, chunk.end)));
-    replace(device_, cell_slots_, std::span(chunk.cell_slots));
-    if (!chunk.given_slots.empty()) {
-        replace(device_, given_slots_, std::span(chunk.given_slots));
-        replace(device_, given_, std::span(chunk.given));
+    Stream& to = stream();
+    const auto fill = [&]<class T>(gpu::Buffer& buffer, std::span<const T> values) {
+        put(device_, to.batch, buffer, values);
+    };
+    const size_t coefficients = size_t(volume::sh_count(plan_.order));
+    const uint32_t first = order.first[size_t(chunk.begin)];
+    const uint32_t count = order.cells_of(chunk.begin, chunk.end);
+    fill(to.table, std::span<const glm::vec4>(directions_->table));
+    for (uint32_t d = 0; d < plan_.stride; d += plan_.at_once) {
+        const auto some =
+            std::as_bytes(std::span(directions_->weights)
+                              .subspan(d * coefficients, plan_.at_once * coefficients));
+        std::ranges::copy(
+            some,
+            to.batch.stage(to.weights, d / plan_.at_once * plan_.weight_bytes, some.size_bytes())
+                .begin());
     }
-    if (in_air_)
-        replace(device_, air_, std::span(chunk.air));
+    fill(to.cells, std::span(order.cells).subspan(first, count));
+    fill(to.cell_slots, std::span(order.slots).subspan(first, count));
+    if (!chunk.given_slots.empty()) {
+        fill(to.given_slots, std::span<const uint32_t>(chunk.given_slots));
+        fill(to.given, std::span<const glm::vec4>(chunk.given));
+    }
+    if (in_air_) {
+        fill(to.air_table, std::span<const glm::vec4>(directions_->air));
+        fill(to.air, std::span<const glm::vec4>(chunk.air));
+    }
+}
+
+/// All slots of the ring, by copies of twice as many each time.
+void Sweeper::record_beyond() {
+    Stream& from = stream();
+    put(device_, from.batch, from.beyond, std::span<const glm::vec4>(beyond_));
+    uint64_t filled = from.beyond.bytes();
+    from.batch.copy(gpu::whole(from.beyond), {&ring_, 0, filled});
+    while (filled < ring_.bytes()) {
+        const uint64_t more = std::min(filled, ring_.bytes() - filled);
+        from.batch.copy({&ring_, 0, more}, {&ring_, filled, more});
+        filled += more;
+    }
+    beyond_.clear();
 }
 
 gpu::Groups Sweeper::groups_of(uint32_t entries) const {
@@ -218,23 +260,25 @@ gpu::Groups Sweeper::groups_of(uint32_t entries) const {
 void Sweeper::record_given(uint32_t first, uint32_t last, uint32_t out_base) {
     if (last == first)
         return;
-    const gpu::Window windows[] = {gpu::whole(ring_), gpu::whole(given_slots_), gpu::whole(given_)};
+    const gpu::Window windows[] = {gpu::whole(ring_), gpu::whole(stream().given_slots),
+                                   gpu::whole(stream().given)};
     const GivenPush push{first, last, first * plan_.stride, plan_.stride, out_base};
-    batch_.dispatch(programs_.given, windows, bytes_of(push), groups_of(last - first));
+    stream().batch.dispatch(programs_.given, windows, bytes_of(push), groups_of(last - first));
 }
 
 void Sweeper::record_transport(uint32_t first, uint32_t last, int front) {
     if (last == first)
         return;
     const auto base = [&](int lag) { return plan_.layout.base(front + int(ring_fronts) - lag); };
-    const gpu::Window windows[] = {gpu::whole(ring_),  gpu::whole(ring_), gpu::whole(cell_slots_),
-                                   gpu::whole(table_), gpu::whole(air_),  gpu::whole(air_table_)};
+    const gpu::Window windows[] = {
+        gpu::whole(ring_),          gpu::whole(ring_),        gpu::whole(stream().cell_slots),
+        gpu::whole(stream().table), gpu::whole(stream().air), gpu::whole(stream().air_table)};
     const glm::vec3 taken = in_air_ ? in_air_->air.extinction() : glm::vec3(0.0f);
     const TransportPush push{first,   last,    plan_.stride, base(0), base(1),
                              base(2), base(3), taken.x,      taken.y, taken.z};
-    batch_.dispatch(in_air_ ? in_air_->transport : programs_.transport,
-                    std::span(windows).first(in_air_ ? 6 : 4), bytes_of(push),
-                    groups_of(last - first));
+    stream().batch.dispatch(in_air_ ? in_air_->transport : programs_.transport,
+                            std::span(windows).first(in_air_ ? 6 : 4), bytes_of(push),
+                            groups_of(last - first));
 }
 
 void Sweeper::record_project(std::span<const Entry> cells, uint32_t first, uint32_t last) {
@@ -258,18 +302,20 @@ void Sweeper::record_project(std::span<const Entry> cells, uint32_t first, uint3
             push.ring_base = d;
             const gpu::Window windows[] = {
                 gpu::whole(ring_),
-                gpu::whole(cells_),
-                {&weights_, d / plan_.at_once * plan_.weight_bytes, plan_.weight_bytes},
+                gpu::whole(stream().cells),
+                {&stream().weights, d / plan_.at_once * plan_.weight_bytes, plan_.weight_bytes},
                 coefficients,
                 coefficients};
-            batch_.dispatch(in_air_ ? in_air_->project : programs_.project, windows, bytes_of(push),
-                            {(until - first + a_group - 1) / a_group, 1, 1});
+            stream().batch.dispatch(in_air_ ? in_air_->project : programs_.project, windows,
+                                    bytes_of(push),
+                                    {(until - first + a_group - 1) / a_group, 1, 1});
         }
     }
 }
 
-void Sweeper::add_to(const Grid& grid, glm::ivec3 at,
-                     std::vector<std::vector<glm::vec3>>& sh) const {
+void Sweeper::add_to(const Grid& grid, glm::ivec3 at, std::vector<std::vector<glm::vec3>>& sh) {
+    for (Stream& each : streams_)
+        each.batch.wait();
     const size_t coefficients = size_t(volume::sh_count(plan_.order));
     const uint64_t floats = plan_.cell_bytes / sizeof(float);
     std::vector<float> layer(plan_.layer_cells * floats);

@@ -5,6 +5,10 @@
 #include "solver/sn/packing.h"
 #include "volume/volume.h"
 
+#include <array>
+#include <span>
+#include <vector>
+
 namespace lpvbake::solver::sn {
 
 /// The kernels.
@@ -63,37 +67,48 @@ uint64_t sweep_bytes(const Grid& grid, int directions, int order);
 /// Of each list that is streamed, bytes at most.
 inline constexpr uint64_t chunk_bytes = uint64_t(20) << 20;
 
-/// The buffers of a sweep, and what runs on them. The arguments outlive it.
+/// The buffers of a sweep, and what runs on them: while the device sweeps a chunk, the next one may
+/// be made. The arguments outlive it.
 class Sweeper {
 public:
     /// `air`: null where there is none.
     Sweeper(const gpu::Device& device, const Grid& grid, const SweepPlan& plan,
             const SweepPrograms& programs, const SweptAir* air = nullptr);
 
-    /// Begins with other directions, and what the ring starts with.
-    void begin(const Directions& directions, std::span<const glm::vec4> ring);
-    /// Sweeps the fronts of a chunk, which follow those of the one before.
+    /// Begins with other directions, which outlive what is swept along them, and with what each
+    /// slot of the ring starts with, a texel a direction.
+    void begin(const Directions& directions, std::span<const glm::vec4> beyond);
+    /// Sweeps the fronts of a chunk, which follow those of the one before; takes what is in it.
     void run(const FrontOrder& order, const Chunk& chunk);
     /// Adds the coefficients to those of cells of a grid, whose cell `at` is the first.
-    void add_to(const Grid& grid, glm::ivec3 at, std::vector<std::vector<glm::vec3>>& sh) const;
+    void add_to(const Grid& grid, glm::ivec3 at, std::vector<std::vector<glm::vec3>>& sh);
 
 private:
+    /// What the device reads of a chunk, as large as that of the largest, and what it does by it.
+    struct Stream {
+        gpu::Buffer cells, cell_slots, given_slots, given, air;
+        gpu::Buffer beyond, table, weights, air_table; ///< of its directions
+        gpu::Batch batch;
+    };
+    Stream make_stream() const;
     void upload(const FrontOrder& order, const Chunk& chunk);
+    void record_beyond();
     void record_given(uint32_t first, uint32_t last, uint32_t out_base);
     void record_transport(uint32_t first, uint32_t last, int front);
     void record_project(std::span<const Entry> cells, uint32_t first, uint32_t last);
     gpu::Groups groups_of(uint32_t entries) const;
+    Stream& stream() { return streams_[at_]; }
 
     const gpu::Device& device_;
     const Grid& grid_;
     const SweepPlan& plan_;
     const SweepPrograms& programs_;
     const SweptAir* in_air_;
-    gpu::Buffer sh_, ring_, table_, weights_;
-    gpu::Buffer air_table_;
-    /// Of a chunk, as large as the largest.
-    gpu::Buffer cells_, cell_slots_, given_slots_, given_, air_;
-    gpu::Batch batch_;
+    gpu::Buffer sh_, ring_;
+    const Directions* directions_ = nullptr;
+    std::vector<glm::vec4> beyond_; ///< the ring is still to start with
+    std::array<Stream, 2> streams_; ///< one runs while the other is filled
+    size_t at_ = 0;                 ///< the one that is filled
 };
 
 } // namespace lpvbake::solver::sn
