@@ -34,8 +34,8 @@ Written write(const MergeOptions& o, const std::string& path, const io::Parts& p
     io::Target generic = *io::target_named("generic");
     generic.precision = o.precision;
     const WriteReport report = io::volume_format(path) == &io::vdb_format
-                                   ? io::write_merged(path, parts, o.precision)
-                                   : io::write_for(generic, path, parts.read());
+                                   ? io::write_merged(path, parts, o.precision, progress)
+                                   : io::write_for(generic, path, parts.read(progress));
     for (const std::string& warning : report.warnings)
         progress.warn(warning);
     return {path, report.files, report.packing};
@@ -47,6 +47,7 @@ void run(const MergeOptions& o, const options::Options& options) {
             throw Error(ErrorKind::argument,
                         path + ": the name of an output ends in " + io::format_list());
     check_files(o.parts, {}, o.outputs);
+    watch_signals();
     probe_outputs(o.outputs);
     TerminalProgress progress(ProgressStyle::none);
     io::Parts parts(o.parts);

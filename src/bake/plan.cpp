@@ -246,6 +246,8 @@ void plan_light(const SceneFacts& scene, BakePlan& plan) {
         skip(plan, "sky", "none");
 }
 
+constexpr double lit_patch_seconds = 5e-7; ///< of a file; it is read and checked
+
 /// How all surfaces are lit.
 void plan_lighting(const SceneFacts& scene, const surface::PatchCount& surfaces, BakePlan& plan) {
     if (!plan.lit) {
@@ -255,6 +257,14 @@ void plan_lighting(const SceneFacts& scene, const surface::PatchCount& surfaces,
     const std::optional<int> bounces = plan.settings.bounces;
     const bool reflected = bounces != 0, between = reflected && bounces != 1;
     const double wanted = double(plan.settings.solver.lighting_rays()), patches = surfaces.patches;
+    // Of each layer: the light of both sides, of lamps, and what elements reflect.
+    const double layers = double(plan.settings.layers.size());
+    if (const std::string& file = plan.settings.lit; !file.empty()) {
+        plan.host_bytes += uint64_t(layers * 2 * patches * 12);
+        plan.stages.push_back({"lighting", lit_patch_seconds * patches,
+                               format("about %.2g patches, of ", patches) + file});
+        return;
+    }
     // Patches of large triangles share an element by about five; small ones are no more elements
     // than what they cover.
     const double elements = std::min(patches / 5.0, 3.0 * surfaces.faces);
@@ -265,9 +275,7 @@ void plan_lighting(const SceneFacts& scene, const surface::PatchCount& surfaces,
         plan.host_bytes +=
             uint64_t(rays)
             * (solver::models::bytes::hit + (scene.tinted ? solver::models::bytes::tint : 0));
-    // Of each layer: the light of both sides, of lamps, and what elements reflect.
-    plan.host_bytes +=
-        uint64_t(plan.settings.layers.size() * (4 * patches * 12 + elements * (3 * 12 + 24)));
+    plan.host_bytes += uint64_t(layers * (4 * patches * 12 + elements * (3 * 12 + 24)));
     std::string light = scene.lights.empty() || !reflected ? "" : "punctual lights";
     for (const auto& [there, what] : {std::pair{plan.emitters, "emitters"}, {scene.sky, "sky"}})
         if (there)
@@ -277,8 +285,7 @@ void plan_lighting(const SceneFacts& scene, const surface::PatchCount& surfaces,
          seconds::lighting + seconds::lighting_patch * patches
              + seconds::lighting_triangle * double(plan.triangles)
              + seconds::lighting_light * double(scene.lights.size())
-             + seconds::lighting_ray * rays
-                   * (1 + seconds::lighting_layer * double(plan.settings.layers.size())),
+             + seconds::lighting_ray * rays * (1 + seconds::lighting_layer * layers),
          format("about %.2g patches; ", patches) + light
              + (!bounces        ? "; all reflections from patch to patch"
                 : *bounces == 0 ? "; no reflections"

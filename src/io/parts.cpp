@@ -114,6 +114,9 @@ Parts::Parts(const std::vector<std::string>& paths) {
 }
 
 void Parts::add(const std::string& path) {
+    for (const Part& other : parts_)
+        if (other.path == path)
+            reject(path, "is given twice; leave one of them out");
     const OpenVdb file = open_vdb(path);
     const auto precision =
         file.content.metadata->getMetadata<openvdb::StringMetadata>("lpv:precision");
@@ -230,9 +233,11 @@ openvdb::GridBase::Ptr merged(const Parts& parts, const volume::ConstGridView& v
 }
 
 /// Why the values should not be stored as half (io/layout.h).
-std::optional<std::string> misfit_of(const Parts& parts) {
+std::optional<std::string> misfit_of(const Parts& parts, Progress& progress) {
     std::vector<float> values;
+    uint64_t done = 0;
     for (const volume::ConstGridView& view : parts.grids()) {
+        progress.advance(done++);
         const std::size_t cells = parts.whole().grid.size();
         values.resize(cells * std::size_t(view.kind->width()));
         if (view.kind == &density_kind)
@@ -246,13 +251,17 @@ std::optional<std::string> misfit_of(const Parts& parts) {
 
 } // namespace
 
-Volume Parts::read() const {
+Volume Parts::read(Progress& progress) const {
     Volume volume = whole_;
+    progress.begin("read", grids_.size());
+    uint64_t done = 0;
     for (const GridKind* kind : volume::grid_kinds()) {
         const auto count = std::ranges::count(grids_, kind, &volume::ConstGridView::kind);
         make_grids(volume, *kind, int(count), parts_.front().path);
-        for (const volume::GridView& view : volume::grids_of(volume, *kind))
+        for (const volume::GridView& view : volume::grids_of(volume, *kind)) {
+            progress.advance(done++);
             fill(*this, view);
+        }
     }
     return volume;
 }
@@ -268,20 +277,25 @@ Volume Parts::read_first_band() const {
     return volume;
 }
 
-WriteReport write_merged(const std::string& path, const Parts& parts, Precision wanted) {
+WriteReport write_merged(const std::string& path, const Parts& parts, Precision wanted,
+                         Progress& progress) {
     initialise_vdb();
+    const uint64_t grids = parts.grids().size(), looked = wanted == Precision::half ? grids : 0;
+    progress.begin("merge", looked + grids);
     WriteReport report;
     report.precision = wanted;
     if (wanted == Precision::half)
-        if (const auto why = misfit_of(parts)) {
+        if (const auto why = misfit_of(parts, progress)) {
             report.precision = Precision::full;
             report.warnings.push_back(path + ": " + *why + "; full precision was written instead");
         }
     const bool half = report.precision == Precision::half;
     try {
-        report.files.push_back(
-            write_grids(path, file_metadata(parts.whole(), {}, half), parts.grids().size(), 1,
-                        [&](std::size_t i) { return merged(parts, parts.grids()[i], half); }));
+        report.files.push_back(write_grids(path, file_metadata(parts.whole(), {}, half),
+                                           parts.grids().size(), 1, [&](std::size_t i) {
+                                               progress.advance(looked + i);
+                                               return merged(parts, parts.grids()[i], half);
+                                           }));
     } catch (const openvdb::Exception& error) {
         reject(parts.parts().front().path, one_line(error.what()));
     }

@@ -10,6 +10,7 @@
 #pragma once
 
 #include "io/format.h"
+#include "lpvbake/progress.h"
 #include "volume/grids.h"
 #include "volume/slab.h"
 
@@ -51,8 +52,8 @@ public:
     const std::vector<Part>& parts() const { return parts_; }
     /// That they have, without values.
     const std::vector<volume::ConstGridView>& grids() const { return grids_; }
-    /// All values. Throws as write_merged, and Error (memory).
-    Volume read() const;
+    /// All values, a step a grid. Throws as write_merged, and Error (memory).
+    Volume read(Progress& progress) const;
     /// Those of the first grid of light, and the validity.
     Volume read_first_band() const;
 
@@ -66,7 +67,9 @@ private:
 };
 
 /// Writes them as one OpenVDB file, the same bytes as of a bake that was not parted. Grid after
-/// grid is in memory. Throws Error: file; invalid (a part was changed since).
-WriteReport write_merged(const std::string& path, const Parts& parts, Precision precision);
+/// grid is in memory; each is a step, or two where half precision is wanted. Throws Error: file;
+/// invalid (a part was changed since).
+WriteReport write_merged(const std::string& path, const Parts& parts, Precision precision,
+                         Progress& progress);
 
 } // namespace lpvbake::io

@@ -1,5 +1,6 @@
 // `lpvbake light`, `bake --lit --shard` and `merge` from outside.
 #include "cli/run.h"
+#include "io/stored.h"
 #include "io/vdb.h"
 
 #include <nlohmann/json.hpp>
@@ -75,8 +76,8 @@ TEST_F(ShardsCli, MergedPartsOfGatherAreTheBakeToTheByte) {
 TEST_F(ShardsCli, MergedPartsOfSnInTilesAreTheBakeToTheByte) {
     must("bake " + sn + "-o whole.vdb -o whole.exr");
     must("light " + sn + "-o room.lit");
-    for (const int count : {2, 7}) {
-        bake_parts(sn, count, count == 7 ? "--lit room.lit" : "");
+    for (const int count : {1, 2, 3, 7}) {
+        bake_parts(sn, count, count % 2 == 1 ? "--lit room.lit" : "");
         must("merge " + parts(count) + "-o merged/whole.vdb -o merged/whole.exr");
         expect_same_files();
     }
@@ -88,7 +89,20 @@ TEST_F(ShardsCli, APlanOfAShardNamesItsFileAndTakesLessMemory) {
     };
     const json part = plan("-o part --shard 2/7");
     EXPECT_EQ(part["outputs"][0]["files"][0]["path"], "part");
-    EXPECT_LT(part["host_bytes"].get<double>(), plan("-o a.vdb")["host_bytes"].get<double>());
+    const json all = plan("-o a.vdb");
+    EXPECT_LT(part["host_bytes"].get<double>(), all["host_bytes"].get<double>());
+    // Surfaces that are lit already are but read.
+    must("light " + gather + "-o room.lit");
+    const json lit = plan("-o a.vdb --lit room.lit");
+    const auto lighting = [](const json& of) {
+        for (const json& stage : of["stages"])
+            if (stage["name"] == "lighting")
+                return stage["seconds"].get<double>();
+        return -1.0;
+    };
+    EXPECT_GE(lighting(lit), 0);
+    EXPECT_LT(lighting(lit), 0.2 * lighting(all));
+    EXPECT_LT(lit["host_bytes"].get<double>(), all["host_bytes"].get<double>());
 }
 
 TEST_F(ShardsCli, HalfPrecisionIsThatOfTheBake) {
@@ -129,7 +143,9 @@ TEST_F(ShardsCli, WhatIsNotAllOfOneBakeIsRefusedByName) {
     refused("p2 p3 p4", "shard 1 of 4 (z 0 to 31) is missing");
     refused("p1 p2 p3", "shard 4 of 4 (z 96 to 115) is missing");
     refused("p4 p1", "shard 2 of 4 (from z 32 on) is missing");
-    refused("p1 p2 p3 p4 p2", "p2: is shard 2 of 4, and so is p2");
+    refused("p1 p2 p3 p4 p2", "p2: is given twice; leave one of them out");
+    fs::copy(folder_ / "p2", folder_ / "second");
+    refused("p1 p2 p3 p4 second", "second: is shard 2 of 4, and so is p2");
     must("bake " + gather + "-o third --shard 3/7");
     refused("p1 p2 third p4", "third: is shard 3 of 7, and p1 is of 4");
     must("bake " + gather + "--vpls 100 -o third --shard 3/4");
@@ -141,6 +157,24 @@ TEST_F(ShardsCli, WhatIsNotAllOfOneBakeIsRefusedByName) {
     write_brighter_room();
     must("bake other.gltf" + gather.substr(5) + "-o third --shard 3/4");
     refused("p1 p2 third p4", "third: is of another scene than p1");
+    // As another version, device or cut of the grid would have written it.
+    const auto changed = [&](const std::string& key, const std::string& to) {
+        Volume part = io::read_vdb(folder_ / "p3");
+        ASSERT_TRUE(part.metadata.contains(key)) << key;
+        part.metadata[key] = to;
+        const std::string path = folder_ / "third";
+        io::write_vdb(path, io::Stored(part, {}, path), Precision::full);
+    };
+    changed("tool", "lpvbake 0.0.1");
+    refused("p1 p2 third p4", "third: is of another version of the program than p1: ");
+    changed("device", "another card");
+    refused("p1 p2 third p4", "third: is of another device than p1: ");
+    changed("shard_layers", "48,80");
+    refused("p1 p2 third p4", "third: has the layers from 48 on, not from 64 on");
+    changed("shard_layers", "80,112");
+    refused("p1 p2 third p4", "third: has the layers from 80 on, not from 64 on");
+    changed("shard_layers", "64,98");
+    refused("p1 p2 third p4", "third: is no part of a bake any more");
     std::string bytes = slurp(folder_ / "p3");
     bytes[bytes.size() / 2] ^= 1;
     spill(folder_ / "third", bytes);

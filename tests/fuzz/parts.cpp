@@ -104,12 +104,14 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* bytes, size_t size) {
     if (paths.empty() || claims_much(paths))
         return 0;
     fuzz::accepts([&] {
+        Progress silent;
         io::Parts parts(paths);
-        const Volume volume = parts.read();
+        const Volume volume = parts.read(silent);
         io::check_volume(volume, "parts", ErrorKind::invalid);
         fuzz::require(parts.read_first_band().sh[0] == volume.sh[0], "a band is the volume's");
         const std::string merged = folder.write("merged.vdb", "");
-        io::write_merged(merged, parts, data.ConsumeBool() ? Precision::half : Precision::full);
+        io::write_merged(merged, parts, data.ConsumeBool() ? Precision::half : Precision::full,
+                         silent);
         fuzz::require(fuzz::accepts([&] { io::read_vdb(merged); }), "what is merged can be read");
     });
     return 0;

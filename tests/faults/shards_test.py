@@ -1,0 +1,101 @@
+#!/usr/bin/env python3
+"""Shards of a bake on machines that take their processors and their memory away: what is told to end ends at
+once and leaves nothing behind, and what is said of memory holds.
+
+Usage: shards_test.py LPVBAKE SCENE
+"""
+
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+LPVBAKE, SCENE = sys.argv[1:3]
+
+
+class Shards(unittest.TestCase):
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory()
+        self.addCleanup(temporary.cleanup)
+        self.folder = pathlib.Path(temporary.name)
+
+    def start(self, *arguments, **more):
+        return subprocess.Popen([LPVBAKE, *arguments], cwd=self.folder, stdout=subprocess.DEVNULL,
+                                stderr=subprocess.DEVNULL, **more)
+
+    def run_whole(self, *arguments):
+        begun = time.monotonic()
+        self.assertEqual(self.start(*arguments).wait(timeout=300), 0, arguments)
+        return time.monotonic() - begun
+
+    def visible(self):
+        """Names that programs read; what writes for more than a second may leave others."""
+        return {name for name in os.listdir(self.folder) if not name.startswith(".")}
+
+    def terminate_at(self, moments, *arguments, output):
+        """How often it was ended; each time in two seconds and without an output."""
+        whole = self.run_whole(*arguments)
+        ended = 0
+        for moment in range(moments):
+            for path in output, "out.exr":
+                (self.folder / path).unlink(missing_ok=True)
+            before = self.visible()
+            process = self.start(*arguments)
+            time.sleep(0.95 * whole * (moment + 0.5) / moments)
+            process.terminate()
+            asked = time.monotonic()
+            code = process.wait(timeout=60)
+            with self.subTest(command=arguments[0], moment=moment):
+                self.assertLess(time.monotonic() - asked, 2)
+                self.assertIn(code, (143, 0, -signal.SIGTERM))  # it was done; or it had not begun
+                if code != 0:
+                    self.assertEqual(self.visible(), before)
+            ended += code == 143
+        self.run_whole(*arguments)
+        return ended
+
+    def test_termination_is_answered_in_two_seconds_at_any_stage(self):
+        bake = [SCENE, "--bounds=-1,0,-4,1,2,4", "--margin=0", "--cell-size=0.05", "--sky=#8090ff,20", "--threads=2"]
+        gather = [*bake, "--solver=gather"]
+        sn = [*bake, "--solver=sn", "--tile=32"]
+        self.assertGreater(self.terminate_at(6, "light", *gather, "-o", "a.lit", output="a.lit"), 3)
+        for number, solver in enumerate((gather, sn)):
+            for shard in (1, 2):
+                part = f"p{number}{shard}"
+                more = [*solver, "-o", part, f"--shard={shard}/2"]
+                if shard == 1:
+                    self.assertGreater(self.terminate_at(8, "bake", *more, output=part), 4)
+                else:
+                    self.run_whole("bake", *more)
+        merge = ["merge", "p01", "p02", "-o", "out.vdb", "-o", "out.exr"]
+        self.assertGreater(self.terminate_at(10, *merge, output="out.vdb"), 2)
+
+    def test_a_shard_takes_no_more_memory_than_is_said(self):
+        bake = [SCENE, "--bounds=-1,0,-9,1,2,9", "--margin=0", "--cell-size=0.04", "--sky=#8090ff,20", "--threads=2"]
+        taken = {}
+        for solver in (["--solver=gather"], ["--solver=sn", "--tile=32"]):
+            for shard in ([], ["--shard=2/7"]):
+                options = [*bake, *solver, *shard, "-o", "p.vdb"]
+                plan = subprocess.run([LPVBAKE, "bake", *options, "--dry-run", "--format=json"], cwd=self.folder,
+                                      check=True, stdout=subprocess.PIPE, text=True, timeout=60)
+                process = self.start("bake", *options)
+                _, status, usage = os.wait4(process.pid, 0)
+                process.returncode = os.waitstatus_to_exitcode(status)
+                self.assertEqual(process.returncode, 0)
+                peak = usage.ru_maxrss / 1024
+                hint = json.loads(plan.stdout)["hints"]["memory_mib"]
+                with self.subTest(solver=solver[0], shard=shard):
+                    self.assertLess(peak, hint)
+                    self.assertLess(hint, 5 * peak)  # it says something
+                taken[solver[0], len(shard)] = peak
+        for solver in ("--solver=gather", "--solver=sn"):
+            self.assertLess(taken[solver, 1], 0.7 * taken[solver, 0])
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
