@@ -188,28 +188,43 @@ void run_light(const BakeOptions& o, const Scene& scene, const bake::BakePlan& p
     if (!plan.lit)
         throw Error(ErrorKind::argument, "with these options no surfaces are lit as a whole: "
                                          "reflective shadow maps hold all light");
+    if (o.light_shard && (plan.maps.count > 0 || !plan.settings.layers.empty()))
+        throw Error(ErrorKind::argument,
+                    "--shard of surfaces is without --rsm-samples and --layers");
     run.progress.expect(plan.stages);
     std::vector<std::string> warnings;
     solver::Stages stages(run.progress, warnings, scene.path, plan.settings.cache);
     const visibility::Visibility visibility =
         bake::open_scene(scene, plan, stages).in_air(bake::air_in(plan));
-    surface::LitSurfaces lit =
-        bake::light_scene(scene, plan, visibility, stages, bake::layers_in(plan));
-    const std::size_t patches = lit.patches.size();
-    const WriteReport::File file =
-        bake::write_lit(o.light_file, bake::lit_origin(plan, visibility), std::move(lit));
+    const bake::LitOrigin origin = bake::lit_origin(plan, visibility);
+    std::size_t patches = 0;
+    WriteReport::File file;
+    if (o.light_shard) {
+        surface::LitPart part = bake::light_part(scene, plan, visibility, *o.light_shard, stages);
+        patches = part.lit.patches.size();
+        file = bake::write_lit_part(o.light_file, origin, std::move(part));
+    } else {
+        surface::LitSurfaces lit =
+            bake::light_scene(scene, plan, visibility, stages, bake::layers_in(plan));
+        patches = lit.patches.size();
+        file = bake::write_lit(o.light_file, origin, std::move(lit));
+    }
     run.warn(warnings);
     run.progress.end();
-    if (o.format == Format::json)
-        print_json({{"command", "light"},
-                    {"version", LPVBAKE_VERSION},
-                    {"scene", o.scene},
-                    {"patches", patches},
-                    {"outputs", {{{"path", file.path}, {"bytes", file.bytes}}}},
-                    {"warnings", run.progress.warnings()},
-                    {"seconds", run.seconds()}});
-    else
+    if (o.format != Format::json) {
         print_outputs({{file.path, {file}, {}}});
+        return;
+    }
+    report::Json json{{"command", "light"},
+                      {"version", LPVBAKE_VERSION},
+                      {"scene", o.scene},
+                      {"patches", patches},
+                      {"outputs", {{{"path", file.path}, {"bytes", file.bytes}}}},
+                      {"warnings", run.progress.warnings()},
+                      {"seconds", run.seconds()}};
+    if (o.light_shard)
+        json["shard"] = {{"index", o.light_shard->index}, {"of", o.light_shard->count}};
+    print_json(json);
 }
 
 /// ", shard 2 of 3: z 16 to 31".
@@ -350,13 +365,14 @@ options::Action declare_light(options::Options& options) {
         BakeOptions& o = *fields;
         if (o.outputs.paths.size() != 1 || !o.outputs.paths.front().ends_with(".lit"))
             throw Error(ErrorKind::argument, "one output: add -o NAME.lit");
-        for (const char* other : {"at", "adaptive", "shard", "lit", "dry-run", "if-changed",
-                                  "if-missing", "depfile", "bytes", "verify"})
+        for (const char* other : {"at", "adaptive", "lit", "dry-run", "if-changed", "if-missing",
+                                  "depfile", "bytes", "verify"})
             if (options.find(other)->is_given())
                 throw Error(ErrorKind::argument,
                             std::string("--") + other + " is of bake, not of light");
         std::ranges::sort(options.find("level")->given);
         o.light_file = std::exchange(o.outputs.paths, {}).front();
+        o.light_shard = std::exchange(o.shard, {}); // of surfaces, not of layers of cells
         check_files({o.scene}, {}, {o.light_file}, true);
         probe_outputs({o.light_file});
         run_bake(o, options);

@@ -71,7 +71,8 @@ struct BakeOptions : SceneOptions, RunOptions {
     int layers_level = 0;
     std::string lit;        ///< file of surfaces that are lit already; empty: none
     std::string light_file; ///< such a file is written, nothing else; empty: a volume is baked
-    std::optional<volume::Shard> shard; ///< the part of the grid that is baked
+    std::optional<volume::Shard> light_shard; ///< and of the surfaces this part alone
+    std::optional<volume::Shard> shard;       ///< the part of the grid that is baked
     std::optional<double> surroundings; ///< metres around `bounds`; none: all of the scene counts
     bool if_changed = false;
     bool if_missing = false;

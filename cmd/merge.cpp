@@ -1,5 +1,6 @@
 // lpvbake merge: one volume of the parts that shards of a bake have left.
 
+#include "bake/lit_file.h"
 #include "commands.h"
 #include "io/atomic_file.h"
 #include "io/parts.h"
@@ -41,11 +42,41 @@ Written write(const MergeOptions& o, const std::string& path, const io::Parts& p
     return {path, report.files, report.packing};
 }
 
+bool is_lit_name(const std::string& path) {
+    return path.ends_with(".lit");
+}
+
+/// Parts of lit surfaces.
+void run_lit(const MergeOptions& o) {
+    if (o.outputs.size() != 1 || !is_lit_name(o.outputs.front()))
+        throw Error(ErrorKind::argument,
+                    o.parts.front() + ": parts of lit surfaces make one output, NAME.lit");
+    const std::string& path = o.outputs.front();
+    check_files(o.parts, {}, o.outputs);
+    probe_outputs(o.outputs);
+    TerminalProgress progress(ProgressStyle::none);
+    const auto [file, patches] = bake::merge_lit(o.parts, path, progress);
+    if (o.format == Format::json)
+        print_json({{"command", "merge"},
+                    {"version", LPVBAKE_VERSION},
+                    {"parts", o.parts.size()},
+                    {"patches", patches},
+                    {"outputs", {{{"path", file.path}, {"bytes", file.bytes}}}},
+                    {"warnings", progress.warnings()}});
+    else
+        print_outputs({{file.path, {file}, {}}});
+}
+
 void run(const MergeOptions& o, const options::Options& options) {
+    if (bake::is_lit(o.parts.front())) {
+        run_lit(o);
+        return;
+    }
     for (const std::string& path : o.outputs)
         if (!io::volume_format(path))
             throw Error(ErrorKind::argument,
-                        path + ": the name of an output ends in " + io::format_list());
+                        path + ": the name of an output ends in " + io::format_list()
+                            + (is_lit_name(path) ? "; .lit is of parts of lit surfaces" : ""));
     check_files(o.parts, {}, o.outputs);
     watch_signals();
     probe_outputs(o.outputs);
@@ -80,11 +111,13 @@ void run(const MergeOptions& o, const options::Options& options) {
 options::Action declare(options::Options& options) {
     const auto fields = std::make_shared<MergeOptions>();
     MergeOptions& o = *fields;
-    options.texts("parts", o.parts, "PART", "All parts of one bake, in any order (bake --shard)")
+    options
+        .texts("parts", o.parts, "PART",
+               "All parts of one bake, in any order (bake --shard, light --shard)")
         .require();
     options
         .texts("-o,--output", o.outputs, "FILE",
-               "Volume to write, " + io::format_list() + "; may be repeated")
+               "Volume to write, " + io::format_list() + ", or NAME.lit; may be repeated")
         .keep_to_one_run()
         .require();
     options.group("Output");

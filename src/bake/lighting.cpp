@@ -97,6 +97,17 @@ surface::LitSurfaces light_scene(const Scene& scene, const BakePlan& plan,
     return lit;
 }
 
+surface::LitPart light_part(const Scene& scene, const BakePlan& plan,
+                            const visibility::Visibility& visibility, volume::Shard shard,
+                            solver::Stages& stages) {
+    stages.begin("lighting");
+    surface::LitPart part = surface::light_part(scene, visibility, plan.frame, lighting_of(plan),
+                                                shard.index, shard.count, stages.progress());
+    stages.end(counted(part.rays.lux.size(), "element") + " of "
+               + counted(part.elements.size(), "element"));
+    return part;
+}
+
 void describe_light(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
                     const visibility::Visibility& visibility, Volume& volume) {
     volume.metadata["solver"] = plan.settings.solver.kind().name;

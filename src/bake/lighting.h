@@ -28,6 +28,12 @@ surface::LitSurfaces light_scene(const Scene& scene, const BakePlan& plan,
                                  const visibility::Visibility& visibility, solver::Stages& stages,
                                  std::span<const scene::LightLayer> layers = {});
 
+/// A part of light_scene's work; all of them make it up (surface::join). Of a plan without layers
+/// and maps.
+surface::LitPart light_part(const Scene& scene, const BakePlan& plan,
+                            const visibility::Visibility& visibility, volume::Shard shard,
+                            solver::Stages& stages);
+
 /// Adds to the metadata what light it is, and by what it was computed.
 void describe_light(const Scene& scene, const BakePlan& plan, const gpu::Device& device,
                     const visibility::Visibility& visibility, Volume& volume);

@@ -4,23 +4,36 @@
 #include "lpvbake/error.h"
 #include "quoted.h"
 #include "surface/stored.h"
+#include "text.h"
 
+#include <algorithm>
 #include <array>
+#include <fstream>
+#include <iterator>
 
 namespace lpvbake::bake {
 namespace {
 
-constexpr std::string_view magic("LPVLIT\0\1", 8); // a name and a version
+constexpr std::string_view magic("LPVLIT\0\2", 8); // a name and a version
 constexpr uint64_t most_bytes = uint64_t(1) << 40;
 
-struct Part {
+struct Fact {
     const char* name; ///< in messages
     std::string LitOrigin::*text;
 };
-constexpr std::array parts{Part{"another version of the program", &LitOrigin::version},
-                           Part{"another scene", &LitOrigin::scene},
-                           Part{"another instruction set for rays", &LitOrigin::tracer},
-                           Part{"other settings", &LitOrigin::settings}};
+constexpr std::array facts{Fact{"another version of the program", &LitOrigin::version},
+                           Fact{"another scene", &LitOrigin::scene},
+                           Fact{"another instruction set for rays", &LitOrigin::tracer},
+                           Fact{"other settings", &LitOrigin::settings}};
+
+/// Which of how many; of none: the whole.
+struct PartOf {
+    uint32_t index = 0, count = 0;
+};
+
+std::string text_of(PartOf part) {
+    return format("shard %u of %u", part.index, part.count);
+}
 
 void put(const std::string& text, cache::Writer& out) {
     out.put(std::vector<char>(text.begin(), text.end()));
@@ -34,14 +47,12 @@ bool get(cache::Reader& in, std::string& text) {
     return true;
 }
 
-} // namespace
-
-WriteReport::File write_lit(const std::string& path, const LitOrigin& origin,
-                            surface::LitSurfaces lit) {
-    cache::Writer head, body;
-    for (const Part& part : parts)
-        put(origin.*part.text, head);
-    surface::put(std::move(lit), body);
+WriteReport::File write(const std::string& path, const LitOrigin& origin, PartOf part,
+                        const cache::Writer& body) {
+    cache::Writer head;
+    for (const Fact& fact : facts)
+        put(origin.*fact.text, head);
+    head.put(part);
     head.put(cache::hash_of(body.bytes()));
     head.put(uint64_t(body.bytes().size()));
     io::AtomicFile file(path);
@@ -55,32 +66,130 @@ WriteReport::File write_lit(const std::string& path, const LitOrigin& origin,
     return {path, bytes};
 }
 
+/// A file that is whole, whatever it is of.
+struct Opened {
+    std::string path;
+    std::string bytes;
+    LitOrigin origin;
+    PartOf part;
+    std::size_t body = 0; ///< where it begins
+
+    explicit Opened(const std::string& of);
+    cache::Reader reader() const { return cache::Reader(std::string_view(bytes).substr(body)); }
+    /// Throws Error (invalid) where it is of something else; the remedy is told.
+    void check(const LitOrigin& other, const std::string& than, const std::string& remedy) const;
+};
+
+Opened::Opened(const std::string& of) : path(of), bytes(io::read_file(of, most_bytes)) {
+    if (!std::string_view(bytes).starts_with(magic))
+        io::reject(path, "is no file of lit surfaces of this version; lpvbake light writes one");
+    cache::Reader in(std::string_view(bytes).substr(magic.size()));
+    std::array<uint64_t, 2> hash{};
+    uint64_t size = 0;
+    bool whole = true;
+    for (const Fact& fact : facts)
+        whole = whole && get(in, origin.*fact.text);
+    whole = whole && in.get(part) && in.get(hash) && in.get(size) && size <= bytes.size();
+    body = whole ? bytes.size() - std::size_t(size) : 0;
+    if (!whole || cache::hash_of(std::string_view(bytes).substr(body)) != hash
+        || (part.count > 0 && (part.index < 1 || part.index > part.count)))
+        io::reject(path, "is damaged or cut off; light the scene again");
+}
+
+void Opened::check(const LitOrigin& other, const std::string& than,
+                   const std::string& remedy) const {
+    for (const Fact& fact : facts)
+        if (origin.*fact.text != other.*fact.text)
+            io::reject(path, std::string("is of ") + fact.name + than + ": "
+                                 + apart(origin.*fact.text, other.*fact.text) + "; " + remedy);
+}
+
+/// All parts, in their order.
+std::vector<Opened> open_parts(const std::vector<std::string>& paths) {
+    std::vector<Opened> parts;
+    for (const std::string& path : paths) {
+        const Opened& part = parts.emplace_back(path);
+        if (part.part.count == 0)
+            io::reject(path, "is no part of lit surfaces, but all of them");
+        const Opened& first = parts.front();
+        if (part.part.count != first.part.count)
+            io::reject(path,
+                       "is " + text_of(part.part)
+                           + format(", and %s is of %u", first.path.c_str(), first.part.count));
+        part.check(first.origin, " than " + first.path, "light it again as the others were");
+    }
+    std::ranges::sort(parts, {}, [](const Opened& part) { return part.part.index; });
+    for (std::size_t i = 0; i < parts.front().part.count; ++i) {
+        const PartOf wanted{uint32_t(i + 1), parts.front().part.count};
+        if (i < parts.size() && i > 0 && parts[i].part.index == parts[i - 1].part.index)
+            io::reject(parts[i].path, "is " + text_of(parts[i].part)
+                                          + (parts[i].path == parts[i - 1].path
+                                                 ? ", and is given twice"
+                                                 : ", and so is " + parts[i - 1].path));
+        if (i >= parts.size() || parts[i].part.index != wanted.index)
+            throw Error(ErrorKind::invalid,
+                        text_of(wanted)
+                            + format(" of the lit surfaces is missing: light it with `shard` %u/%u",
+                                     wanted.index, wanted.count));
+    }
+    return parts;
+}
+
+} // namespace
+
+WriteReport::File write_lit(const std::string& path, const LitOrigin& origin,
+                            surface::LitSurfaces lit) {
+    cache::Writer body;
+    surface::put(std::move(lit), body);
+    return write(path, origin, {}, body);
+}
+
+WriteReport::File write_lit_part(const std::string& path, const LitOrigin& origin,
+                                 surface::LitPart part) {
+    const PartOf of{uint32_t(part.index), uint32_t(part.count)};
+    cache::Writer body;
+    surface::put(std::move(part), body);
+    return write(path, origin, of, body);
+}
+
 surface::LitSurfaces read_lit(const std::string& path, const LitOrigin& origin, const Scene& scene,
                               const visibility::Visibility& visibility) {
-    const std::string all = io::read_file(path, most_bytes);
-    if (!all.starts_with(magic))
-        io::reject(path, "is no file of lit surfaces of this version; lpvbake light writes one");
-    cache::Reader in(std::string_view(all).substr(magic.size()));
-    LitOrigin own;
-    std::array<uint64_t, 2> hash{};
-    uint64_t bytes = 0;
-    bool whole = true;
-    for (const Part& part : parts)
-        whole = whole && get(in, own.*part.text);
-    whole = whole && in.get(hash) && in.get(bytes) && bytes <= all.size();
-    const std::string_view body = whole ? std::string_view(all).substr(all.size() - bytes) : "";
-    if (!whole || cache::hash_of(body) != hash)
-        io::reject(path, "is damaged or cut off; light the scene again");
-    for (const Part& part : parts)
-        if (own.*part.text != origin.*part.text)
-            io::reject(path, std::string("is of ") + part.name + ": "
-                                 + apart(own.*part.text, origin.*part.text)
-                                 + "; light the scene again with the options of this bake");
+    const Opened file(path);
+    file.check(origin, "", "light the scene again with the options of this bake");
+    if (file.part.count > 0)
+        io::reject(path, "is " + text_of(file.part)
+                             + " of lit surfaces; let lpvbake merge make one file of all");
     surface::LitSurfaces lit;
-    cache::Reader values(body);
+    cache::Reader values = file.reader();
     if (!surface::get(values, scene, visibility, lit))
         io::reject(path, "does not fit the scene; light the scene again");
     return lit;
+}
+
+bool is_lit(const std::string& path) {
+    std::array<char, magic.size() - 1> bytes{};
+    std::ifstream(path, std::ios::binary).read(bytes.data(), std::streamsize(bytes.size()));
+    return magic.starts_with(std::string_view(bytes.data(), bytes.size()));
+}
+
+MergedLit merge_lit(const std::vector<std::string>& parts, const std::string& path,
+                    Progress& progress) {
+    std::vector<surface::LitPart> values;
+    LitOrigin origin;
+    {
+        const std::vector<Opened> files = open_parts(parts);
+        origin = files.front().origin;
+        std::vector<cache::Reader> bodies;
+        std::ranges::transform(files, std::back_inserter(bodies), &Opened::reader);
+        if (!surface::get(bodies, values))
+            io::reject(files.front().path, "does not fit the other parts; light the scene again");
+    }
+    surface::LitSurfaces lit = surface::join(std::move(values), progress);
+    if (!surface::is_sound(lit)) // as of no scene of ours
+        io::reject(parts.front(), "and the other parts hold light without bounds; light the scene "
+                                  "again");
+    const std::size_t patches = lit.patches.size();
+    return {write_lit(path, origin, std::move(lit)), patches};
 }
 
 } // namespace lpvbake::bake

@@ -62,7 +62,7 @@ struct Kept {
         emissions.resize(from.size());
         std::ranges::transform(from, emissions.begin(), &Patch::emission);
     }
-    bool give(const Scene& scene, std::vector<Patch>& to) const {
+    bool give(const Scene* scene, std::vector<Patch>& to) const {
         if (!emissions.empty() && emissions.size() != patches.size())
             return false;
         to.resize(patches.size());
@@ -80,7 +80,7 @@ struct Kept {
 };
 
 /// Whether every way down ends, and at a patch.
-bool is_sound(const PatchTree& tree, const Scene& scene, size_t patches) {
+bool is_sound(const PatchTree& tree, size_t patches) {
     const auto leads_on = [&](const Node& node, size_t at) {
         if (node.turn > 2)
             return false;
@@ -88,6 +88,18 @@ bool is_sound(const PatchTree& tree, const Scene& scene, size_t patches) {
                    ? node.at < tree.nodes.size() && tree.nodes.size() - node.at > 1 && node.at >= at
                    : node.at == PatchTree::none || node.at < patches;
     };
+    return all_of(tree.nodes.size(), [&](size_t i) { return leads_on(tree.nodes[i], i + 1); })
+           && all_of(tree.pieces.size(), [&](size_t i) { return leads_on(tree.pieces[i], 0); })
+           && all_of(tree.roots.size(), [&](size_t i) {
+                  const Root& root = tree.roots[i];
+                  return root.first == PatchTree::none
+                         || (root.turn <= 2 && root.levels < 32
+                             && root.first + (uint64_t(1) << root.levels) <= tree.pieces.size());
+              });
+}
+
+/// Whether every triangle has its way down.
+bool is_of(const Scene& scene, const PatchTree& tree) {
     if (tree.first_root.size() != scene.instances.size())
         return false;
     for (size_t i = 0; i < scene.instances.size(); ++i) {
@@ -97,14 +109,7 @@ bool is_sound(const PatchTree& tree, const Scene& scene, size_t patches) {
                 || tree.roots.size() - tree.first_root[i] < triangles))
             return false;
     }
-    return all_of(tree.nodes.size(), [&](size_t i) { return leads_on(tree.nodes[i], i + 1); })
-           && all_of(tree.pieces.size(), [&](size_t i) { return leads_on(tree.pieces[i], 0); })
-           && all_of(tree.roots.size(), [&](size_t i) {
-                  const Root& root = tree.roots[i];
-                  return root.first == PatchTree::none
-                         || (root.turn <= 2 && root.levels < 32
-                             && root.first + (uint64_t(1) << root.levels) <= tree.pieces.size());
-              });
+    return true;
 }
 
 template <class T>
@@ -122,7 +127,7 @@ void unpack(const std::vector<uint64_t>& bits, std::vector<T>& to, const Unpack&
 
 } // namespace
 
-bool read_cover(cache::Reader& in, const Scene& scene, PatchCover& cover) {
+bool read_cover(cache::Reader& in, const Scene* scene, PatchCover& cover) {
     Kept patches, receivers;
     std::vector<uint64_t> pieces, nodes, roots;
     PatchTree& tree = cover.tree;
@@ -133,7 +138,7 @@ bool read_cover(cache::Reader& in, const Scene& scene, PatchCover& cover) {
     unpack(nodes, tree.nodes, node_of);
     unpack(roots, tree.roots, root_of);
     return patches.give(scene, cover.patches) && receivers.give(scene, cover.receivers)
-           && is_sound(tree, scene, cover.patches.size());
+           && is_sound(tree, cover.patches.size()) && (!scene || is_of(*scene, tree));
 }
 
 void write_cover(const PatchCover& cover, cache::Writer& out) {
@@ -161,9 +166,10 @@ PatchNumbers::PatchNumbers(const Patch& of)
       flags(uint32_t(of.double_sided) | uint32_t(of.crossed) << 1 | uint32_t(of.fading) << 2
             | uint32_t(of.met) << 3 | uint32_t(of.asked) << 4 | uint32_t(of.under) << 8) {}
 
-bool PatchNumbers::to(const Scene& scene, Patch& patch) const {
-    if (instance >= scene.instances.size()
-        || triangle >= scene.meshes[size_t(scene.instances[instance].mesh)].triangles.size())
+bool PatchNumbers::to(const Scene* scene, Patch& patch) const {
+    if (scene
+        && (instance >= scene->instances.size()
+            || triangle >= scene->meshes[size_t(scene->instances[instance].mesh)].triangles.size()))
         return false;
     patch.position = position;
     patch.normal = normal;
@@ -202,7 +208,7 @@ PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,
     for (const Mesh& mesh : scene.meshes)
         key.add_all(mesh.uv_emission);
     PatchCover cover;
-    if (!cache->get(key, [&](cache::Reader& in) { return read_cover(in, scene, cover); })) {
+    if (!cache->get(key, [&](cache::Reader& in) { return read_cover(in, &scene, cover); })) {
         cover = cover_surfaces(scene, frame, visibility, max_edge);
         cache->put(key, [&](cache::Writer& out) { write_cover(cover, out); });
     }

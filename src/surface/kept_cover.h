@@ -14,8 +14,8 @@ struct PatchNumbers {
 
     PatchNumbers() = default;
     explicit PatchNumbers(const Patch& of);
-    /// False where they are of no patch of the scene.
-    bool to(const Scene& scene, Patch& patch) const;
+    /// False where they are of no patch of the scene; null: of whichever it is.
+    bool to(const Scene* scene, Patch& patch) const;
 };
 
 /// As cover_surfaces; it is taken from the cache, if there is one, and kept there.
@@ -24,8 +24,8 @@ PatchCover cover_surfaces(const Scene& scene, const scene::Frame& frame,
                           cache::Cache* cache);
 
 /// Puts a cover, and takes it again, from bytes that anybody may have written: false where it is
-/// none of the scene.
+/// none of the scene. Null: it may be of any, and is there to be written again.
 void write_cover(const PatchCover& cover, cache::Writer& out);
-bool read_cover(cache::Reader& in, const Scene& scene, PatchCover& cover);
+bool read_cover(cache::Reader& in, const Scene* scene, PatchCover& cover);
 
 } // namespace lpvbake::surface

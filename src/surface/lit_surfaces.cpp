@@ -13,6 +13,8 @@
 #include "surface/kept.h"
 #include "surface/kept_cover.h"
 #include "surface/layered_elements.h"
+#include "surface/lit_part.h"
+#include "surface/reflections.h"
 #include "surface/shared_rays.h"
 #include "surface/spots.h"
 #include "text.h"
@@ -27,9 +29,7 @@
 namespace lpvbake::surface {
 namespace {
 
-constexpr uint32_t black = ~0u;     ///< what a ray meets that reflects nothing
-constexpr int least_rays = 32;      ///< of an element
-constexpr int longest_sum = 20'000; ///< reflections, where their number is not bounded
+constexpr int least_rays = 32; ///< of an element
 
 /// Van der Corput's sequences of Halton's first four bases.
 struct HaltonTable {
@@ -188,13 +188,8 @@ class Emission {
 public:
     Emission() = default; ///< without emitters
     explicit Emission(const std::vector<Patch>& patches)
-        : of_side_(2 * patches.size(), glm::vec3(0.0f)),
+        : of_side_(emission_of(patches)),
           glows_(of_side_.size()) {
-        for (size_t i = 0; i < patches.size(); ++i) {
-            of_side_[2 * i] = patches[i].sent();
-            if (patches[i].double_sided)
-                of_side_[2 * i + 1] = of_side_[2 * i];
-        }
         for (size_t side = 0; side < of_side_.size(); ++side)
             glows_[side] = of_side_[side] != glm::vec3(0.0f);
     }
@@ -373,176 +368,6 @@ struct DirectLight {
     }
 };
 
-/// How fast the orders of a series fall off.
-class Orders {
-public:
-    /// Power of one more; none may be 0.
-    void add(double power) {
-        last_.insert(last_.begin(), power);
-        last_.resize(std::min<size_t>(last_.size(), several + 1));
-    }
-    /// Of an order to the one before it: of the last two, or on the mean of several if that is
-    /// more.
-    double ratio() const {
-        if (last_.size() < 2)
-            return 1.0;
-        const double orders = double(last_.size() - 1);
-        return std::min(
-            1.0, std::max(last_[0] / last_[1], std::pow(last_[0] / last_.back(), 1.0 / orders)));
-    }
-
-private:
-    static constexpr size_t several = 16;
-    std::vector<double> last_; ///< the latest first
-};
-
-/// What elements reflect.
-struct Reflection {
-    std::vector<glm::vec3> albedo;      ///< mean of the covered part
-    std::vector<glm::vec3> direct;      ///< luminance without light of other elements
-    std::vector<double> area;           ///< covered
-    std::vector<uint32_t> hits;         ///< sides that the rays of each meet, or `black`
-    std::vector<glm::vec3> tints;       ///< what these rays passed; empty where nothing tints
-    std::vector<glm::vec3> spots;       ///< what Spots add to the mean that they meet, nits
-    std::vector<glm::vec3> spots_there; ///< Spots::luminance, which their hits do not count again
-
-    Reflection(size_t elements, size_t rays, bool tinted)
-        : albedo(elements),
-          direct(elements),
-          area(elements),
-          hits(elements * rays, black),
-          tints(tinted ? hits.size() : 0),
-          spots(elements, glm::vec3(0.0f)) {}
-};
-
-/// Sum of what leaves the sides that an element's rays meet, by the tints that they passed, if any.
-/// The hits become elements, or the place after all of them where nothing is reflected.
-glm::dvec3 sum_of_sides(const Reflection& of, const LitSurfaces& lit, const Elements& elements,
-                        std::span<uint32_t> hits, std::span<const glm::vec3> tints) {
-    glm::dvec3 sum{0.0};
-    for (size_t ray = 0; ray < hits.size(); ++ray) {
-        uint32_t& hit = hits[ray];
-        if (hit == black) {
-            hit = uint32_t(elements.size());
-            continue;
-        }
-        glm::vec3 sent = lit.luminance[hit];
-        if (!of.spots_there.empty())
-            sent -= of.spots_there[hit];
-        sum += glm::dvec3(tints.empty() ? sent : tints[ray] * sent);
-        hit = elements.of_side[hit];
-    }
-    return sum;
-}
-
-/// The same of elements; that after the last one is black, so that no branch is guessed, and four
-/// numbers of each are one load.
-glm::dvec3 sum_of_elements(const std::vector<glm::vec4>& sent, std::span<const uint32_t> hits,
-                           std::span<const glm::vec3> tints) {
-    glm::dvec4 sum{0.0};
-    if (tints.empty())
-        for (const uint32_t hit : hits)
-            sum += glm::dvec4(sent[hit]);
-    else
-        for (size_t ray = 0; ray < hits.size(); ++ray)
-            sum += glm::dvec4(glm::vec4(tints[ray], 0.0f) * sent[hits[ray]]);
-    return glm::dvec3(sum);
-}
-
-/// R = D + rho K R by its series, D + rho K D + ...: each order is added to the others, not taken
-/// as a difference of sums, so that it falls off to any number of digits. No row of K sums to more
-/// than 1: where the largest albedo is below 1 the series ends. D leaves its own side of a patch,
-/// LitSurfaces::luminance; what follows, all of an element, which the hits become. Returns K R.
-std::vector<glm::vec3> reflect_between(const Scene& scene, const scene::Frame& frame,
-                                       Reflection& of, const Elements& elements,
-                                       const LightingSettings& settings, LayeredElements& layered,
-                                       LitSurfaces& lit, Progress& progress) {
-    const size_t count = of.direct.size(), rays = of.hits.size() / std::max<size_t>(count, 1);
-    std::vector<glm::dvec3> met(count, glm::dvec3(0.0));
-    std::vector<glm::vec4> order, next(count + 1, glm::vec4(0.0f)); // the last: of what is black
-    const auto power_of = [&](size_t i, glm::dvec3 luminance) {
-        return of.area[i] * std::max({luminance.x, luminance.y, luminance.z});
-    };
-    // What an element sends of an order, and which share that is of all that it sends, if any.
-    struct Power {
-        double sent = 0.0, share = 0.0;
-        bool any = false;
-    };
-    std::vector<Power> powers(count);
-    // Who has the largest albedo, and sends most of those that have it.
-    const auto keeps = [&](size_t i) { return greatest(of.albedo[i]) >= 1.0f; };
-    bool ends = true;
-    for (size_t i = 0; i < count; ++i)
-        ends = ends && !keeps(i);
-    Orders orders;
-    const int most = settings.bounces.value_or(longest_sum);
-    layered.begin_orders();
-    progress.begin("bounces", 0);
-    while (lit.bounces < most) {
-        progress.advance(0);
-        const bool first = order.empty();
-        tbb::parallel_for(size_t(0), count, [&](size_t i) {
-            const std::span<uint32_t> hits = std::span(of.hits).subspan(i * rays, rays);
-            const std::span<const glm::vec3> tints =
-                of.tints.empty() ? std::span<const glm::vec3>{}
-                                 : std::span(of.tints).subspan(i * rays, rays);
-            if (!layered.empty())
-                layered.reflect(i, of.albedo[i], hits, first ? black : uint32_t(count), tints);
-            glm::dvec3 sum = (first ? sum_of_sides(of, lit, elements, hits, tints)
-                                    : sum_of_elements(order, hits, tints))
-                             / double(rays);
-            if (first)
-                sum += glm::dvec3(of.spots[i]);
-            next[i] = glm::vec4(glm::dvec3(of.albedo[i]) * sum, 0.0f);
-            met[i] += sum;
-        });
-        // By themselves, or what is summed above would wait for it.
-        tbb::parallel_for(size_t(0), count, [&](size_t i) {
-            const double all =
-                power_of(i, glm::dvec3(of.direct[i]) + glm::dvec3(of.albedo[i]) * met[i]);
-            const double sent = power_of(i, glm::dvec3(next[i]));
-            powers[i] = all > 0.0 ? Power{sent, sent / all, true} : Power{};
-        });
-        std::swap(order, next);
-        next.resize(count + 1, glm::vec4(0.0f));
-        layered.next_order();
-        ++lit.bounces;
-        double last = 0.0, shares = 0.0;
-        size_t light = 0;                   // elements that have any
-        for (const Power& power : powers) { // in their order, for any number of threads
-            last += power.sent;
-            shares += power.share;
-            light += power.any;
-        }
-        if (!(last > 0.0)) {
-            lit.residual = 0.0;
-            break;
-        }
-        orders.add(last);
-        const double ratio = orders.ratio();
-        if (!settings.bounces && !ends && lit.bounces > 100 && ratio > 0.9999) {
-            size_t worst = 0;
-            for (size_t i = 0; i < count; ++i)
-                if (!keeps(worst)
-                    || (keeps(i)
-                        && power_of(i, glm::dvec3(order[i]))
-                               > power_of(worst, glm::dvec3(order[worst]))))
-                    worst = i;
-            const Patch& patch = lit.patches[elements.members[elements.first[worst]] / 2];
-            const glm::dvec3 at = frame.to_world(glm::dvec3(patch.position));
-            throw Error(ErrorKind::invalid,
-                        scene::endless_reflection(scene, patch.instance,
-                                                  format(" at %.4g,%.4g,%.4g", at.x, at.y, at.z)));
-        }
-        lit.residual = ratio < 1.0 ? ratio / (1.0 - ratio) * shares / double(light) : 1.0;
-        if (!settings.bounces && lit.residual <= double(settings.tolerance))
-            break;
-    }
-    if (settings.bounces)
-        lit.residual = 0.0;
-    return {met.begin(), met.end()};
-}
-
 /// What a ray of an element meets counts for layers, too.
 void find_layered(const DirectLight& light, const Spots& spots, const Meeting& meeting,
                   LayeredElements::Found& found) {
@@ -559,25 +384,25 @@ void find_layered(const DirectLight& light, const Spots& spots, const Meeting& m
 }
 
 /// Finds the light of an element's rays, without that of other elements, and which sides they meet.
-/// Returns it, lux.
-glm::vec3 look_around(const DirectLight& light, const Spots& spots, const Elements& elements,
-                      size_t i, Reflection& reflection, LayeredElements& layered, KeptRays& kept) {
+void look_around(const DirectLight& light, const Spots& spots, const Elements& elements, size_t i,
+                 ElementRays& rays, LayeredElements* layered, KeptRays& kept) {
     const ElementSide element{light.lit.patches, elements, i};
-    const auto rays = size_t(light.rays);
-    const std::span<uint32_t> met = reflection.hits.empty()
+    const auto count = size_t(light.rays);
+    const size_t own = i - rays.first;
+    const std::span<uint32_t> met = rays.hits.empty()
                                         ? std::span<uint32_t>{}
-                                        : std::span(reflection.hits).subspan(i * rays, rays);
+                                        : std::span(rays.hits).subspan(own * count, count);
     const bool spotted = !spots.aim.empty();
     glm::vec3 by_spots{0.0f};
     std::optional<LayeredElements::Found> found;
-    if (!layered.empty())
-        found.emplace(layered);
+    if (layered)
+        found.emplace(*layered);
     const auto take = [&](const Meeting& meeting) {
         kept.add(i, meeting.ray, meeting.none() ? KeptRays::sky : meeting.there, meeting.hit.tint);
         if (found)
             find_layered(light, spots, meeting, *found);
-        if (!reflection.tints.empty())
-            reflection.tints[i * rays + meeting.ray] = meeting.hit.tint;
+        if (!rays.tints.empty())
+            rays.tints[own * count + meeting.ray] = meeting.hit.tint;
         if (met.empty() || meeting.there == LitSurfaces::no_side)
             return;
         met[meeting.ray] = meeting.there;
@@ -585,7 +410,8 @@ glm::vec3 look_around(const DirectLight& light, const Spots& spots, const Elemen
             by_spots += light.by_chance(meeting, spots.luminance[meeting.there],
                                         spots.density(meeting.there));
     };
-    glm::vec3 lux = light.by_rays(element, take, KeptOfElement{kept, i, spots.luminance});
+    glm::vec3& lux = rays.lux[own];
+    lux = light.by_rays(element, take, KeptOfElement{kept, i, spots.luminance});
     const auto aim = [&](const EmitterSampling& at, uint32_t purpose, const auto& meet) {
         return aimed(element, at, light.aimed_rays, light.rays, light.visibility, purpose,
                      [&](const EmitterSampling::Sample& to, glm::vec3 share) {
@@ -598,72 +424,43 @@ glm::vec3 look_around(const DirectLight& light, const Spots& spots, const Elemen
             found->aimed_emitter(to.patch, share * to.luminance);
         });
     if (spotted)
-        reflection.spots[i] =
-            by_spots / float(rays)
+        rays.spots[own] =
+            by_spots / float(count)
             + aim(spots.aim, 3, [&](const EmitterSampling::Sample& to, glm::vec3 share) {
                   found->aimed_spot(to.patch, share);
               }) / glm::pi<float>();
     for (uint32_t& there : met)
-        if (there != black && elements.of_side[there] == Elements::none)
-            there = black;
+        if (there != ElementRays::black && elements.of_side[there] == Elements::none)
+            there = ElementRays::black;
     if (found)
-        layered.take(i, *found, light.rays);
-    return lux;
+        layered->take(i, *found, light.rays);
 }
 
-/// The light of emitters, sky and other surfaces that is reflected, added to the punctual lights'
-/// in LitSurfaces::luminance.
-void reflect_around(const Scene& scene, const scene::Frame& frame, const LightingSettings& settings,
-                    std::span<const scene::LightLayer> layers, const Emission& emission,
-                    const Keeper& keeper, LitSurfaces& lit, Progress& progress) {
+/// The light of emitters, sky and other surfaces that is found by rays of elements [first, end).
+ElementRays find_around(const Scene& scene, const LightingSettings& settings,
+                        const Elements& elements, const Spots& spots, const Emission& emission,
+                        size_t first, size_t end, const Keeper& keeper, LayeredElements* layered,
+                        const LitSurfaces& lit, Progress& progress) {
     const visibility::Visibility& visibility = *lit.visibility;
-    const std::vector<Patch>& patches = lit.patches;
-    const Elements elements = group_sides(patches, visibility, frame, keeper);
-    const size_t count = elements.size();
-    const int rays = std::clamp(int(settings.rays / std::max<size_t>(count, 1)), least_rays, 256);
+    const int count =
+        std::clamp(int(settings.rays / std::max<size_t>(elements.size(), 1)), least_rays, 256);
     const DirectLight light{
-        lit,      visibility, scene.sky,
-        emission, {},         EmitterSampling(emission.empty() ? std::vector<Patch>{} : patches),
-        rays,     rays / 4};
-    const bool between = settings.bounces != 1;
-    Reflection reflection(count, between ? size_t(rays) : 0, visibility.is_tinted());
-    Spots spots = between ? Spots(scene, frame, emission.of_sides(), lit) : Spots{};
-    LayeredElements layered(scene, layers, elements, spots, lit);
-    KeptRays kept(keeper, elements, size_t(rays), visibility.is_tinted());
-    progress.begin("lighting", count);
+        lit,       visibility,
+        scene.sky, emission,
+        {},        EmitterSampling(emission.empty() ? std::vector<Patch>{} : lit.patches),
+        count,     count / 4};
+    ElementRays rays(first, end, settings.bounces == 1 ? 0 : size_t(count), visibility.is_tinted());
+    KeptRays kept(keeper, elements, size_t(count), visibility.is_tinted());
+    progress.begin("lighting", end - first);
     constexpr size_t block = 8192;
-    for (size_t first = 0; first < count; first += block) {
-        progress.advance(first);
-        tbb::parallel_for(first, std::min(count, first + block), [&](size_t i) {
-            const glm::vec3 lux = look_around(light, spots, elements, i, reflection, layered, kept);
-            glm::dvec3 albedo{0.0}, sum{0.0};
-            double area = 0.0;
-            for (const uint32_t side : elements.members_of(i)) {
-                const Patch& patch = patches[side / 2];
-                lit.luminance[side] += patch.albedo / glm::pi<float>() * lux;
-                const double weight = covered_area(patch);
-                albedo += weight * glm::dvec3(patch.albedo);
-                sum += weight * glm::dvec3(lit.luminance[side]);
-                area += weight;
-            }
-            if (area > 0.0) {
-                reflection.albedo[i] = glm::vec3(albedo / area);
-                reflection.direct[i] = glm::vec3(sum / area);
-            }
-            reflection.area[i] = area;
+    for (size_t begin = first; begin < end; begin += block) {
+        progress.advance(begin - first);
+        tbb::parallel_for(begin, std::min(end, begin + block), [&](size_t i) {
+            look_around(light, spots, elements, i, rays, layered, kept);
         });
     }
     kept.keep();
-    if (!between)
-        return;
-    reflection.spots_there = std::move(spots.luminance);
-    const std::vector<glm::vec3> met =
-        reflect_between(scene, frame, reflection, elements, settings, layered, lit, progress);
-    tbb::parallel_for(size_t(0), count, [&](size_t i) {
-        for (const uint32_t side : elements.members_of(i))
-            lit.luminance[side] += patches[side / 2].albedo * met[i];
-    });
-    layered.add_reflected();
+    return rays;
 }
 
 /// Direct light of lamps and of suns of the sky.
@@ -692,35 +489,74 @@ Direct light_directly(const Scene& scene, const scene::Frame& frame,
     return direct;
 }
 
-/// All light that is reflected becomes LitSurfaces::luminance.
-void reflect(const Scene& scene, const scene::Frame& frame, const LightingSettings& settings,
-             std::span<const scene::LightLayer> layers, const Emission& emission,
-             const Direct& direct, const Keeper& keeper, LitSurfaces& lit, Progress& progress) {
-    const PunctualLight &lamps = direct.lamps, &suns = direct.suns;
-    const auto each_side = [&](const auto& set) {
-        tbb::parallel_for(size_t(0), lit.luminance.size(), [&](size_t side) {
-            const Patch& patch = lit.patches[side / 2];
-            if (side % 2 == 0 || patch.double_sided)
-                set(uint32_t(side), patch.albedo / glm::pi<float>());
-        });
-    };
-    each_side([&](uint32_t side, glm::vec3 share) {
-        lit.luminance[side] = share * (lamps.of(side) + suns.of(side));
+template <class Set>
+void each_side(const LitSurfaces& lit, const Set& set) {
+    tbb::parallel_for(size_t(0), lit.luminance.size(), [&](size_t side) {
+        const Patch& patch = lit.patches[side / 2];
+        if (side % 2 == 0 || patch.double_sided)
+            set(uint32_t(side), patch.albedo / glm::pi<float>());
+    });
+}
+
+/// Surfaces that lamps light, and nothing else yet.
+struct Begun {
+    LitSurfaces lit; ///< the light that they reflect
+    Keeper keeper;
+    Direct direct;
+    Emission emission;
+
+    Begun(const Scene& scene, const visibility::Visibility& visibility, const scene::Frame& frame,
+          const LightingSettings& settings, std::span<const scene::LightLayer> layers,
+          Progress& progress);
+    /// Whether elements look for light.
+    bool looks_around(const Scene& scene, const LightingSettings& settings) const {
+        return settings.bounces != 0
+               && (!emission.empty() || scene::has_sky(scene) || settings.bounces != 1
+                   || lit_air(*lit.visibility));
+    }
+    Spots spots(const Scene& scene, const scene::Frame& frame,
+                const LightingSettings& settings) const {
+        return settings.bounces != 1 ? Spots(scene, frame, emission.of_sides(), lit) : Spots{};
+    }
+};
+
+Begun::Begun(const Scene& scene, const visibility::Visibility& visibility,
+             const scene::Frame& frame, const LightingSettings& settings,
+             std::span<const scene::LightLayer> layers, Progress& progress) {
+    lit.visibility = &visibility;
+    lit.layer_count = layers.size();
+    PatchCover cover = cover_surfaces(scene, frame, visibility, 1.0f, settings.cache);
+    lit.patches = std::move(cover.patches);
+    lit.tree = std::move(cover.tree);
+    lit.receivers = std::move(cover.receivers);
+    keeper = Keeper(settings.cache, lit);
+    const bool dark = lit_air(visibility) != nullptr; // but for the air
+    if (settings.bounces != 0 && !dark)
+        direct = light_directly(scene, frame, layers, keeper, lit, progress);
+    keeper.settle(lit);
+    lit.luminance.assign(2 * lit.patches.size(), glm::vec3(0.0f));
+    lit.layers.assign(layers.size() * lit.luminance.size(), glm::vec3(0.0f));
+    if (settings.emitters && !dark && scene::has_emitters(scene))
+        emission = Emission(lit.patches);
+    if (settings.bounces == 0)
+        return;
+    each_side(lit, [&](uint32_t side, glm::vec3 share) {
+        lit.luminance[side] = share * (direct.lamps.of(side) + direct.suns.of(side));
         for (size_t layer = 0; layer < layers.size(); ++layer)
             lit.layers[layers.size() * side + layer] =
-                share * (lamps.of(side, layer) + suns.of(side, layer));
+                share * (direct.lamps.of(side, layer) + direct.suns.of(side, layer));
     });
     lit.bounces = 1;
-    if (!emission.empty() || scene::has_sky(scene) || settings.bounces != 1
-        || lit_air(*lit.visibility))
-        reflect_around(scene, frame, settings, layers, emission, keeper, lit, progress);
-    if (settings.maps)
-        each_side([&](uint32_t side, glm::vec3 share) {
-            glm::vec3& luminance = lit.luminance[side];
-            luminance = glm::max(luminance - share * lamps.of(side), 0.0f);
-            for (size_t layer = 0; layer < layers.size(); ++layer)
-                lit.layers[layers.size() * side + layer] -= share * lamps.of(side, layer);
-        });
+}
+
+/// Maps bring what lamps give.
+void take_out(const PunctualLight& lamps, LitSurfaces& lit) {
+    each_side(lit, [&](uint32_t side, glm::vec3 share) {
+        glm::vec3& luminance = lit.luminance[side];
+        luminance = glm::max(luminance - share * lamps.of(side), 0.0f);
+        for (size_t layer = 0; layer < lit.layer_count; ++layer)
+            lit.layers[lit.layer_count * side + layer] -= share * lamps.of(side, layer);
+    });
 }
 
 } // namespace
@@ -728,33 +564,56 @@ void reflect(const Scene& scene, const scene::Frame& frame, const LightingSettin
 LitSurfaces light_surfaces(const Scene& scene, const visibility::Visibility& visibility,
                            const scene::Frame& frame, const LightingSettings& settings,
                            Progress& progress, std::span<const scene::LightLayer> layers) {
-    LitSurfaces lit;
-    lit.visibility = &visibility;
-    lit.layer_count = layers.size();
-    {
-        PatchCover cover = cover_surfaces(scene, frame, visibility, 1.0f, settings.cache);
-        lit.patches = std::move(cover.patches);
-        lit.tree = std::move(cover.tree);
-        lit.receivers = std::move(cover.receivers);
+    Begun begun(scene, visibility, frame, settings, layers, progress);
+    LitSurfaces& lit = begun.lit;
+    if (begun.looks_around(scene, settings)) {
+        const Elements elements = group_sides(lit.patches, visibility, frame, begun.keeper);
+        const Spots spots = begun.spots(scene, frame, settings);
+        std::optional<LayeredElements> own;
+        if (!layers.empty())
+            own.emplace(scene, layers, elements, spots, lit);
+        LayeredElements* const layered = own ? &*own : nullptr;
+        ElementRays rays = find_around(scene, settings, elements, spots, begun.emission, 0,
+                                       elements.size(), begun.keeper, layered, lit, progress);
+        const auto endless = [&](const Patch& patch) {
+            const glm::dvec3 at = frame.to_world(glm::dvec3(patch.position));
+            return Error(ErrorKind::invalid,
+                         scene::endless_reflection(scene, patch.instance,
+                                                   format(" at %.4g,%.4g,%.4g", at.x, at.y, at.z)));
+        };
+        reflect_found(std::move(rays), elements, spots.luminance,
+                      {settings.bounces, settings.tolerance, endless}, layered, lit, progress);
     }
-    Keeper keeper(settings.cache, lit);
-    const bool dark = lit_air(visibility) != nullptr; // but for the air
-    const Direct direct = settings.bounces != 0 && !dark
-                              ? light_directly(scene, frame, layers, keeper, lit, progress)
-                              : Direct{};
-    keeper.settle(lit);
-    lit.luminance.assign(2 * lit.patches.size(), glm::vec3(0.0f));
-    lit.layers.assign(layers.size() * lit.luminance.size(), glm::vec3(0.0f));
-    const Emission emission = settings.emitters && !dark && scene::has_emitters(scene)
-                                  ? Emission(lit.patches)
-                                  : Emission{};
-    if (settings.bounces != 0)
-        reflect(scene, frame, settings, layers, emission, direct, keeper, lit, progress);
-    for (size_t i = 0; i < emission.size(); ++i)
-        lit.luminance[i] += emission[i];
-    add_layered_emission(scene, layers, emission.of_sides(), lit);
+    if (settings.maps && settings.bounces != 0)
+        take_out(begun.direct.lamps, lit);
+    add_emission(begun.emission.of_sides(), lit);
+    add_layered_emission(scene, layers, begun.emission.of_sides(), lit);
     lit.share();
-    return lit;
+    return std::move(begun.lit);
+}
+
+LitPart light_part(const Scene& scene, const visibility::Visibility& visibility,
+                   const scene::Frame& frame, const LightingSettings& settings, int index,
+                   int count, Progress& progress) {
+    Begun begun(scene, visibility, frame, settings, {}, progress);
+    LitPart part;
+    part.index = index;
+    part.count = count;
+    part.reflections = {settings.bounces, settings.tolerance, {}};
+    if (begun.looks_around(scene, settings)) {
+        part.elements = group_sides(begun.lit.patches, visibility, frame, begun.keeper);
+        Spots spots = begun.spots(scene, frame, settings);
+        const auto end_of = [&](int i) {
+            return size_t(uint64_t(part.elements.size()) * uint64_t(i) / uint64_t(count));
+        };
+        part.rays =
+            find_around(scene, settings, part.elements, spots, begun.emission, end_of(index - 1),
+                        end_of(index), Keeper(), nullptr, begun.lit, progress);
+        part.spots = std::move(spots.luminance);
+    }
+    part.emitters = !begun.emission.empty();
+    part.lit = std::move(begun.lit);
+    return part;
 }
 
 std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
@@ -780,7 +639,7 @@ std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
             point.position = points[i].position;
             point.edge_u = point.edge_v = glm::vec3(0.0f);
             const Side side{point, mix_word(seed) + uint32_t(i), points[i].normal};
-            std::vector<uint32_t> met(size_t(rays), black);
+            std::vector<uint32_t> met(size_t(rays), ElementRays::black);
             std::vector<glm::vec3> through(met.size());
             glm::vec3 lux = sunlight(side, light.suns, visibility)
                             + light.by_rays(side, [&](const Meeting& meeting) {
@@ -792,7 +651,7 @@ std::vector<glm::vec3> irradiance_at(const Scene& scene, const LitSurfaces& lit,
                 lux += aimed(side, light.aim, light.aimed_rays, rays, visibility);
             glm::vec3 reflected{0.0f};
             for (size_t k = 0; k < met.size(); ++k)
-                if (const uint32_t there = met[k]; there != black)
+                if (const uint32_t there = met[k]; there != ElementRays::black)
                     reflected += through[k]
                                  * (aims ? lit.to_few(there) - emission[there] : lit.to_few(there));
             result[i] = lux + reflected * (glm::pi<float>() / float(rays));

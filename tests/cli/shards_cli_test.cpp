@@ -214,6 +214,71 @@ TEST_F(ShardsCli, LitSurfacesOfSomethingElseAreRefusedByName) {
     refused(gather, "is no file of lit surfaces");
 }
 
+TEST_F(ShardsCli, PartsOfLitSurfacesAreTheWholeToTheByte) {
+    json scene = json::parse(slurp(std::string(LPVBAKE_EXAMPLES) + "/cornell_box.gltf"));
+    scene["materials"][1]["extensions"]["KHR_materials_transmission"]["transmissionFactor"] = 0.5;
+    spill(folder_ / "glass.gltf", scene.dump());
+    const std::string glass = "glass.gltf" + gather.substr(5);
+    for (const std::string& bake :
+         {gather, gather + "--bounces 1 ", gather + "--bounces 0 ", sn, glass + "--bounces 2 "}) {
+        must("light " + bake + "-o whole.lit");
+        for (const int count : bake == gather ? std::vector{1, 2, 7} : std::vector{3}) {
+            for (int i = 1; i <= count; ++i)
+                must("light " + bake + "-o p" + std::to_string(i) + ".lit --shard "
+                     + std::to_string(i) + "/" + std::to_string(count) + " --threads "
+                     + std::to_string(1 + i % 2));
+            std::string names;
+            for (int i = count; i >= 1; --i)
+                names.append("p").append(std::to_string(i)).append(".lit ");
+            must("merge " + names + "-o merged.lit");
+            EXPECT_TRUE(slurp(folder_ / "merged.lit") == slurp(folder_ / "whole.lit"))
+                << bake << count;
+        }
+    }
+}
+
+TEST_F(ShardsCli, LitSurfacesThatAreNotAllOfOneAreRefusedByName) {
+    for (const char* part : {"1", "2", "3"})
+        must("light " + gather + "-o p" + part + ".lit --shard " + part + "/3");
+    const auto refused = [&](const std::string& names, const std::string& why) {
+        const std::string merge = "merge " + names + " -o all.lit";
+        expect_one_error(run(merge), merge, ExitCode::invalid, why);
+        EXPECT_FALSE(fs::exists(folder_ / "all.lit"));
+    };
+    refused("p1.lit p3.lit", "shard 2 of 3 of the lit surfaces is missing: light it with --shard");
+    refused("p2.lit p3.lit", "shard 1 of 3 of the lit surfaces is missing");
+    refused("p1.lit p2.lit", "shard 3 of 3 of the lit surfaces is missing");
+    refused("p1.lit p2.lit p3.lit p2.lit", "p2.lit: is shard 2 of 3, and is given twice");
+    must("light " + gather + "-o other.lit --shard 2/2");
+    refused("p1.lit other.lit p3.lit", "other.lit: is shard 2 of 2, and p1.lit is of 3");
+    must("light " + gather + "--vpls 100 -o other.lit --shard 2/3");
+    refused("p1.lit other.lit p3.lit", "other.lit: is of other settings than p1.lit: vpls = 100");
+    must("light " + gather + "--isa sse2 -o other.lit --shard 2/3");
+    refused("p1.lit other.lit p3.lit", "other.lit: is of another instruction set for rays");
+    write_brighter_room();
+    must("light other.gltf" + gather.substr(5) + "-o other.lit --shard 2/3");
+    refused("p1.lit other.lit p3.lit", "other.lit: is of another scene than p1.lit");
+    must("light " + gather + "-o whole.lit");
+    refused("p1.lit whole.lit p3.lit", "whole.lit: is no part of lit surfaces, but all of them");
+    std::string bytes = slurp(folder_ / "p2.lit");
+    spill(folder_ / "other.lit", bytes.substr(0, bytes.size() - 7));
+    refused("p1.lit other.lit p3.lit", "other.lit: is damaged or cut off");
+    bytes[bytes.size() / 2] ^= 1;
+    spill(folder_ / "other.lit", bytes);
+    refused("p1.lit other.lit p3.lit", "other.lit: is damaged or cut off");
+    must("bake " + gather + "-o p --shard 1/1");
+    refused("p1.lit p p3.lit", "p: is no file of lit surfaces");
+    const std::string bake = "bake " + gather + "--lit p1.lit -o all.vdb";
+    expect_one_error(run(bake), bake, ExitCode::invalid, "p1.lit: is shard 1 of 3");
+    const auto misused = [&](const std::string& all, const std::string& why) {
+        expect_one_error(run(all), all, ExitCode::usage, why);
+    };
+    misused("merge p1.lit p2.lit p3.lit -o all.vdb", "parts of lit surfaces make one output");
+    misused("merge p -o all.lit", ".lit is of parts of lit surfaces");
+    misused("light " + gather + "--rsm-samples 9 -o all.lit --shard 1/2", "--rsm-samples");
+    misused("light " + gather + "--layers lights,sky -o all.lit --shard 1/2", "--layers");
+}
+
 TEST_F(ShardsCli, APartThatIsThereIsLeftAndADamagedOneIsBakedAgain) {
     const std::string bake = "bake " + gather + "-o p2 --shard 2/3 --if-missing";
     must(bake);

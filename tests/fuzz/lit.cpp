@@ -1,5 +1,6 @@
 // Files of lit surfaces: any bytes after a letter ('f'), or one of ours of which words are changed,
-// with the hash that fits, or which is cut off. What is read is then looked up as solvers do.
+// with the hash that fits, or which is cut off; or ('p') parts of one. What is read is then looked
+// up as solvers do.
 #include "fuzz.h"
 
 #include "bake/lit_file.h"
@@ -13,6 +14,7 @@
 #include <tbb/global_control.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <sstream>
@@ -36,6 +38,7 @@ struct Lit {
     scene::Frame frame = scene::frame_of(grid);
     visibility::Visibility visibility{scene, frame};
     std::string head, body; ///< of the file; the head ends with a hash and a length
+    std::array<std::string, 2> part_heads, part_bodies; ///< of the same in two parts
 
     Lit() {
         Progress silent;
@@ -56,9 +59,21 @@ struct Lit {
         text << std::ifstream(path, std::ios::binary).rdbuf();
         fuzz::require(text.str().ends_with(body), "a file ends with the surfaces");
         head = text.str().substr(0, text.str().size() - body.size());
+        settings.bounces = {};
+        for (int i : {0, 1}) {
+            surface::LitPart part =
+                surface::light_part(scene, visibility, frame, settings, i + 1, 2, silent);
+            cache::Writer bytes;
+            surface::put(part, bytes);
+            part_bodies[size_t(i)] = bytes.bytes();
+            bake::write_lit_part(path, origin, std::move(part));
+            std::ostringstream own;
+            own << std::ifstream(path, std::ios::binary).rdbuf();
+            part_heads[size_t(i)] = own.str().substr(0, own.str().size() - bytes.bytes().size());
+        }
     }
 
-    std::string file_of(const std::string& changed) const {
+    static std::string file_of(const std::string& head, const std::string& changed) {
         cache::Writer end;
         end.put(cache::hash_of(changed));
         end.put(uint64_t(changed.size()));
@@ -102,6 +117,24 @@ void use(const surface::LitSurfaces& lit, const visibility::Visibility& visibili
     occupied({0, 0, 0}, 1);
 }
 
+/// Two parts of which one is changed, or both are; the file that they make is as any other.
+void merge(const Lit& lit, FuzzedDataProvider& input) {
+    std::vector<std::string> paths;
+    const int which = input.ConsumeIntegralInRange(1, 3);
+    for (size_t i : {0, 1}) {
+        const std::string& body = lit.part_bodies[i];
+        const bool changes = (which >> i & 1) != 0;
+        paths.push_back(fuzz::Folder::own().write(
+            i == 0 ? "1.lit" : "2.lit",
+            Lit::file_of(lit.part_heads[i], changes ? changed_from(input, body) : body)));
+    }
+    const std::string path = fuzz::Folder::own().write("merged.lit", "");
+    Progress silent;
+    if (fuzz::accepts([&] { bake::merge_lit(paths, path, silent); }))
+        fuzz::accepts(
+            [&] { use(bake::read_lit(path, origin, lit.scene, lit.visibility), lit.visibility); });
+}
+
 } // namespace
 } // namespace lpvbake
 
@@ -109,12 +142,17 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     using namespace lpvbake;
     static const tbb::global_control one_thread(tbb::global_control::max_allowed_parallelism, 1);
     static const Lit lit;
+    if (size > 0 && data[0] == 'p') {
+        FuzzedDataProvider input(data + 1, size - 1);
+        merge(lit, input);
+        return 0;
+    }
     std::string bytes;
     if (size > 0 && data[0] == 'f') {
         bytes.assign(reinterpret_cast<const char*>(data) + 1, size - 1);
     } else {
         FuzzedDataProvider input(data, size);
-        bytes = input.ConsumeBool() ? lit.file_of(changed_from(input, lit.body))
+        bytes = input.ConsumeBool() ? Lit::file_of(lit.head, changed_from(input, lit.body))
                                     : changed_from(input, lit.head + lit.body);
     }
     const std::string path = fuzz::Folder::own().write("a.lit", bytes);

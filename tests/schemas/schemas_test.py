@@ -29,7 +29,7 @@ OPTIONAL = [("bake", "fit"), ("convert", "fit"), ("bake", "verified"), ("bake", 
             ("bake", "volumes"), ("bake_dry_run", "volumes"),
             ("bake", "layers"), ("bake", "layers_grid"), ("bake_dry_run", "layers_grid"),
             ("bake", "suns_held_out"), ("layers", "sun"),
-            ("bake_dry_run", "layers"), ("info_volume", "layers")]
+            ("bake_dry_run", "layers"), ("info_volume", "layers"), ("light", "shard")]
 TARGETS = ["generic", "unity", "threejs", "vrc", "bevy"]  # each packing once
 
 
@@ -115,6 +115,8 @@ class Documents(unittest.TestCase):
         run("light", "light", *shard, "-o", "box.lit")
         run("bake", "bake", *shard, "--lit", "box.lit", "--shard", "1/1", "-o", "part.vdb")
         run("merge", "merge", "part.vdb", "-o", "merged.vdb")
+        run("light", "light", *shard, "--shard", "1/1", "-o", "part.lit")
+        run("merge_light", "merge", "part.lit", "-o", "merged.lit")
         run("mix", "mix", "layered.vdb", "sky=0.6:0.8:1,5", "-o", "mixed.vdb")
         cls.documents.append(("layers", "layered.layers.json",
                               json.loads((cls.folder / "layered.layers.json").read_text())))
