@@ -629,8 +629,12 @@ void check_options(const BakeOptions& o) {
         check_files({o.adjust}, {}, o.outputs.paths);
     if (has_volume_file(o))
         check_files({o.volumes}, {}, o.outputs.paths);
-    if (!o.depfile.empty())
+    if (!o.depfile.empty()) {
+        std::vector<std::string> outputs = o.outputs.paths;
+        outputs.push_back(o.depfile);
+        check_files({}, {}, outputs, true);
         check_files(inputs_of(o), {}, {o.depfile}, true);
+    }
     if (o.adaptive)
         check_brick_outputs(o.outputs);
     if (o.nests() || o.adaptive)

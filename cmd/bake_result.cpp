@@ -46,6 +46,10 @@ report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
                           {"choice", chosen}};
     if (choice.plan.settings.points > 0)
         document["points"] = choice.plan.settings.points;
+    if (const auto& shard = choice.plan.settings.shard)
+        document["shard"] = {{"index", shard->index},
+                             {"count", shard->count},
+                             {"z", {choice.plan.slab->begin, choice.plan.slab->end - 1}}};
     if (o.nests())
         for (const Grid& each : bake::grids_in(choice.plan))
             document["levels"].push_back(report::grid_json(each));

@@ -4,6 +4,7 @@
 #include "commands.h"
 #include "io/atomic_file.h"
 #include "io/parts.h"
+#include "io/tres.h"
 #include "io/vdb.h"
 #include "lpvbake/error.h"
 #include "render/display.h"
@@ -53,6 +54,7 @@ void run_lit(const MergeOptions& o) {
                     o.parts.front() + ": parts of lit surfaces make one output, NAME.lit");
     const std::string& path = o.outputs.front();
     check_files(o.parts, {}, o.outputs);
+    watch_signals();
     probe_outputs(o.outputs);
     TerminalProgress progress(ProgressStyle::none);
     const auto [file, patches] = bake::merge_lit(o.parts, path, progress);
@@ -77,6 +79,12 @@ void run(const MergeOptions& o, const options::Options& options) {
             throw Error(ErrorKind::argument,
                         path + ": the name of an output ends in " + io::format_list()
                             + (is_lit_name(path) ? "; .lit is of parts of lit surfaces" : ""));
+    for (const std::string& path : o.outputs)
+        if (io::volume_format(path) == &io::tres_format)
+            throw Error(ErrorKind::argument,
+                        path
+                            + ": holds light as Godot has it; merge to another kind, and convert "
+                              "that with --target godot");
     check_files(o.parts, {}, o.outputs);
     watch_signals();
     probe_outputs(o.outputs);

@@ -341,8 +341,12 @@ RowFile read_row(const io::World::Row& row) {
             return {{}, "is of another scene, other options or another version"};
         return {std::move(volume), {}};
     } catch (const Error& error) {
-        return {{},
-                fs::exists(row.file) ? std::string("is damaged: ") + error.what() : "is missing"};
+        if (!fs::exists(row.file))
+            return {{}, "is missing"};
+        std::string why = error.what();
+        if (why.starts_with(row.file + ": "))
+            why.erase(0, row.file.size() + 2);
+        return {{}, why.starts_with("is damaged") ? why : "is damaged: " + why};
     }
 }
 

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
+#include <iomanip>
 #include <optional>
 #include <sstream>
 #include <string>
@@ -61,6 +62,15 @@ inline uint64_t machine_memory(const std::filesystem::path& root) {
     });
     return uint64_t(bytes);
 }
+/// An amount of memory, in the unit in which it is a number to read: "5.6 GiB", "1.0 MiB".
+inline std::string memory_text(double bytes) {
+    const char* unit = bytes >= 0x1p30 / 10 ? "GiB" : bytes >= 0x1p20 / 10 ? "MiB" : "KiB";
+    const double in_unit = bytes / (*unit == 'G' ? 0x1p30 : *unit == 'M' ? 0x1p20 : 0x1p10);
+    std::ostringstream text;
+    text << std::fixed << std::setprecision(1) << in_unit << " " << unit;
+    return text.str();
+}
+
 /// The same of this system, looked up once.
 inline uint64_t machine_memory() {
     static const uint64_t bytes = machine_memory("/");

@@ -456,11 +456,12 @@ private:
                                + sample_bytes(plan_.settings.solver.order()) * samples;
         if (const uint64_t memory = machine_memory(); bytes > memory)
             throw Error(ErrorKind::memory,
-                        format("`adaptive` %.6g..%.6g: %zu bricks and more need about %.1f GiB of "
-                               "this machine's %.1f GiB of memory; use larger finest cells, a "
+                        format("`adaptive` %.6g..%.6g: %zu bricks and more need about %s of "
+                               "this machine's %s of memory; use larger finest cells, a "
                                "smaller `bounds` or a larger `error`",
                                levels_.finest.cell, levels_.lattice(levels_.count - 1).cell,
-                               bricks_.size(), double(bytes) / 0x1p30, double(memory) / 0x1p30));
+                               bricks_.size(), memory_text(double(bytes)).c_str(),
+                               memory_text(double(memory)).c_str()));
     }
 
     /// Adds samples, and looks where they are.

@@ -24,6 +24,16 @@ void warn_of_backs(const Scene& scene, const visibility::Visibility& visibility,
                 light.name.c_str(), 100.0 * backs));
 }
 
+/// As the device calls itself, but for the width of llvmpipe's vectors, "(LLVM 15.0.6, 256 bits)":
+/// it goes by the processor, and values do not go by it.
+std::string recorded_name(const std::string& device) {
+    const std::size_t width = device.rfind(", ");
+    return device.starts_with("llvmpipe (") && device.ends_with(" bits)")
+                   && width != std::string::npos
+               ? device.substr(0, width) + ")"
+               : device;
+}
+
 } // namespace
 
 std::vector<scene::LightLayer> layers_in(const BakePlan& plan) {
@@ -119,7 +129,7 @@ void describe_light(const Scene& scene, const BakePlan& plan, const gpu::Device&
     volume::set_content(content, volume.metadata);
     volume.metadata["bounces"] =
         plan.settings.bounces ? std::to_string(*plan.settings.bounces) : "inf";
-    volume.metadata["device"] = device.info().name;
+    volume.metadata["device"] = recorded_name(device.info().name);
     volume.metadata["tracer"] = visibility.tracer();
 }
 

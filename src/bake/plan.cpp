@@ -216,19 +216,20 @@ void fit(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan)
         if (plan.device_bytes > device.memory && (several || of_layers))
             throw Error(ErrorKind::memory,
                         dims_text(grid.dims)
-                            + format(" needs %.1f GiB of %s's %.1f GiB; %s",
-                                     double(plan.device_bytes) / 0x1p30, device.name.c_str(),
-                                     double(device.memory) / 0x1p30,
+                            + format(" needs %s of %s's %s; %s",
+                                     memory_text(double(plan.device_bytes)).c_str(),
+                                     device.name.c_str(),
+                                     memory_text(double(device.memory)).c_str(),
                                      of_layers ? "give the layers a higher `layers_level`"
                                                : less_of_levels(settings)));
     }
     if (plan.device_bytes > device.memory)
         throw Error(ErrorKind::memory,
                     dims_text(plan.grid.dims)
-                        + format(" needs %.1f GiB of %s's %.1f GiB; the largest that fits is "
+                        + format(" needs %s of %s's %s; the largest that fits is "
                                  "`resolution` %d",
-                                 double(plan.device_bytes) / 0x1p30, device.name.c_str(),
-                                 double(device.memory) / 0x1p30,
+                                 memory_text(double(plan.device_bytes)).c_str(),
+                                 device.name.c_str(), memory_text(double(device.memory)).c_str(),
                                  largest_resolution(box, settings, device.memory)));
 }
 
@@ -541,41 +542,44 @@ void check_host_memory(const BakePlan& plan) {
         return;
     if (plan.bricks)
         throw Error(ErrorKind::memory,
-                    format("`adaptive` %.6g..%.6g: about %llu bricks need about %.1f GiB of this "
-                           "machine's %.1f GiB of memory; use larger finest cells or a smaller "
+                    format("`adaptive` %.6g..%.6g: about %llu bricks need about %s of this "
+                           "machine's %s of memory; use larger finest cells or a smaller "
                            "`bounds`",
                            plan.settings.adaptive->fine, plan.settings.adaptive->coarse,
                            (unsigned long long)plan.bricks->expected,
-                           double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30));
+                           memory_text(double(plan.host_bytes)).c_str(),
+                           memory_text(double(memory)).c_str()));
     if (plan.settings.points > 0)
         throw Error(ErrorKind::memory,
                     counted(plan.settings.points, "point")
-                        + format(" need about %.1f GiB of this machine's %.1f GiB of memory; bake "
+                        + format(" need about %s of this machine's %s of memory; bake "
                                  "them in parts",
-                                 double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30));
+                                 memory_text(double(plan.host_bytes)).c_str(),
+                                 memory_text(double(memory)).c_str()));
     if (const auto& volumes = plan.settings.volumes; !plan.coarser.empty() || !volumes.empty())
         throw Error(ErrorKind::memory,
-                    format("%s about %.1f GiB of this machine's %.1f GiB of memory; %s",
+                    format("%s about %s of this machine's %s of memory; %s",
                            volumes.empty()       ? "these levels need"
                            : volumes.size() == 1 ? "this volume needs"
                                                  : "these volumes need",
-                           double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30,
-                           less_of_levels(plan.settings)));
+                           memory_text(double(plan.host_bytes)).c_str(),
+                           memory_text(double(memory)).c_str(), less_of_levels(plan.settings)));
     const glm::ivec3 dims = plan.grid.dims;
     if (const auto& shard = plan.settings.shard)
         throw Error(ErrorKind::memory,
                     format("`shard` %d/%d of ", shard->index, shard->count) + dims_text(dims)
-                        + format(" needs about %.1f GiB of this machine's %.1f GiB of memory; part "
+                        + format(" needs about %s of this machine's %s of memory; part "
                                  "it into more of them",
-                                 double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30));
+                                 memory_text(double(plan.host_bytes)).c_str(),
+                                 memory_text(double(memory)).c_str()));
     const double fits =
         std::max({dims.x, dims.y, dims.z}) * std::cbrt(double(memory) / double(plan.host_bytes));
     throw Error(ErrorKind::memory,
                 dims_text(dims)
-                    + format(" needs about %.1f GiB of this machine's %.1f GiB of memory; lower "
+                    + format(" needs about %s of this machine's %s of memory; lower "
                              "`resolution`, to about %d%s",
-                             double(plan.host_bytes) / 0x1p30, double(memory) / 0x1p30,
-                             std::max(3, int(fits)),
+                             memory_text(double(plan.host_bytes)).c_str(),
+                             memory_text(double(memory)).c_str(), std::max(3, int(fits)),
                              plan.settings.solver.kind().shard_layers
                                  ? ", or bake it in parts by `shard`"
                                  : ""));

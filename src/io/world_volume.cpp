@@ -3,6 +3,7 @@
 #include "io/atomic_file.h"
 #include "io/vdb.h"
 #include "lpvbake/error.h"
+#include "machine.h"
 #include "quoted.h"
 #include "text.h"
 #include "volume/grids.h"
@@ -282,11 +283,12 @@ Volume read_cells(const WorldVolume& volume, glm::ivec3 begin, glm::ivec3 end,
             if (bytes > double(most_bytes) || count > std::numeric_limits<int32_t>::max())
                 throw Error(
                     ErrorKind::memory,
-                    format("%s: %d x %d x %d cells take %.2f GiB of memory with those between the "
-                           "tiles, more than %.2f GiB; allow more with `max_memory`, or take less "
+                    format("%s: %d x %d x %d cells take %s of memory with those between the "
+                           "tiles, more than %s; allow more with `max_memory`, or take less "
                            "of the world",
                            volume.path.c_str(), cells.grid.dims.x, cells.grid.dims.y,
-                           cells.grid.dims.z, bytes / 0x1p30, double(most_bytes) / 0x1p30));
+                           cells.grid.dims.z, memory_text(bytes).c_str(),
+                           memory_text(double(most_bytes)).c_str()));
             set_grids_like(own, cells);
             is_first = false;
         }

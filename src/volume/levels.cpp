@@ -342,9 +342,10 @@ Volume flatten(const Levels& levels, double cell) {
                          * double(sizeof(glm::vec3) * (outermost.sh.size() + outermost.walls.size())
                                   + sizeof(float));
     if (const double has = double(machine_memory()); bytes > has)
-        throw Error(ErrorKind::memory, format("`flatten` %.6g: the cells take %.0f GiB, more than "
-                                              "the machine has, %.0f GiB; use larger ones",
-                                              cell, bytes / 0x1p30, has / 0x1p30));
+        throw Error(ErrorKind::memory,
+                    format("`flatten` %.6g: the cells take %s, more than "
+                           "the machine has, %s; use larger ones",
+                           cell, memory_text(bytes).c_str(), memory_text(has).c_str()));
     Volume flat;
     flat.grid = fit_grid(hull.lo - 0.5 * cell, hull.hi + 0.5 * cell, {.cell = cell, .margin = 0});
     flat.sh_order = outermost.sh_order;

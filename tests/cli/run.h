@@ -21,12 +21,12 @@ struct CliResult {
 };
 
 /// Runs `lpvbake ARGUMENTS` in a folder; the arguments are words of a shell, in which $ROOM is the
-/// shipped Cornell box.
-inline CliResult run_lpvbake(const TemporaryFolder& folder, const std::string& arguments) {
-    const std::string command = "cd '" + folder.path().string()
-                                + "' && ROOM='" LPVBAKE_EXAMPLES
-                                  "/cornell_box.gltf' && '" LPVBAKE_BINARY "' "
-                                + arguments + " > stdout 2> stderr";
+/// shipped Cornell box. `environment` is words as NAME=VALUE.
+inline CliResult run_lpvbake(const TemporaryFolder& folder, const std::string& arguments,
+                             const std::string& environment = "") {
+    const std::string command =
+        "cd '" + folder.path().string() + "' && ROOM='" LPVBAKE_EXAMPLES "/cornell_box.gltf' && "
+        + environment + " '" LPVBAKE_BINARY "' " + arguments + " > stdout 2> stderr";
     const int status = std::system(command.c_str());
     return {WIFEXITED(status) ? WEXITSTATUS(status) : 1000, slurp(folder / "stdout"),
             slurp(folder / "stderr")};

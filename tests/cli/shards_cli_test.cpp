@@ -83,12 +83,30 @@ TEST_F(ShardsCli, MergedPartsOfSnInTilesAreTheBakeToTheByte) {
     }
 }
 
+TEST_F(ShardsCli, TheWidthOfTheDriversVectorsChangesNoByte) {
+    const auto narrow = [&](const std::string& arguments) {
+        const CliResult result = run_lpvbake(folder_, arguments, "LP_NATIVE_VECTOR_WIDTH=128");
+        ASSERT_EQ(result.status, 0) << arguments << "\n" << result.err;
+    };
+    must("bake " + gather + "-o p1 --shard 1/2");
+    must("bake " + gather + "-o whole.vdb");
+    narrow("bake " + gather + "-o p2 --shard 2/2");
+    narrow("bake " + gather + "-o other.vdb");
+    EXPECT_TRUE(slurp(folder_ / "whole.vdb") == slurp(folder_ / "other.vdb"));
+    must("merge p1 p2 -o other.vdb");
+    EXPECT_TRUE(slurp(folder_ / "whole.vdb") == slurp(folder_ / "other.vdb"));
+    must("bake " + sn + "-o whole.vdb");
+    narrow("bake " + sn + "-o other.vdb");
+    EXPECT_TRUE(slurp(folder_ / "whole.vdb") == slurp(folder_ / "other.vdb"));
+}
+
 TEST_F(ShardsCli, APlanOfAShardNamesItsFileAndTakesLessMemory) {
     const auto plan = [&](const std::string& more) {
         return json::parse(run("bake " + gather + more + " --dry-run --format json").out);
     };
     const json part = plan("-o part --shard 2/7");
     EXPECT_EQ(part["outputs"][0]["files"][0]["path"], "part");
+    EXPECT_EQ(part["shard"], (json{{"index", 2}, {"count", 7}, {"z", {16, 31}}}));
     const json all = plan("-o a.vdb");
     EXPECT_LT(part["host_bytes"].get<double>(), all["host_bytes"].get<double>());
     // Surfaces that are lit already are but read.
@@ -184,6 +202,8 @@ TEST_F(ShardsCli, WhatIsNotAllOfOneBakeIsRefusedByName) {
     fs::copy(folder_ / "p3", folder_ / "p3.vdb");
     must("convert p3.vdb half.vdb --precision half");
     refused("p1 p2 half.vdb p4", "half.vdb: is no part of a bake any more");
+    expect_one_error(run("merge p1 p2 p3 p4 -o a.tres"), "a.tres", ExitCode::usage,
+                     "a.tres: holds light as Godot has it; merge to another kind");
     const std::string gone = "merge p1 nothing -o merged/all.vdb";
     expect_one_error(run(gone), gone, ExitCode::file, "nothing");
 }
@@ -324,6 +344,7 @@ TEST_F(ShardsCli, WhatIsNoShardIsRefused) {
     refused(gather + "--shard 1/2 --dilate 1", "--dilate fills cells");
     refused(gather + "--shard 1/2 --time-budget 2s", "--time-budget");
     refused(gather + "--shard 1/2 --depfile $ROOM", "cornell_box.gltf");
+    refused(gather + "--shard 1/2 --depfile p", "p: given twice as an output");
     const std::string exr = "bake " + gather + "--shard 1/2 -o p.exr";
     expect_one_error(run(exr), exr, ExitCode::usage, "a part is an OpenVDB file");
 }

@@ -27,7 +27,7 @@ OPTIONAL = [("bake", "fit"), ("convert", "fit"), ("bake", "verified"), ("bake", 
             ("bake", "levels"), ("bake_dry_run", "levels"), ("bake", "bricks"),
             ("bake_dry_run", "bricks"), ("bricks", "atlas"), ("bricks", "file"),
             ("bake", "volumes"), ("bake_dry_run", "volumes"),
-            ("bake", "layers"), ("bake", "layers_grid"), ("bake_dry_run", "layers_grid"),
+            ("bake", "shard"), ("bake_dry_run", "shard"), ("bake", "layers"), ("bake", "layers_grid"), ("bake_dry_run", "layers_grid"),
             ("bake", "suns_held_out"), ("layers", "sun"),
             ("bake_dry_run", "layers"), ("info_volume", "layers"), ("light", "shard")]
 TARGETS = ["generic", "unity", "threejs", "vrc", "bevy"]  # each packing once
@@ -114,6 +114,7 @@ class Documents(unittest.TestCase):
         shard = ["box.gltf", *SMALL, "--solver", "gather"]
         run("light", "light", *shard, "-o", "box.lit")
         run("bake", "bake", *shard, "--lit", "box.lit", "--shard", "1/1", "-o", "part.vdb")
+        run("bake_dry_run", "bake", *shard, "--shard", "1/1", "-o", "part.vdb", "--dry-run")
         run("merge", "merge", "part.vdb", "-o", "merged.vdb")
         run("light", "light", *shard, "--shard", "1/1", "-o", "part.lit")
         run("merge_light", "merge", "part.lit", "-o", "merged.lit")
