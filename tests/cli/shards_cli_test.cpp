@@ -83,6 +83,18 @@ TEST_F(ShardsCli, MergedPartsOfSnInTilesAreTheBakeToTheByte) {
     }
 }
 
+/// A border of zones goes through the blocks of the room, where cells are interpolated on one side
+/// by those of the other: parts have to know 16 layers beyond their own (solver/gather/gather.cpp);
+/// 8 give other bytes.
+TEST_F(ShardsCli, APartKnowsAllThatItsCellsAreMadeFrom) {
+    const std::string room = "$ROOM --bounds -1,0,-1.6,1,2,1.6 --margin 0 --cell-size 0.0667 "
+                             "--sky '#8090ff,20' --solver gather --tolerance 0.6 ";
+    must("bake " + room + "-o whole.vdb");
+    bake_parts(room, 3);
+    must("merge " + parts(3) + "-o merged/whole.vdb");
+    EXPECT_TRUE(slurp(folder_ / "whole.vdb") == slurp(folder_ / "merged/whole.vdb"));
+}
+
 TEST_F(ShardsCli, TheWidthOfTheDriversVectorsChangesNoByte) {
     const auto narrow = [&](const std::string& arguments) {
         const CliResult result = run_lpvbake(folder_, arguments, "LP_NATIVE_VECTOR_WIDTH=128");

@@ -21,7 +21,8 @@ constexpr int part_edge = zone_edge / 2;
 
 /// Whether a cell is interpolated, and what it is made from, goes by the cells that the first pass
 /// solves up to two parts away: those that fill a packet in the second pass depend on boxes around
-/// the part, and these on packets of the first.
+/// the part, and these on packets of the first. Who is in a packet shows in its cells' last bits:
+/// bins of sky that all of them see are one source.
 volume::Slab with_halo(volume::Slab own, const Grid& grid) {
     return volume::widened(own, 2 * part_edge, grid);
 }
