@@ -24,6 +24,10 @@ SceneFacts survey(const Scene& scene) {
     facts.tinted = std::ranges::any_of(scene.instances, [&](const Instance& instance) {
         return scene::is_tinting(scene, scene.meshes[size_t(instance.mesh)]);
     });
+    facts.two_sided = std::ranges::any_of(scene.instances, [&](const Instance& instance) {
+        const Mesh& mesh = scene.meshes[size_t(instance.mesh)];
+        return scene.materials[size_t(mesh.material)].double_sided;
+    });
     return facts;
 }
 

@@ -20,9 +20,10 @@ struct SceneFacts {
     Bounds bounds;                                 ///< of them all
     Bounds crowd; ///< what is left of that without 1 % of them on each side: see trimmed_bounds
     std::vector<Light> lights;
-    bool emitters = false; ///< some surface emits
-    bool sky = false;      ///< it is not black
-    bool tinted = false;   ///< some surface may colour what it lets through
+    bool emitters = false;  ///< some surface emits
+    bool sky = false;       ///< it is not black
+    bool tinted = false;    ///< some surface may colour what it lets through
+    bool two_sided = false; ///< some has light on both sides
 };
 
 /// The scene outlives the facts. Throws Error (invalid) where there is no triangle.

@@ -670,10 +670,10 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     for (std::size_t level = 0; level < grids.size(); ++level) {
         const auto& [grid, layers] = grids[level];
         const Grid own = plan.slab ? volume::grid_of(*plan.slab, grid) : grid;
-        solver::Cost cost =
-            solver.kind().cost({grid, patches, plan.lit, plan.maps, places_of(plan),
-                                plan.bricks.has_value(), device.type != "cpu", layers, plan.slab},
-                               solver);
+        solver::Cost cost = solver.kind().cost({grid, patches, plan.lit, plan.maps, places_of(plan),
+                                                plan.bricks.has_value(), device.type != "cpu",
+                                                layers, plan.slab, scene.two_sided},
+                                               solver);
         if (plan.bricks)
             cost.stages.push_back(
                 {"walls", seconds::brick_place * double(places_of(plan)),
@@ -710,8 +710,8 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
         plan.seconds += stage.seconds;
     }
 
-    // The volume itself takes 12 bytes a coefficient and a wall, and, but for parts, a copy while
-    // it is fitted, or written more than once.
+    // The volume itself takes 12 bytes a coefficient and a wall, and a copy while it is fitted;
+    // those of files that store other values are left to what their writing finds free by then.
     plan.host_bytes += solver::models::bytes::triangle * plan.triangles
                        + solver::models::bytes::fixed + solver_bytes;
     if (plan.bricks)
@@ -727,7 +727,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                            * (4 + 12 * uint64_t(volume::sh_count(solver.order()))))
             : all_cells
                       * (solver::models::bytes::cell
-                         + (plan.slab ? 12 : 24)
+                         + (settings.fit ? 24 : 12)
                                * uint64_t(volume::sh_count(solver.order()) + most_walls))
                   + layered_cells * layer_bytes(settings);
     check_host_memory(plan);

@@ -176,6 +176,7 @@ struct Workload {
     bool gpu = false;                      ///< the device is one
     uint64_t layers = 0;                   ///< Inputs::layers
     std::optional<volume::Slab> slab = {}; ///< Inputs::slab
+    bool two_sided = true;                 ///< patches may send light from both sides
 };
 
 /// What a solver is going to cost.

@@ -31,6 +31,14 @@ int sky_groups(const GatherSettings& settings) {
     return settings.sky_bins > 0 ? settings.sky_bins / int(sky_group) : settings.vpls;
 }
 
+/// What lies near surfaces is solved, the rest is mostly interpolated.
+double solved_cells(const Grid& grid, uint64_t patches, const GatherSettings& settings) {
+    const double share =
+        models::solved_patch
+        + models::solved_tolerance / std::max(double(settings.tolerance), models::least_tolerance);
+    return std::min(models::solved_share * double(grid.size()), share * double(patches));
+}
+
 /// One gather under way.
 class Gathering {
 public:
@@ -164,25 +172,23 @@ uint64_t gather_device_bytes(const GatherSettings& settings, bool layers) {
 }
 
 uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSettings& settings,
-                           uint64_t layers) {
+                           uint64_t layers, bool two_sided) {
     const uint64_t tests = uint64_t(settings.vpls) + sky_group * uint64_t(sky_groups(settings));
-    const uint64_t cell = 1 + 2 + tests / 8 + 32;
-    return grid.size() * cell
-           + 2 * patches * (sizeof(Emitter) + 2 * (sizeof(Cluster) + layers * sizeof(glm::vec3)))
+    const double solved =
+        settings.tolerance > 0.0f ? solved_cells(grid, patches, settings) : double(grid.size());
+    const double seen = double(tests / 8) * solved;
+    return grid.size() * (1 + 2 + 32) + uint64_t(seen)
+           + (two_sided ? 2 : 1) * patches
+                 * (sizeof(Emitter) + 2 * (sizeof(Cluster) + layers * sizeof(glm::vec3)))
            + chunk * 2 * job_words * sizeof(glm::vec4)
            + 2 * gather_device_bytes(settings, layers > 0);
 }
 
 double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& settings,
                       bool gpu) {
-    // What lies near surfaces is solved, the rest is mostly interpolated.
     namespace seconds = models::seconds;
     const seconds::Device& device = seconds::of_device(gpu);
-    const double share =
-        models::solved_patch
-        + models::solved_tolerance / std::max(double(settings.tolerance), models::least_tolerance);
-    const double solved =
-        std::min(models::solved_share * double(grid.size()), share * double(patches));
+    const double solved = solved_cells(grid, patches, settings);
     return seconds::gather + seconds::gather_patch * double(patches)
            + solved * (device.gather_cell + device.gather_cluster * double(settings.vpls))
                  * (settings.order > 2 ? seconds::gather_above_2 : 1.0);
