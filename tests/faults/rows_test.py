@@ -94,11 +94,16 @@ class Rows(unittest.TestCase):
         moments = random.Random(7)
         ended = collections.Counter()
         good = self.hashes(self.whole)
-        for number in [signal.SIGKILL] * 12 + [signal.SIGTERM] * 6:
+        for at, number in enumerate([signal.SIGKILL] * 12 + [signal.SIGTERM] * 6):
             for path in plan.parent.glob("*.vdb"):
                 path.unlink()
+            known = set(os.listdir(plan.parent))
             process = subprocess.Popen(self.command(plan), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-            time.sleep(moments.uniform(0, 0.9 * self.seconds))
+            if at % 2 == 0:  # the others while one is written
+                time.sleep(moments.uniform(0, 0.9 * self.seconds))
+            else:
+                while process.poll() is None and known.issuperset(os.listdir(plan.parent)):
+                    pass
             process.send_signal(number)
             asked = time.monotonic()
             code = process.wait(timeout=60)

@@ -18,6 +18,13 @@ import unittest
 LPVBAKE, SCENE = sys.argv[1:3]
 
 
+def size_of(path):
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0
+
+
 class Shards(unittest.TestCase):
     def setUp(self):
         temporary = tempfile.TemporaryDirectory()
@@ -74,6 +81,37 @@ class Shards(unittest.TestCase):
                     self.run_whole("bake", *more)
         merge = ["merge", "p01", "p02", "-o", "out.vdb", "-o", "out.exr"]
         self.assertGreater(self.terminate_at(10, *merge, output="out.vdb"), 2)
+
+    def test_killed_while_it_writes_it_leaves_no_half_part(self):
+        """Nor a half file of lit surfaces, nor a half merged one."""
+        bake = [SCENE, "--bounds=-1,0,-1.6,1,2,1.6", "--margin=0", "--cell-size=0.05", "--sky=#8090ff,20", "--threads=2",
+                "--solver=gather", "--quality=fast"]
+        kinds = [("bake", *bake, "--shard=1/2", "-o", "p1"), ("bake", *bake, "--shard=2/2", "-o", "p2"),
+                 ("light", *bake, "-o", "a.lit"), ("merge", "p1", "p2", "-o", "out.vdb")]
+        for arguments in kinds:
+            output = self.folder / arguments[-1]
+            self.run_whole(*arguments)
+            whole = output.read_bytes()
+            killed = 0
+            for moment in range(8):
+                output.unlink(missing_ok=True)
+                process = self.start(*arguments)
+                while process.poll() is None and not any(map(size_of, self.files_of(output))):
+                    pass  # until it writes
+                time.sleep(0.001 * moment)
+                process.kill()
+                killed += process.wait(timeout=60) == -signal.SIGKILL
+                if output.exists():
+                    self.assertEqual(output.read_bytes(), whole, arguments[0])
+                for path in self.files_of(output):
+                    path.unlink(missing_ok=True)
+            self.assertGreater(killed, 4, arguments[0])
+            self.run_whole(*arguments)
+            self.assertEqual(output.read_bytes(), whole)
+
+    def files_of(self, output):
+        """The output, and what is to become of it."""
+        return [path for path in [output, *self.folder.glob(f".{output.name}.*")] if path.exists()]
 
     def measure(self, options, key):
         """What a dry run says, and the peak that the bake takes, MiB."""
