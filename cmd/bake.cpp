@@ -35,6 +35,7 @@
 #include <glm/gtc/constants.hpp>
 
 #include <algorithm>
+#include <array>
 #include <future>
 #include <memory>
 #include <utility>
@@ -357,16 +358,21 @@ options::Action declare(options::Options& options) {
     };
 }
 
+/// What of bake's options has no meaning where surfaces are but lit.
+constexpr std::array not_of_light{"at",         "adaptive", "lit",   "dry-run", "if-changed",
+                                  "if-missing", "depfile",  "bytes", "verify"};
+
 /// The options of bake, since all that decides the light has to be that of the bake.
 options::Action declare_light(options::Options& options) {
     const auto fields = std::make_shared<BakeOptions>();
     add_bake_options(options, *fields);
+    for (const char* other : not_of_light)
+        options.find(other)->listed = false;
     return [fields, &options] {
         BakeOptions& o = *fields;
         if (o.outputs.paths.size() != 1 || !o.outputs.paths.front().ends_with(".lit"))
             throw Error(ErrorKind::argument, "one output: add -o NAME.lit");
-        for (const char* other : {"at", "adaptive", "lit", "dry-run", "if-changed", "if-missing",
-                                  "depfile", "bytes", "verify"})
+        for (const char* other : not_of_light)
             if (options.find(other)->is_given())
                 throw Error(ErrorKind::argument,
                             std::string("--") + other + " is of bake, not of light");

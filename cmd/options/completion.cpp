@@ -36,9 +36,9 @@ void for_each_command(const Commands& commands, const Visit& visit) {
         Options options;
         const Action keeps_fields = command.declare(options);
         std::vector<const Option*> rows;
-        for (const Option& option : options.rows())
-            if (!option.is_positional())
-                rows.push_back(&option);
+        for (const Option* option : options.listed())
+            if (!option->is_positional())
+                rows.push_back(option);
         visit(command, rows);
     }
 }

@@ -124,11 +124,11 @@ std::string help_text(const Command& command, const Options& options, std::size_
     std::string text = wrapped(command.summary, width) + "\n\nUsage: " + usage + " [OPTIONS]\n\n";
     text += manual.examples;
     std::string group;
-    for (const Option& option : options.rows()) {
-        if (option.group != group)
-            text.append("\n").append(option.group).append(":\n");
-        group = option.group;
-        text += row_text(option, width);
+    for (const Option* option : options.listed()) {
+        if (option->group != group)
+            text.append("\n").append(option->group).append(":\n");
+        group = option->group;
+        text += row_text(*option, width);
     }
     text.append("\n").append(reflowed(manual.text, width));
     if (!manual.documents.empty())

@@ -59,7 +59,8 @@ std::string man_page(const Command& command) {
                                     : " [\\fI" + escaped(option.type) + "\\fR]";
     page += '\n';
     std::string group;
-    for (const Option& option : options.rows()) {
+    for (const Option* listed : options.listed()) {
+        const Option& option = *listed;
         if (option.group != group)
             page += ".SH " + escaped(option.group) + "\n";
         group = option.group;

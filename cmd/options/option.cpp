@@ -132,6 +132,14 @@ Option& Options::add(const std::string& names, const std::string& type, const st
     return option;
 }
 
+std::vector<const Option*> Options::listed() const {
+    std::vector<const Option*> listed;
+    for (const Option& option : rows_)
+        if (option.listed)
+            listed.push_back(&option);
+    return listed;
+}
+
 Option* Options::find(std::string_view name) {
     const auto row = std::ranges::find_if(rows_, [&](const Option& o) { return o.name() == name; });
     return row == rows_.end() ? nullptr : &*row;

@@ -39,6 +39,7 @@ struct Option {
     bool required = false;   ///< there is no command without it
     bool in_files = true;    ///< option files may set it
     bool of_one_run = false; ///< it names what one run reads or writes: --print-config has it not
+    bool listed = true;      ///< help has it; else it is there to be refused by name
     Recorded recorded = Recorded::never;
     /// What holds where it is not given and has no default of its own, for --print-config to tell.
     std::function<std::string()> implied;
@@ -204,6 +205,8 @@ public:
 
     std::deque<Option>& rows() { return rows_; }
     const std::deque<Option>& rows() const { return rows_; }
+    /// Those that help has.
+    std::vector<const Option*> listed() const;
     /// By name, positional ones first; null where there is none.
     Option* find(std::string_view name);
     const Option* find(std::string_view name) const;

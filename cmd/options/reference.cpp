@@ -39,8 +39,8 @@ Json reference_json(const Command& command) {
     Options options;
     const Action keeps_fields = command.declare(options);
     Json list = Json::array();
-    for (const Option& option : options.rows())
-        list.push_back(json_of(option));
+    for (const Option* option : options.listed())
+        list.push_back(json_of(*option));
     return {{"name", command.name},
             {"summary", command.summary},
             {"manual", command.manual},
@@ -52,7 +52,8 @@ std::string reference_markdown(const Command& command) {
     const Action keeps_fields = command.declare(options);
     std::string text = "## lpvbake " + std::string(command.name) + "\n\n" + command.summary + "\n";
     std::string group;
-    for (const Option& option : options.rows()) {
+    for (const Option* listed : options.listed()) {
+        const Option& option = *listed;
         if (option.group != group)
             text.append("\n| ").append(option.group).append(" | default | |\n|---|---|---|\n");
         group = option.group;

@@ -343,6 +343,21 @@ TEST_F(ShardsCli, KilledBakesLeaveNoHalfPart) {
     expect_same_files();
 }
 
+TEST_F(ShardsCli, HelpOfLightHasWhatItTakes) {
+    const std::string help = run("light --help").out;
+    for (const char* taken : {"--shard", "--sky", "--solver", "--layers"})
+        EXPECT_NE(help.find(std::string("\n  ") + taken + " "), std::string::npos) << taken;
+    for (const char* refused : {"at", "adaptive", "lit", "dry-run", "if-changed", "if-missing",
+                                "depfile", "bytes", "verify"}) {
+        EXPECT_EQ(help.find(std::string("\n  --") + refused + " "), std::string::npos) << refused;
+        EXPECT_NE(run("bake --help").out.find(std::string("\n  --") + refused + " "),
+                  std::string::npos)
+            << refused;
+    }
+    expect_one_error(run("light $ROOM -o a.lit --verify 8"), "--verify", ExitCode::usage,
+                     "--verify is of bake, not of light");
+}
+
 TEST_F(ShardsCli, WhatIsNoShardIsRefused) {
     const auto refused = [&](const std::string& bake, const std::string& why) {
         const std::string all = "bake " + bake + " -o p";
