@@ -44,10 +44,10 @@ protected:
             must("bake " + bake + "-o p" + std::to_string(i) + " --shard " + std::to_string(i) + "/"
                  + std::to_string(count) + " " + more);
     }
-    static std::string parts(int count) {
+    static std::string parts(int count, const std::string& ending = "") {
         std::string names;
         for (int i = count; i >= 1; --i)
-            names.append("p").append(std::to_string(i)).append(" ");
+            names.append("p").append(std::to_string(i)).append(ending).append(" ");
         return names;
     }
     /// Whether all files that the bake wrote as "whole*" are the same in merged/.
@@ -259,10 +259,7 @@ TEST_F(ShardsCli, PartsOfLitSurfacesAreTheWholeToTheByte) {
                 must("light " + bake + "-o p" + std::to_string(i) + ".lit --shard "
                      + std::to_string(i) + "/" + std::to_string(count) + " --threads "
                      + std::to_string(1 + i % 2));
-            std::string names;
-            for (int i = count; i >= 1; --i)
-                names.append("p").append(std::to_string(i)).append(".lit ");
-            must("merge " + names + "-o merged.lit");
+            must("merge " + parts(count, ".lit") + "-o merged.lit");
             EXPECT_TRUE(slurp(folder_ / "merged.lit") == slurp(folder_ / "whole.lit"))
                 << bake << count;
         }
