@@ -10,6 +10,7 @@ only absorbs, so that other programs on the machine count little; that of `exact
 """
 
 import argparse
+import contextlib
 import pathlib
 import resource
 import subprocess
@@ -62,7 +63,8 @@ def draw(program, folder, size, scene, medium, method):
                     "--samples", "4", "--show", "direct", "--medium", medium, "--fog-method", method,
                     "-o", "picture.exr", "-q"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    pixels = OpenImageIO.ImageBuf(str(folder / "picture.exr")).get_pixels()
+    with contextlib.closing(OpenImageIO.ImageInput.open(str(folder / "picture.exr"))) as picture:
+        pixels = picture.read_image("float")  # not by ImageBuf, whose cache knows a file again by its second
     return (numpy.asarray(pixels, dtype=float)[..., :3],
             after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
 

@@ -18,6 +18,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pyopenvdb
 
+from pictures import picture
+
 PROGRAM, EXAMPLES = sys.argv[1], pathlib.Path(sys.argv[2])
 VIEWS = pathlib.Path(__file__).with_name("blender_views.py")
 NAMES = ["l0", "l1_y", "l1_z", "l1_x", "l2_xy", "l2_yz", "l2_z2", "l2_xz", "l2_x2y2"]
@@ -38,10 +40,6 @@ def run(*command):
 def blender(script, *arguments):
     return run("blender", "--background", "--factory-startup", "--python-exit-code", "9",
                "--python", script, "--", *arguments)
-
-
-def pixels(path):
-    return np.asarray(oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT))[..., :3].astype(float)
 
 
 def to_blender(vectors):
@@ -164,7 +162,7 @@ class Blender(unittest.TestCase):
         places = (np.arange(size) + 0.5 - size / 2) * pixel
         middle = to_blender(np.array(self.ORIGIN) + (np.array(self.LIT) + 0.5) * self.CELL)
         for _, views in jobs:
-            light = [pixels(view["picture"])[..., 0] for view in views]
+            light = [picture(view["picture"])[..., 0] for view in views]
             for each in light:
                 self.assertAlmostEqual(each.sum() * pixel ** 2 / self.CELL ** 3, 1, delta=0.05)
             x, other_x = (each.sum(axis=0) @ places / each.sum() for each in light)
@@ -211,7 +209,7 @@ class Blender(unittest.TestCase):
         self.look(jobs)
         for _, own in jobs:
             yield {f"{next(iter(view['sums']))} along {'xyz'[view['along']]}":
-                   np.abs(pixels(view["picture"]) - want).max() / want.max()
+                   np.abs(picture(view["picture"]) - want).max() / want.max()
                    for view, want in zip(own, wanted)}
 
     def test_values_are_those_of_the_volume(self):
@@ -272,7 +270,7 @@ class Blender(unittest.TestCase):
         path = self.folder / name
         blender(EXAMPLES / "blender/show_volume.py", *arguments, "--render", path, "--size",
                 "64x48", "--samples", "16")
-        return pixels(path)
+        return picture(path)
 
     @staticmethod
     def redness(picture):
@@ -329,7 +327,7 @@ class Blender(unittest.TestCase):
             path = self.folder / "air.png"
             blender(EXAMPLES / "blender/show_volume.py", self.air("air.vdb", (left, right)), "--render",
                     path, "--size", "96x72", "--samples", "64")
-            shown = pixels(path)
+            shown = picture(path)
             light = np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
             rows, columns = (np.flatnonzero(shown.max(axis=(2, along)) > 0.1) for along in (1, 0))
             block = light[rows[0]:rows[-1] + 1, columns[0]:columns[-1] + 1]

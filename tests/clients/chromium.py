@@ -1,7 +1,6 @@
 """Pages in headless Chromium, what they show, and broken volumes to show by them."""
 
 import base64
-import contextlib
 import http.server
 import io
 import json
@@ -13,22 +12,14 @@ import urllib.request
 import numpy as np
 import OpenImageIO as oiio
 
+from pictures import picture, pixels
+
 
 def run(*command):
     result = subprocess.run([str(part) for part in command], capture_output=True, text=True)
     if result.returncode != 0:
         raise AssertionError(f"{command} ended with {result.returncode}\n{result.stderr}")
     return result.stdout
-
-
-def pixels(path):
-    # Not by ImageBuf, which has a cache and knows a file again by its second.
-    with contextlib.closing(oiio.ImageInput.open(str(path))) as source:
-        return np.array(source.read_image("float"))
-
-
-def picture(path):
-    return pixels(path)[..., :3]
 
 
 def broken_atlases(volume):

@@ -21,6 +21,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pyopenvdb
 
+from pictures import pixels
+
 PROGRAM, EXAMPLES = sys.argv[1], pathlib.Path(sys.argv[2])
 ROUNDING = 2.0 ** -11  # of a half float, relative
 UNCOMPRESSED = 2       # compress/mode
@@ -91,9 +93,7 @@ class Godot(unittest.TestCase):
             "-o", cls.folder / "volume.vdb")
         cls.facts = json.loads((cls.folder / "volume.json").read_text())
         cls.pictures = {
-            file["file"]: np.asarray(
-                oiio.ImageBuf(str(cls.folder / file["file"])).get_pixels(oiio.FLOAT))
-            for file in cls.facts["files"] if len(file["channels"]) == 4}
+            file["file"]: pixels(cls.folder / file["file"]) for file in cls.facts["files"] if len(file["channels"]) == 4}
         cls.grids = {}
         for grid in pyopenvdb.readAllGridMetadata(str(cls.folder / "volume.vdb")):
             if grid.name.startswith("sh_"):

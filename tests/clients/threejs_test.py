@@ -20,7 +20,8 @@ import numpy as np
 sys.dont_write_bytecode = True
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 import npm
-from chromium import Chromium, broken_atlases, picture, run, serve
+from chromium import Chromium, broken_atlases, run, serve
+from pictures import picture
 
 LPVBAKE, FLIP = sys.argv[1:3]
 EXAMPLES, CACHE = pathlib.Path(sys.argv[3]), pathlib.Path(sys.argv[4])

@@ -15,6 +15,8 @@ import unittest
 
 import numpy as np
 
+from pictures import pixels
+
 PROGRAM, EXAMPLES = sys.argv[1], pathlib.Path(sys.argv[2])
 HERE = pathlib.Path(__file__).resolve().parent
 SCENE = EXAMPLES / "cornell_box.gltf"
@@ -202,10 +204,8 @@ class Unity(unittest.TestCase):
 
     def picture(self, name, layout, dims):
         """A flipbook's cells [z, y, x, 3]: left to right, then down."""
-        import OpenImageIO as oiio
-        pixels = np.asarray(oiio.ImageBuf(str(self.folder / name)).get_pixels(oiio.FLOAT))
         rows, columns = layout["rows"], layout["columns"]
-        tiles = pixels.reshape(rows, dims[1], columns, dims[0], 3).swapaxes(1, 2)
+        tiles = pixels(self.folder / name).reshape(rows, dims[1], columns, dims[0], 3).swapaxes(1, 2)
         return tiles.reshape(rows * columns, dims[1], dims[0], 3)[:dims[2]]
 
     def test_pictures_get_the_settings_of_the_notes(self):

@@ -21,7 +21,8 @@ sys.dont_write_bytecode = True
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 sys.path.insert(0, str(pathlib.Path(sys.argv[2]) / "web"))
 import offline
-from chromium import Chromium, broken_atlases, picture, run, serve
+from chromium import Chromium, broken_atlases, run, serve
+from pictures import picture
 
 LPVBAKE, EXAMPLES, CACHE = sys.argv[1], pathlib.Path(sys.argv[2]), pathlib.Path(sys.argv[3])
 CAMERA, EXPOSURE, SIZE = "0,1,4:0,1,0:35", "4", (500, 320)  # Chromium's least width
