@@ -224,7 +224,7 @@ void run_light(const BakeOptions& o, const Scene& scene, const bake::BakePlan& p
                       {"warnings", run.progress.warnings()},
                       {"seconds", run.seconds()}};
     if (o.light_shard)
-        json["shard"] = {{"index", o.light_shard->index}, {"of", o.light_shard->count}};
+        json["shard"] = {{"index", o.light_shard->index}, {"count", o.light_shard->count}};
     print_json(json);
 }
 

@@ -165,7 +165,8 @@ void run_export(const ConvertOptions& o, const io::WorldVolume& world) {
     std::vector<Written> written;
     Volume header;
     for (const std::string& path : o.outputs.paths) {
-        const io::WorldExport made = io::export_world(world, path, o.outputs.storage().precision);
+        const io::WorldExport made =
+            io::export_world(world, path, o.outputs.storage().precision, progress);
         header.sh_order = made.sh_order;
         written.push_back({path, made.report.files});
         tell("wrote " + path);
@@ -197,6 +198,7 @@ void run(const ConvertOptions& o) {
     }
     check_files({o.scene}, inputs, o.outputs.paths);
     check_fit(o.outputs, o.fit, o.sh_order.value_or(0));
+    watch_signals();
     if (is_export(o) && io::can_export(*world)) {
         run_export(o, *world);
         return;

@@ -8,7 +8,8 @@
 * a package's headers are included in its one folder;
 * Vulkan is named in src/gpu and in the .cpp files of stages that draw or dispatch;
 * the texts of src/ name no option of a command line: they name settings, in backquotes, and
-  cmd/options/wording.cpp has a row for each of them and no other.
+  cmd/options/wording.cpp has a row for each of them and no other;
+* the top level holds what it is to hold, and nothing else.
 
 Usage: layering_test.py ROOT. Prints each offence as file:line: text; exits 1 if there is any, and
 first makes sure that it finds offences planted in a folder of its own.
@@ -51,6 +52,8 @@ INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 STRING = re.compile(r'"((?:[^"\\\n]|\\.)*)"')
 OPTION = re.compile(r"(?<![\w-])--(?:[a-z]|$)")
 SETTING = re.compile(r"`\w+`")
+TOP_LEVEL = ("CMakeLists.txt", "CMakePresets.json", "LICENSE", "README.md", "cmd", "examples", "src", "tests")
+OF_GIT_IGNORED = ("build", "out")
 OF_OTHER_PROGRAMS = "run_gnuplot("  # what follows is no option of ours
 
 
@@ -154,12 +157,20 @@ def wording_offences(root):
         yield f"cmd/options/wording.cpp: no text in src/ names {setting}"
 
 
+def top_level_offences(root):
+    for path in sorted(root.iterdir()):
+        if not path.name.startswith(".") and path.name not in TOP_LEVEL + OF_GIT_IGNORED:
+            yield f"{path.name}: does not belong to the top level"
+
+
 def all_offences(root):
+    yield from top_level_offences(root)
     yield from offences(root)
     yield from wording_offences(root)
 
 
 PLANTED = {
+    "--help/scene.gltf": "",
     "CMakeLists.txt": "add_library(lpvbake_colour INTERFACE)\nlpvbake_folder(scene)\nlpvbake_folder(gpu LIBRARIES Vulkan::Vulkan)\n"
                       "lpvbake_folder(volume DEPENDS colour)\nlpvbake_folder(raster DEPENDS scene gpu)\n"
                       "lpvbake_folder(solver/lpv DEPENDS volume raster)\nlpvbake_folder(io DEPENDS volume)\n"
@@ -192,7 +203,7 @@ PLANTED = {
     "cmd/options/wording.cpp": '{"`known`", "--known"},\n{"`unused`", "--unused"},\n',
     "cmd/x.cpp": '#include "bake/bake.h"\n#include <CLI/CLI.hpp>\n#include <tiny_gltf.h>\n',
 }
-EXPECTED = ["cmd/options/wording.cpp", "cmd/x.cpp:3", "src/io/relative.cpp:1", "src/io/texts.cpp:3",
+EXPECTED = ["--help", "cmd/options/wording.cpp", "cmd/x.cpp:3", "src/io/relative.cpp:1", "src/io/texts.cpp:3",
             "src/io/texts.cpp:4", "src/io/texts.cpp:5", "src/lpvbake/bake.h:2", "src/lpvbake/bake.h:3",
             "src/raster/raster.h:1", "src/scene/names.h:3", "src/scene/vdb.cpp:1",
             "src/solver/lpv/bad.h:1", "src/stray/stray.h", "src/volume/bad.h:1",

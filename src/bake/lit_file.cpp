@@ -1,6 +1,7 @@
 #include "bake/lit_file.h"
 
 #include "io/atomic_file.h"
+#include "io/parts.h"
 #include "lpvbake/error.h"
 #include "quoted.h"
 #include "surface/stored.h"
@@ -10,6 +11,7 @@
 #include <array>
 #include <fstream>
 #include <iterator>
+#include <span>
 
 namespace lpvbake::bake {
 namespace {
@@ -26,14 +28,7 @@ constexpr std::array facts{Fact{"another version of the program", &LitOrigin::ve
                            Fact{"another instruction set for rays", &LitOrigin::tracer},
                            Fact{"other settings", &LitOrigin::settings}};
 
-/// Which of how many; of none: the whole.
-struct PartOf {
-    uint32_t index = 0, count = 0;
-};
-
-std::string text_of(PartOf part) {
-    return format("shard %u of %u", part.index, part.count);
-}
+constexpr volume::Shard all{0, 0}; ///< as files of whole lit surfaces have it
 
 void put(const std::string& text, cache::Writer& out) {
     out.put(std::vector<char>(text.begin(), text.end()));
@@ -47,7 +42,7 @@ bool get(cache::Reader& in, std::string& text) {
     return true;
 }
 
-WriteReport::File write(const std::string& path, const LitOrigin& origin, PartOf part,
+WriteReport::File write(const std::string& path, const LitOrigin& origin, volume::Shard part,
                         const cache::Writer& body) {
     cache::Writer head;
     for (const Fact& fact : facts)
@@ -71,7 +66,7 @@ struct Opened {
     std::string path;
     std::string bytes;
     LitOrigin origin;
-    PartOf part;
+    volume::Shard part;
     std::size_t body = 0; ///< where it begins
 
     explicit Opened(const std::string& of);
@@ -92,7 +87,7 @@ Opened::Opened(const std::string& of) : path(of), bytes(io::read_file(of, most_b
     whole = whole && in.get(part) && in.get(hash) && in.get(size) && size <= bytes.size();
     body = whole ? bytes.size() - std::size_t(size) : 0;
     if (!whole || cache::hash_of(std::string_view(bytes).substr(body)) != hash
-        || (part.count > 0 && (part.index < 1 || part.index > part.count)))
+        || (part != all && (part.index < 1 || part.index > part.count)))
         io::reject(path, "is damaged or cut off; light the scene again");
 }
 
@@ -109,29 +104,22 @@ std::vector<Opened> open_parts(const std::vector<std::string>& paths) {
     std::vector<Opened> parts;
     for (const std::string& path : paths) {
         const Opened& part = parts.emplace_back(path);
-        if (part.part.count == 0)
+        if (part.part == all)
             io::reject(path, "is no part of lit surfaces, but all of them");
         const Opened& first = parts.front();
-        if (part.part.count != first.part.count)
-            io::reject(path,
-                       "is " + text_of(part.part)
-                           + format(", and %s is of %u", first.path.c_str(), first.part.count));
         part.check(first.origin, " than " + first.path, "light it again as the others were");
+        for (const Opened& other : std::span(parts).first(parts.size() - 1))
+            io::check_beside(path, part.part, other.path, other.part);
     }
     std::ranges::sort(parts, {}, [](const Opened& part) { return part.part.index; });
-    for (std::size_t i = 0; i < parts.front().part.count; ++i) {
-        const PartOf wanted{uint32_t(i + 1), parts.front().part.count};
-        if (i < parts.size() && i > 0 && parts[i].part.index == parts[i - 1].part.index)
-            io::reject(parts[i].path, "is " + text_of(parts[i].part)
-                                          + (parts[i].path == parts[i - 1].path
-                                                 ? ", and is given twice"
-                                                 : ", and so is " + parts[i - 1].path));
-        if (i >= parts.size() || parts[i].part.index != wanted.index)
+    for (volume::Shard wanted = {1, parts.front().part.count}; wanted.index <= wanted.count;
+         ++wanted.index)
+        if (const auto i = std::size_t(wanted.index - 1);
+            i >= parts.size() || parts[i].part != wanted)
             throw Error(ErrorKind::invalid,
-                        text_of(wanted)
-                            + format(" of the lit surfaces is missing: light it with `shard` %u/%u",
+                        io::text_of(wanted)
+                            + format(" of the lit surfaces is missing: light it with `shard` %d/%d",
                                      wanted.index, wanted.count));
-    }
     return parts;
 }
 
@@ -141,12 +129,12 @@ WriteReport::File write_lit(const std::string& path, const LitOrigin& origin,
                             surface::LitSurfaces lit) {
     cache::Writer body;
     surface::put(std::move(lit), body);
-    return write(path, origin, {}, body);
+    return write(path, origin, all, body);
 }
 
 WriteReport::File write_lit_part(const std::string& path, const LitOrigin& origin,
                                  surface::LitPart part) {
-    const PartOf of{uint32_t(part.index), uint32_t(part.count)};
+    const volume::Shard of{part.index, part.count};
     cache::Writer body;
     surface::put(std::move(part), body);
     return write(path, origin, of, body);
@@ -156,8 +144,8 @@ surface::LitSurfaces read_lit(const std::string& path, const LitOrigin& origin, 
                               const visibility::Visibility& visibility) {
     const Opened file(path);
     file.check(origin, "", "light the scene again with the options of this bake");
-    if (file.part.count > 0)
-        io::reject(path, "is " + text_of(file.part)
+    if (file.part != all)
+        io::reject(path, "is " + io::text_of(file.part)
                              + " of lit surfaces; let lpvbake merge make one file of all");
     surface::LitSurfaces lit;
     cache::Reader values = file.reader();

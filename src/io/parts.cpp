@@ -25,10 +25,6 @@ std::string text_of(volume::Slab layers) {
     return format("z %d to %d", layers.begin, layers.end - 1);
 }
 
-std::string text_of(volume::Shard shard) {
-    return format("shard %d of %d", shard.index, shard.count);
-}
-
 /// What another value of an entry of metadata means.
 std::string what_differs(const std::string& key) {
     if (key == "tool")
@@ -86,6 +82,23 @@ void take(const std::string& path, Volume& volume, const char* key, const char* 
 
 } // namespace
 
+std::string text_of(volume::Shard shard) {
+    return format("shard %d of %d", shard.index, shard.count);
+}
+
+void check_beside(const std::string& path, volume::Shard shard, const std::string& other_path,
+                  volume::Shard other) {
+    if (path == other_path)
+        reject(path, "is given twice; leave one of them out");
+    if (shard.count != other.count)
+        reject(path, "is " + text_of(shard) + ", and " + other_path + " is of "
+                         + std::to_string(other.count)
+                         + ": parts of one bake are of as many shards");
+    if (shard.index == other.index)
+        reject(path,
+               "is " + text_of(shard) + ", and so is " + other_path + "; leave one of them out");
+}
+
 WriteReport write_part(const std::string& path, volume::Shard shard, volume::Slab layers,
                        const Grid& whole, Volume& volume) {
     const glm::dvec3 origin = whole.origin;
@@ -114,9 +127,6 @@ Parts::Parts(const std::vector<std::string>& paths) {
 }
 
 void Parts::add(const std::string& path) {
-    for (const Part& other : parts_)
-        if (other.path == path)
-            reject(path, "is given twice; leave one of them out");
     const OpenVdb file = open_vdb(path);
     const auto precision =
         file.content.metadata->getMetadata<openvdb::StringMetadata>("lpv:precision");
@@ -142,18 +152,12 @@ void Parts::add(const std::string& path) {
         grids_ = std::move(grids);
     } else {
         const Part& first = parts_.front();
-        if (shard.count != first.shard.count)
-            reject(path, "is " + text_of(shard) + ", and " + first.path + " is of "
-                             + std::to_string(first.shard.count)
-                             + ": parts of one bake are of as many shards");
         check_alike(path, first.path, own.metadata, whole_.metadata);
         if (own.grid != whole_.grid || own.sh_order != whole_.sh_order
             || grids.size() != grids_.size())
             reject(path, "is of another grid than " + first.path);
         for (const Part& other : parts_)
-            if (other.shard == shard)
-                reject(path, "is " + text_of(shard) + ", and so is " + other.path
-                                 + "; leave one of them out");
+            check_beside(path, shard, other.path, other.shard);
     }
     parts_.push_back(part);
 }

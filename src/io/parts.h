@@ -20,6 +20,14 @@
 
 namespace lpvbake::io {
 
+/// "shard 2 of 3"
+std::string text_of(volume::Shard shard);
+
+/// Throws Error (invalid), which names `path`, where the shard in it and the one in another file
+/// are no two of one whole.
+void check_beside(const std::string& path, volume::Shard shard, const std::string& other_path,
+                  volume::Shard other);
+
 /// Writes the volume of the layers of a shard of `whole`, and gives it the metadata of a part.
 /// Throws Error (file).
 WriteReport write_part(const std::string& path, volume::Shard shard, volume::Slab layers,

@@ -105,19 +105,21 @@ public:
     std::size_t count() const { return grids_.size(); }
     openvdb::MetaMap metadata() const { return file_metadata(header_, {}, half_); }
 
-    openvdb::GridBase::Ptr grid(std::size_t i) const {
+    openvdb::GridBase::Ptr grid(std::size_t i, Progress& progress) const {
         if (grids_[i].kind->width() == 1)
-            return grid_of<openvdb::FloatGrid>(grids_[i]);
-        return grid_of<openvdb::Vec3SGrid>(grids_[i]);
+            return grid_of<openvdb::FloatGrid>(i, progress);
+        return grid_of<openvdb::Vec3SGrid>(i, progress);
     }
 
 private:
     template <class GridType>
-    typename GridType::Ptr grid_of(const volume::ConstGridView& view) const {
+    typename GridType::Ptr grid_of(std::size_t i, Progress& progress) const {
+        const volume::ConstGridView& view = grids_[i];
         const std::string name = view.name();
         auto grid = GridType::create();
         float largest = 0;
         for (std::size_t k = 0; k < sources_.size(); ++k) {
+            progress.advance(i * sources_.size() + k);
             const Source& source = sources_[k];
             const std::vector<uint8_t> share = shares_.of(k);
             const openvdb::GridBase::Ptr from =
@@ -168,14 +170,17 @@ private:
 
 } // namespace
 
-WorldExport export_world(const WorldVolume& volume, const std::string& path, Precision precision) {
+WorldExport export_world(const WorldVolume& volume, const std::string& path, Precision precision,
+                         Progress& progress) {
     initialise_vdb();
     const Export world(volume, precision == Precision::half);
     WorldExport made{{}, world.sh_order()};
     made.report.precision = precision;
+    progress.begin("export", world.count() * volume.tiles.size());
     try {
-        made.report.files.push_back(write_grids(path, world.metadata(), world.count(), 1,
-                                                [&](std::size_t i) { return world.grid(i); }));
+        made.report.files.push_back(
+            write_grids(path, world.metadata(), world.count(), 1,
+                        [&](std::size_t i) { return world.grid(i, progress); }));
     } catch (const openvdb::Exception& error) {
         reject(volume.path, one_line(error.what()));
     }

@@ -8,6 +8,7 @@
 
 #include "io/io.h"
 #include "io/world.h"
+#include "lpvbake/progress.h"
 
 #include <cstdint>
 #include <string>
@@ -78,11 +79,12 @@ bool can_export(const WorldVolume& volume);
 /// Writes all cells as write_vdb writes read_cells of all of them (of float tiles byte for byte),
 /// but with no more in memory than one grid, which has no cells where there is no tile. Throws
 /// Error as these two, and: unsupported (tiles are stored in a convention or with axes of their
-/// own; a value does not fit half).
+/// own; a value does not fit half). A grid of a tile is a step.
 struct WorldExport {
     WriteReport report;
     int sh_order = 0;
 };
-WorldExport export_world(const WorldVolume& volume, const std::string& path, Precision precision);
+WorldExport export_world(const WorldVolume& volume, const std::string& path, Precision precision,
+                         Progress& progress);
 
 } // namespace lpvbake::io

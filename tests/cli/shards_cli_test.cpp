@@ -277,7 +277,9 @@ TEST_F(ShardsCli, LitSurfacesThatAreNotAllOfOneAreRefusedByName) {
     refused("p1.lit p3.lit", "shard 2 of 3 of the lit surfaces is missing: light it with --shard");
     refused("p2.lit p3.lit", "shard 1 of 3 of the lit surfaces is missing");
     refused("p1.lit p2.lit", "shard 3 of 3 of the lit surfaces is missing");
-    refused("p1.lit p2.lit p3.lit p2.lit", "p2.lit: is shard 2 of 3, and is given twice");
+    refused("p1.lit p2.lit p3.lit p2.lit", "p2.lit: is given twice; leave one of them out");
+    fs::copy(folder_ / "p2.lit", folder_ / "second.lit");
+    refused("p1.lit p2.lit p3.lit second.lit", "second.lit: is shard 2 of 3, and so is p2.lit");
     must("light " + gather + "-o other.lit --shard 2/2");
     refused("p1.lit other.lit p3.lit", "other.lit: is shard 2 of 2, and p1.lit is of 3");
     must("light " + gather + "--vpls 100 -o other.lit --shard 2/3");

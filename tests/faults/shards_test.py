@@ -109,6 +109,32 @@ class Shards(unittest.TestCase):
             self.run_whole(*arguments)
             self.assertEqual(output.read_bytes(), whole)
 
+    def test_two_write_one_part(self):
+        """One is stopped while it writes, until the other has written."""
+        bake = [SCENE, "--bounds=-1,0,-1.6,1,2,1.6", "--margin=0", "--cell-size=0.05", "--solver=gather", "--quality=fast"]
+        for command, name in ("bake", "part"), ("light", "part.lit"):
+            arguments = [command, *bake, "--shard=1/2", "-o", name]
+            output = self.folder / name
+            self.run_whole(*arguments)
+            whole = output.read_bytes()
+            for _ in range(20):  # until it is stopped in time
+                output.unlink()
+                first = self.start(*arguments)
+                while first.poll() is None and not any(map(size_of, self.files_of(output))):
+                    pass
+                first.send_signal(signal.SIGSTOP)
+                if not output.exists():
+                    break
+                first.send_signal(signal.SIGCONT)
+                first.wait(timeout=60)
+            self.assertFalse(output.exists())
+            self.run_whole(*arguments)
+            self.assertEqual(output.read_bytes(), whole)
+            first.send_signal(signal.SIGCONT)
+            self.assertEqual(first.wait(timeout=60), 0)
+            self.assertEqual(self.files_of(output), [output])
+            self.assertEqual(output.read_bytes(), whole)
+
     def files_of(self, output):
         """The output, and what is to become of it."""
         return [path for path in [output, *self.folder.glob(f".{output.name}.*")] if path.exists()]

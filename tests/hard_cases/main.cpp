@@ -6,7 +6,7 @@
 #include <filesystem>
 
 int main(int count, char** arguments) {
-    if (count != 2) {
+    if (count != 2 || arguments[1][0] == '-') {
         std::fprintf(stderr, "usage: hard_cases DIR\n");
         return 1;
     }

@@ -53,14 +53,15 @@ protected:
         add({-16, -8, -40}, {-8, 0, -32});
     }
     io::WorldVolume noon() const { return io::world_volume("w.world.json", world_, "noon"); }
-    Error refusal() const {
+    Error refusal() {
         return error_of("w.world.json", [&] {
             const io::WorldVolume volume = noon();
-            io::export_world(volume, folder_ / "all.vdb", Precision::full);
+            io::export_world(volume, folder_ / "all.vdb", Precision::full, progress_);
         });
     }
 
     TemporaryFolder folder_;
+    Progress progress_; ///< nobody looks
     io::World world_{"0", "s.gltf", 0.75, size, 8, {{"noon", {}}, {"dull", {}}}, {}};
 };
 
@@ -129,7 +130,8 @@ TEST_F(WorldVolume, TheExportIsTheFileOfAllCells) {
         std::vector<std::string> bytes;
         for (const std::size_t threads : {1, 4}) {
             const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-            const io::WorldExport made = io::export_world(volume, folder_ / "all.vdb", precision);
+            const io::WorldExport made =
+                io::export_world(volume, folder_ / "all.vdb", precision, progress_);
             EXPECT_EQ(made.sh_order, 1);
             EXPECT_EQ(made.report.files.front().bytes,
                       std::filesystem::file_size(folder_ / "all.vdb"));
@@ -143,7 +145,7 @@ TEST_F(WorldVolume, HalfTilesStayAsTheyAre) {
     add({0, 0, 0}, {8, 8, 8}, "noon", Precision::half);
     add({8, 0, 0}, {16, 8, 8}, "noon", Precision::half);
     const io::WorldVolume volume = noon();
-    io::export_world(volume, folder_ / "all.vdb", Precision::half);
+    io::export_world(volume, folder_ / "all.vdb", Precision::half, progress_);
     const Volume all = io::read_cells(volume, glm::ivec3(0), volume.grid.dims, 1 << 30);
     EXPECT_EQ(io::read_vdb(folder_ / "all.vdb").sh, all.sh);
 }
@@ -152,7 +154,7 @@ TEST_F(WorldVolume, BetweenTilesItCostsNothing) {
     add({0, 0, 0}, {8, 8, 8});
     add({800'000, 0, 800'000}, {800'008, 8, 800'008});
     const io::WorldVolume volume = noon();
-    io::export_world(volume, folder_ / "far.vdb", Precision::full);
+    io::export_world(volume, folder_ / "far.vdb", Precision::full, progress_);
     EXPECT_LT(double(std::filesystem::file_size(folder_ / "far.vdb")),
               1.3
                   * double(std::filesystem::file_size(folder_ / "0.vdb")
@@ -189,10 +191,11 @@ TEST_F(WorldVolume, WhatIsNotOfThePlanIsRefused) {
     with(2, [](Volume& volume) { volume.walls.resize(1); });
     refused(ErrorKind::invalid, "has other grids than the first row");
     with(2, [](Volume& volume) { volume.sh[1][333].y = 1e6f; });
-    EXPECT_EQ(error_of("w.world.json",
-                       [&] { io::export_world(noon(), folder_ / "all.vdb", Precision::half); })
-                  .kind,
-              ErrorKind::unsupported);
+    EXPECT_EQ(
+        error_of("w.world.json",
+                 [&] { io::export_world(noon(), folder_ / "all.vdb", Precision::half, progress_); })
+            .kind,
+        ErrorKind::unsupported);
     io::write_volume(world_.rows[2].file, volume_of(2), Precision::full, {},
                      {volume::ShConvention::radiance, volume::Axes::unity});
     refused(ErrorKind::unsupported, "axes of its own");
@@ -211,8 +214,33 @@ TEST_F(WorldVolume, WhatIsNotOfThePlanIsRefused) {
         refused(ErrorKind::invalid, "plan it again");
         world_.rows[3].bounds = before;
     }
-    const io::WorldExport made = io::export_world(noon(), folder_ / "all.vdb", Precision::full);
+    const io::WorldExport made =
+        io::export_world(noon(), folder_ / "all.vdb", Precision::full, progress_);
     EXPECT_EQ(made.report.files.size(), 1u);
+}
+
+TEST_F(WorldVolume, AnExportThatIsEndedLeavesNoFile) {
+    add_some();
+    const io::WorldVolume volume = noon();
+    const long files = folder_.count();
+    struct Ending : Progress {
+        std::size_t steps = 0, end = 0;
+        void advance(uint64_t) override {
+            if (steps++ == end)
+                throw Error(ErrorKind::terminated, "terminated");
+        }
+    } counting;
+    counting.end = ~std::size_t(0);
+    io::export_world(volume, folder_ / "all.vdb", Precision::half, counting);
+    EXPECT_EQ(counting.steps % volume.tiles.size(), 0u);
+    EXPECT_GE(counting.steps, 4 * volume.tiles.size()); // grids
+    std::filesystem::remove(folder_ / "all.vdb");
+    for (std::size_t end = 0; end < counting.steps; end += 3) {
+        Ending ending;
+        ending.end = end;
+        EXPECT_THROW(io::export_world(volume, folder_ / "all.vdb", Precision::half, ending), Error);
+        EXPECT_EQ(folder_.count(), files);
+    }
 }
 
 } // namespace
