@@ -4,6 +4,9 @@
 #include "io/layout.h"
 #include "volume/sh.h"
 
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 
 namespace lpvbake::io {
@@ -27,9 +30,12 @@ bool changes(const volume::Encoding& encoding) {
 
 std::vector<float> density_of(const Volume& canonical) {
     std::vector<float> density(canonical.grid.size());
-    for (size_t i = 0; i < density.size(); ++i)
-        density[i] = volume::sh_y0
-                     * float(glm::dot(glm::dvec3(canonical.sh[0][i]), colour::rec709_luminance));
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, density.size()), [&](const auto& cells) {
+        for (size_t i = cells.begin(); i < cells.end(); ++i)
+            density[i] =
+                volume::sh_y0
+                * float(glm::dot(glm::dvec3(canonical.sh[0][i]), colour::rec709_luminance));
+    });
     return density;
 }
 

@@ -135,8 +135,12 @@ public:
 
 protected:
     std::streamsize xsputn(const char* data, std::streamsize count) override {
-        bytes.resize(std::max(bytes.size(), at_ + size_t(count)));
-        std::memcpy(bytes.data() + at_, data, size_t(count));
+        if (at_ != bytes.size())
+            bytes.resize(std::max(bytes.size(), at_ + size_t(count)));
+        if (at_ == bytes.size())
+            bytes.append(data, size_t(count));
+        else
+            std::memcpy(bytes.data() + at_, data, size_t(count));
         at_ += size_t(count);
         return count;
     }
@@ -160,11 +164,51 @@ private:
     size_t at_ = 0;
 };
 
+/// A grid that shares its tree with another, and whose leaves are written by all threads: a hundred
+/// of them each, into memory, where they stay. In the stream they leave a gap of their size.
+template <typename GridType>
+class LeavesApart : public GridType {
+public:
+    LeavesApart(GridType& grid, std::vector<std::string>& pieces)
+        : GridType(grid, openvdb::ShallowCopy{}),
+          pieces_(pieces) {
+        this->setTransform(grid.transformPtr()); // a copy of it is rounded anew
+    }
+
+    void writeBuffers(std::ostream& out) const override {
+        using Leaf = typename GridType::TreeType::LeafNodeType;
+        std::vector<const Leaf*> leaves;
+        this->tree().getNodes(leaves); // in the order in which a tree writes them
+        pieces_.resize((leaves.size() + leaves_a_piece - 1) / leaves_a_piece);
+        tbb::parallel_for(size_t(0), pieces_.size(), [&](size_t piece) {
+            const size_t begin = piece * leaves_a_piece,
+                         end = std::min(leaves.size(), begin + leaves_a_piece);
+            Bytes bytes;
+            bytes.bytes.reserve((end - begin)
+                                * (sizeof(Leaf) + Leaf::SIZE * sizeof(typename Leaf::ValueType)));
+            std::ostream stream(&bytes);
+            stream.copyfmt(out); // the file's settings: compression, and the background's place
+            for (size_t i = begin; i < end; ++i)
+                leaves[i]->writeBuffers(stream, this->saveFloatAsHalf());
+            pieces_[piece].assign(bytes.bytes); // no larger than they are
+        });
+        size_t size = 0;
+        for (const std::string& piece : pieces_)
+            size += piece.size();
+        out.seekp(std::streamoff(size), std::ios_base::cur);
+    }
+
+private:
+    static constexpr size_t leaves_a_piece = 128;
+    std::vector<std::string>& pieces_; ///< what the leaves are in the file
+};
+
 /// A grid as it stands in a file that begins with it.
 struct PackedGrid {
     openvdb::io::GridDescriptor descriptor;
-    size_t offsets_at = 0; ///< where its descriptor's offsets stand
-    std::string bytes;
+    size_t offsets_at = 0;           ///< where its descriptor's offsets stand
+    std::string head;                ///< all but the leaves' values
+    std::vector<std::string> leaves; ///< behind it
 };
 
 /// Writes grid after grid to any stream, with the offsets that let readers open single ones, as
@@ -182,54 +226,76 @@ public:
         const auto count = int32_t(grids);
         stream.write(reinterpret_cast<const char*>(&count), sizeof count);
         header.bytes.replace(uuid_offset, uuid_length, uuid_length, '\0');
+        place(header.bytes);
         put(header.bytes);
     }
     /// May be called by several threads at a time.
-    PackedGrid pack(const openvdb::GridBase::ConstPtr& grid) const {
-        PackedGrid packed{
-            {grid->getName(), grid->type(), grid->saveFloatAsHalf()}, 0, std::string()};
-        Bytes bytes;
-        bytes.bytes.reserve(grid->memUsage());
-        auto settings = std::make_shared<openvdb::io::StreamMetadata>();
-        std::ostream stream(&bytes);
-        packed.descriptor.writeHeader(stream);
-        packed.offsets_at = bytes.bytes.size();
-        stream.seekp(0);
-        prepare(stream, settings);
-        writeGrid(packed.descriptor, grid, stream, /*seekable=*/true);
-        packed.bytes = std::move(bytes.bytes);
-        return packed;
+    PackedGrid pack(const openvdb::GridBase::Ptr& grid) const {
+        if (const auto scalars = openvdb::gridPtrCast<FloatGrid>(grid))
+            return pack(*scalars);
+        if (const auto colours = openvdb::gridPtrCast<Vec3SGrid>(grid))
+            return pack(*colours);
+        throw std::invalid_argument("grid " + grid->getName() + " is of type " + grid->type());
     }
-    void add(PackedGrid packed) {
+    /// Puts a grid behind those before it: its offsets, and what the UUID takes of its bytes. In
+    /// the order of the file; may be called while another is written.
+    PackedGrid place(PackedGrid packed) {
         openvdb::io::GridDescriptor& descriptor = packed.descriptor;
-        descriptor.setGridPos(written_ + descriptor.getGridPos());
-        descriptor.setBlockPos(written_ + descriptor.getBlockPos());
-        descriptor.setEndPos(written_ + descriptor.getEndPos());
+        descriptor.setGridPos(placed_ + descriptor.getGridPos());
+        descriptor.setBlockPos(placed_ + descriptor.getBlockPos());
+        descriptor.setEndPos(placed_ + descriptor.getEndPos());
         Bytes offsets;
         std::ostream stream(&offsets);
         descriptor.writeStreamPos(stream);
-        packed.bytes.replace(packed.offsets_at, offsets.bytes.size(), offsets.bytes);
-        put(packed.bytes);
+        packed.head.replace(packed.offsets_at, offsets.bytes.size(), offsets.bytes);
+        place(packed.head);
+        for (const std::string& piece : packed.leaves)
+            place(piece);
+        return packed;
+    }
+    /// What was placed, in the same order. Gives its memory back piece by piece.
+    void send(PackedGrid packed) {
+        put(packed.head);
+        for (std::string& piece : packed.leaves) {
+            put(piece);
+            piece = {};
+        }
     }
     /// What the UUID has to be, after the last grid.
     std::string uuid() { return hash_.uuid(); }
 
 private:
+    template <typename GridType>
+    PackedGrid pack(GridType& grid) const {
+        PackedGrid packed{{grid.getName(), grid.type(), grid.saveFloatAsHalf()}, 0, {}, {}};
+        Bytes head;
+        auto settings = std::make_shared<openvdb::io::StreamMetadata>();
+        std::ostream stream(&head);
+        packed.descriptor.writeHeader(stream);
+        packed.offsets_at = head.bytes.size();
+        stream.seekp(0);
+        prepare(stream, settings);
+        writeGrid(packed.descriptor, std::make_shared<LeavesApart<GridType>>(grid, packed.leaves),
+                  stream,
+                  /*seekable=*/true);
+        packed.head = std::move(head.bytes);
+        return packed;
+    }
     /// `metadata` outlives the stream's use: it keeps where that stands.
     void prepare(std::ostream& out, openvdb::io::StreamMetadata::Ptr& metadata) const {
         openvdb::io::setStreamMetadataPtr(out, metadata, /*transfer=*/false);
         openvdb::io::setWriteGridStatsMetadata(out, isGridStatsMetadataEnabled());
         openvdb::io::setDataCompression(out, compression());
     }
-    void put(std::string_view bytes) {
-        out_.write(bytes.data(), std::streamsize(bytes.size()));
+    void place(std::string_view bytes) {
         hash_.add(bytes);
-        written_ += int64_t(bytes.size());
+        placed_ += int64_t(bytes.size());
     }
+    void put(std::string_view bytes) { out_.write(bytes.data(), std::streamsize(bytes.size())); }
 
     std::ostream& out_;
     ContentHash hash_;
-    int64_t written_ = 0;
+    int64_t placed_ = 0;
 };
 
 void insert_text(MetaMap& metadata, const std::string& key, const std::string& value) {
@@ -293,9 +359,12 @@ WriteReport::File write_grids(const std::string& path, const MetaMap& metadata, 
             at_once, tbb::make_filter<void, size_t>(filter_mode::serial_in_order, number)
                          & tbb::make_filter<size_t, PackedGrid>(
                              filter_mode::parallel, [&](size_t i) { return stream.pack(make(i)); })
+                         & tbb::make_filter<PackedGrid, PackedGrid>(
+                             filter_mode::serial_in_order,
+                             [&](PackedGrid packed) { return stream.place(std::move(packed)); })
                          & tbb::make_filter<PackedGrid, void>(
                              filter_mode::serial_in_order,
-                             [&](PackedGrid packed) { stream.add(std::move(packed)); }));
+                             [&](PackedGrid packed) { stream.send(std::move(packed)); }));
         uuid = stream.uuid();
     });
     file.patch(uuid_offset, uuid);

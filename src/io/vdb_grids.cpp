@@ -3,7 +3,14 @@
 #include "io/atomic_file.h"
 #include "volume/sh.h"
 
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <memory>
 #include <mutex>
+#include <optional>
+#include <vector>
 
 namespace lpvbake::io {
 namespace {
@@ -28,22 +35,77 @@ openvdb::math::Transform::Ptr transform_of(const Grid& grid, bool corner_index) 
     return transform;
 }
 
+/// The leaf of the cells from `first` on, without any if none of them is active; of 512 equal ones
+/// a tile.
+template <typename Leaf>
+struct LeafOrTile {
+    std::unique_ptr<Leaf> leaf;
+    std::optional<typename Leaf::ValueType> tile;
+};
+
+template <typename Leaf, typename Value>
+LeafOrTile<Leaf> make_leaf(const Grid& lattice, const std::vector<uint8_t>& active,
+                           const Value& value, glm::ivec3 first) {
+    const glm::ivec3 dims = glm::min(glm::ivec3(Leaf::DIM), lattice.dims - first);
+    typename Leaf::NodeMaskType on;
+    auto leaf = std::make_unique<Leaf>(Coord(first.x, first.y, first.z));
+    auto* const values = leaf->buffer().data();
+    for (int z = 0; z < dims.z; ++z)
+        for (int y = 0; y < dims.y; ++y) {
+            const size_t row = lattice.index(first + glm::ivec3(0, y, z));
+            for (int x = 0; x < dims.x; ++x)
+                if (active[row + size_t(x)]) {
+                    const openvdb::Index at = Leaf::coordToOffset(Coord(x, y, z));
+                    on.setOn(at);
+                    values[at] = value(row + size_t(x));
+                }
+        }
+    if (on.isOff())
+        return {};
+    if (on.isOn()
+        && std::all_of(values, values + Leaf::SIZE, [&](const auto& v) { return v == values[0]; }))
+        return {nullptr, values[0]};
+    leaf->setValueMask(on);
+    return {std::move(leaf), std::nullopt};
+}
+
+/// The cells that are active, by all threads. Uniform leaves become tiles.
+template <typename GridType, typename Value>
+void add_leaves(const Grid& lattice, const std::vector<uint8_t>& active, const Value& value,
+                GridType& grid) {
+    using Leaf = typename GridType::TreeType::LeafNodeType;
+    const Grid leaves{{}, 1, (lattice.dims + (int(Leaf::DIM) - 1)) / int(Leaf::DIM)};
+    std::vector<LeafOrTile<Leaf>> made(leaves.size());
+    const auto first = [&](size_t i) { return int(Leaf::DIM) * leaves.cell_at(i); };
+    tbb::parallel_for(size_t(0), made.size(), [&](size_t i) {
+        made[i] = make_leaf<Leaf>(lattice, active, value, first(i));
+    });
+    for (size_t i = 0; i < made.size(); ++i) {
+        if (made[i].leaf)
+            grid.tree().addLeaf(made[i].leaf.release());
+        if (const auto& tile = made[i].tile) {
+            const glm::ivec3 at = first(i);
+            grid.tree().addTile(Leaf::LEVEL + 1, Coord(at.x, at.y, at.z), *tile, true);
+        }
+    }
+}
+
 /// Fills a grid with value(cell) where active. Uniform blocks become tiles, which cost nothing.
 template <typename GridType, typename Value>
 typename GridType::Ptr make_grid(const Grid& lattice, const std::vector<uint8_t>& active,
                                  const BrickPlaces* bricks, const Value& value) {
     auto grid = GridType::create();
-    auto accessor = grid->getAccessor();
-    size_t i = 0;
-    for (int z = 0; z < lattice.dims.z; ++z)
-        for (int y = 0; y < lattice.dims.y; ++y)
-            for (int x = 0; x < lattice.dims.x; ++x, ++i) {
-                if (!bricks && active[i])
-                    accessor.setValueOn(Coord(x, y, z), value(i));
-                if (bricks)
+    if (bricks) {
+        auto accessor = grid->getAccessor();
+        size_t i = 0;
+        for (int z = 0; z < lattice.dims.z; ++z)
+            for (int y = 0; y < lattice.dims.y; ++y)
+                for (int x = 0; x < lattice.dims.x; ++x, ++i)
                     if (const auto at = bricks->of_cell({x, y, z}))
                         accessor.setValueOn(Coord(at->x, at->y, at->z), value(i));
-            }
+    } else {
+        add_leaves(lattice, active, value, *grid);
+    }
     grid->tree().prune();
     return grid;
 }
@@ -73,11 +135,18 @@ std::vector<volume::ConstGridView> grids_to_write(const Stored& stored) {
 
 std::vector<uint8_t> active_cells(const Volume& volume) {
     std::vector<uint8_t> active(volume.grid.size());
-    for (const volume::ConstGridView& grid : volume::grids_of(volume)) {
-        const auto width = size_t(grid.kind->width());
-        for (size_t i = 0; i < grid.values().size(); ++i)
-            active[i / width] |= grid.data[i] != 0;
-    }
+    const std::vector<volume::ConstGridView> grids = volume::grids_of(volume);
+    tbb::parallel_for(tbb::blocked_range<size_t>(0, active.size()), [&](const auto& cells) {
+        for (const volume::ConstGridView& grid : grids)
+            if (grid.kind->width() == 1)
+                for (size_t i = cells.begin(); i < cells.end(); ++i)
+                    active[i] |= grid.data[i] != 0;
+            else
+                for (size_t i = cells.begin(); i < cells.end(); ++i) {
+                    const float* const value = grid.data + 3 * i;
+                    active[i] |= int(value[0] != 0) | int(value[1] != 0) | int(value[2] != 0);
+                }
+    });
     return active;
 }
 
