@@ -245,8 +245,9 @@ Sighting look(const Light& light, uint32_t key, LightMapper& mapper, LitSurfaces
         if (is_within(side, mapper, 0.25))
             seen.narrow += side.flux;
     seen.cuts = find_narrow(seen.map, mapper);
+    const size_t uncut = lit.cut_from.size();
     if (cut_to_light(seen.cuts, mapper, lit) > 0)
-        seen.map = mapper.draw(light, key);
+        seen.map = mapper.draw_again(light, key, seen.map, std::span(lit.cut_from).subspan(uncut));
     return seen;
 }
 

@@ -15,6 +15,8 @@
 #include <bit>
 #include <cmath>
 #include <functional>
+#include <iterator>
+#include <utility>
 
 namespace lpvbake::surface {
 namespace {
@@ -37,7 +39,9 @@ struct Square {
     int level = 0;
 
     Square child(uint32_t i) const { return {2 * x + (i & 1), 2 * y + (i >> 1), level + 1}; }
-    double edge() const { return std::ldexp(2.0, -level); } ///< of a map that is [-1, 1]^2
+    double edge() const { ///< of a map that is [-1, 1]^2: 2^(1 - level)
+        return std::bit_cast<double>(uint64_t(1024 - level) << 52);
+    }
     glm::dvec2 at(glm::dvec2 inside) const { return (glm::dvec2(x, y) + inside) * edge() - 1.0; }
     uint32_t left() const { return x << (deepest - level); } ///< in squares of the deepest level
     uint32_t top() const { return y << (deepest - level); }
@@ -56,6 +60,12 @@ uint64_t spread_bits(uint32_t word) {
 /// Place on Morton's curve, by which squares are sorted.
 uint64_t morton(uint32_t x, uint32_t y) {
     return spread_bits(x) | spread_bits(y) << 1;
+}
+
+/// The same as std::floor(), without a call.
+int floor_of(float x) {
+    const int cut = int(x);
+    return cut - int(float(cut) > x);
 }
 
 /// A part of a map that has to be seen, and the level that this takes.
@@ -193,7 +203,6 @@ struct Texel {
     glm::vec3 normal{0}; ///< towards the light
 
     bool missed() const { return hit.instance == visibility::no_hit; }
-    uint64_t places() const { return uint64_t(1) << (2 * (deepest - square.level)); }
 };
 
 /// A triangle as rays of a map meet it.
@@ -232,16 +241,19 @@ struct Plane {
 
 /// What a tile of a map gives.
 struct TileFlux {
+    LightMap::Tile tile;
     std::vector<SideFlux> sides; ///< one may come twice
-    LightPower power;
-    uint64_t rays = 0;
+
+    Square square() const { return {tile.x, tile.y, tile.level}; }
 };
 
 class Tile {
 public:
     explicit Tile(const LightMapper& mapper) : mapper_(mapper) {}
 
-    void draw(const ViewMap& map, const Square& square, TileFlux& result) {
+    /// False, and only its rays counted, where a tile has to be drawn as its quarters.
+    bool draw(const ViewMap& map, TileFlux& result) {
+        const Square square = result.square();
         map_ = &map;
         texels_.clear();
         order_.clear();
@@ -250,22 +262,34 @@ public:
         rays_ = 0;
         add(square);
         recent_.fill(none);
-        if (!trace_all(square.level < deepest - 4 ? most_texels : ~size_t(0))) {
-            result.rays += rays_;
-            for (uint32_t i = 0; i < 4; ++i)
-                draw(map, square.child(i), result);
-            return;
+        const bool fits = trace_all(square.level < deepest - 4 ? most_texels : ~size_t(0));
+        if (fits) {
+            lo_ = {square.left(), square.top()};
+            hi_ = lo_ + square.width();
+            begin_ = morton(lo_.x, lo_.y);
+            refine();
+            result.tile.power.missed += missed_;
+            give(result);
         }
-        lo_ = {square.left(), square.top()};
-        hi_ = lo_ + square.width();
-        begin_ = morton(lo_.x, lo_.y);
-        refine();
-        result.rays += rays_;
-        result.power.missed += missed_;
-        give(result);
+        result.tile.rays += rays_;
+        return fits;
     }
 
 private:
+    /// Where a texel begins on Morton's curve; and what of it most neighbours ask for, so that
+    /// they need not load it.
+    struct Place {
+        uint64_t begin;
+        uint32_t texel;
+        int level;
+        uint32_t instance, triangle; ///< that it meets
+
+        uint64_t places() const { return uint64_t(1) << (2 * (deepest - level)); }
+        bool meets_as(const Texel& other) const {
+            return instance == other.hit.instance && triangle == other.hit.triangle;
+        }
+    };
+
     /// Opens a square, or its squares of the level that is wanted.
     void add(const Square& square, bool seam = false) {
         const int wanted = map_->wanted_level(square);
@@ -395,9 +419,11 @@ private:
     void sort_from(size_t first) {
         std::erase_if(order_, [&](const Place& place) { return texels_[place.texel].gone; });
         const auto middle = std::ptrdiff_t(order_.size());
-        for (size_t i = first; i < texels_.size(); ++i)
-            order_.push_back(
-                {morton(texels_[i].square.left(), texels_[i].square.top()), uint32_t(i)});
+        for (size_t i = first; i < texels_.size(); ++i) {
+            const Texel& texel = texels_[i];
+            order_.push_back({morton(texel.square.left(), texel.square.top()), uint32_t(i),
+                              texel.square.level, texel.hit.instance, texel.hit.triangle});
+        }
         std::ranges::sort(order_.begin() + middle, order_.end(), {}, &Place::begin);
         std::ranges::inplace_merge(order_, order_.begin() + middle, {}, &Place::begin);
         // Runs of equal length, so that one is found without a search.
@@ -418,13 +444,14 @@ private:
     uint32_t bin_of(const Texel& texel) const {
         if (texel.missed())
             return none;
-        const int octave = std::max(0, std::ilogb(texel.edge));
-        const float scale = std::ldexp(1.0f, -octave);
+        const uint32_t exponent = std::bit_cast<uint32_t>(texel.edge) >> 23; // it is positive
+        const int octave = std::clamp(int(exponent) - 127, 0, 126);
+        const float scale = std::bit_cast<float>(uint32_t(127 - octave) << 23); // 2^-octave
         const glm::vec3 size = glm::abs(texel.normal);
         const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
         uint32_t bits = uint32_t(2 * axis + (texel.normal[axis] < 0.0f)) + 8u * uint32_t(octave);
         for (int i = 0; i < 3; ++i)
-            bits = mix_word(bits) + uint32_t(int(std::floor(scale * texel.position[i])));
+            bits = mix_word(bits) + uint32_t(floor_of(scale * texel.position[i]));
         return mix_word(bits) >> 1;
     }
 
@@ -451,7 +478,7 @@ private:
     }
 
     /// The texel around a place of the curve in the tile; null where the light does not shine.
-    Texel* find(uint64_t place) {
+    const Place* find(uint64_t place) const {
         const size_t run = size_t((place - begin_) >> run_shift_);
         const auto first = order_.begin();
         const auto after = std::upper_bound(
@@ -460,8 +487,7 @@ private:
         if (after == first)
             return nullptr;
         const Place& found = *(after - 1);
-        Texel& texel = texels_[found.texel];
-        return place - found.begin < texel.places() ? &texel : nullptr;
+        return place - found.begin < found.places() ? &found : nullptr;
     }
 
     /// Notes at two neighbours what the other sees.
@@ -508,12 +534,13 @@ private:
                         asks.push_back(uint32_t(n));
                     continue;
                 }
-                Texel* other = find(along_x[i % 3] | along_y[i / 3]);
+                const Place* other = find(along_x[i % 3] | along_y[i / 3]);
+                if (!other || other->meets_as(texel))
+                    continue;
                 // One that is no larger and came before has met this one.
-                const size_t there = other ? size_t(other - texels_.data()) : n;
-                if (there < first || there > n
-                    || (there < n && other->square.level < texel.square.level))
-                    compare(texel, *other);
+                const size_t there = other->texel;
+                if (there < first || there > n || (there < n && other->level < texel.square.level))
+                    compare(texel, texels_[there]);
             }
         }
         trace(open_);
@@ -597,38 +624,70 @@ private:
             else
                 spread(texel, area, result);
         }
+        give_all(result);
     }
 
-    /// Hands on the flux of a ray.
+    /// Hands on the flux of a ray, with others: their sides are looked up together.
     void give(const visibility::Hit& hit, glm::vec3 direction, bool edged, double flux, double area,
               TileFlux& result) {
+        if (given_.count == Given::most)
+            give_all(result);
+        const size_t i = given_.count++;
+        given_.hits[i] = hit;
+        given_.rays[i].direction = direction;
+        given_.edged[i] = edged;
+        given_.flux[i] = flux;
+        given_.area[i] = area;
+    }
+
+    void give_all(TileFlux& result) {
+        const size_t count = std::exchange(given_.count, 0);
+        mapper_.lit.sides(std::span(given_.hits).first(count), given_.rays, given_.sides);
+        for (size_t i = 0; i < count; ++i)
+            give(i, result);
+    }
+
+    void give(size_t i, TileFlux& result) {
+        const visibility::Hit& hit = given_.hits[i];
+        const double area = given_.area[i];
+        double flux = given_.flux[i];
+        LightPower& power = result.tile.power;
         if (hit.instance == visibility::no_hit) {
-            result.power.missed += flux;
+            power.missed += flux;
             return;
         }
         if (map_->view.perspective) {
             const double left =
                 scene::range_window(map_->light, double(hit.t) * mapper_.frame.unit);
-            result.power.missed += flux * (1.0 - left);
+            power.missed += flux * (1.0 - left);
             flux *= left;
         }
         if (hit.facing == visibility::Facing::back) {
-            result.power.black += flux;
+            power.black += flux;
             return;
         }
-        const uint32_t side = mapper_.side_at(hit, direction);
+        const auto is_recent = [&](uint32_t side) {
+            const uint32_t place = recent_[side % recent_.size()];
+            return place < result.sides.size() && result.sides[place].side == side;
+        };
+        uint32_t side = given_.sides[i];
+        bool recent = is_recent(side);
+        if (!recent) { // of one that is, a patch shows it
+            side = mapper_.side_shown(side, hit, given_.rays[i].direction);
+            recent = is_recent(side);
+        }
         if (side == LitSurfaces::no_side) {
-            result.power.lost += flux;
+            power.lost += flux;
             return;
         }
-        result.power.landed += flux;
-        uint32_t& recent = recent_[side % recent_.size()];
-        if (recent >= result.sides.size() || result.sides[recent].side != side) {
-            recent = uint32_t(result.sides.size());
+        power.landed += flux;
+        uint32_t& place = recent_[side % recent_.size()];
+        if (!recent) {
+            place = uint32_t(result.sides.size());
             result.sides.push_back({side});
         }
-        SideFlux& to = result.sides[recent];
-        to.edged |= edged;
+        SideFlux& to = result.sides[place];
+        to.edged |= given_.edged[i];
         to.flux += flux;
         to.tinted += flux * glm::dvec3(hit.tint);
         to.squares += flux * flux;
@@ -687,18 +746,24 @@ private:
         return plane_;
     }
 
-    /// Where a texel begins on Morton's curve.
-    struct Place {
-        uint64_t begin;
-        uint32_t texel;
-    };
     struct Bin {
         float flux = 0;
         float variance = 0;
         float lit = 0; ///< area that texels cover, in that of the patch's edge squared
     };
+    /// What is handed on together.
+    struct Given {
+        static constexpr size_t most = 64;
+        size_t count = 0;
+        std::array<visibility::Hit, most> hits;
+        std::array<visibility::Ray, most> rays; ///< their directions
+        std::array<bool, most> edged;
+        std::array<double, most> flux, area;
+        std::array<uint32_t, most> sides;
+    };
     const LightMapper& mapper_;
     const ViewMap* map_ = nullptr;
+    Given given_;
     std::vector<Texel> texels_;
     std::vector<Place> order_;   ///< of those that are not gone
     std::vector<uint32_t> runs_; ///< where runs of 2^run_shift_ places begin in it, and its end
@@ -718,22 +783,16 @@ private:
     uint32_t plane_instance_ = none, plane_triangle_ = none;
 };
 
-/// A part of a map that a thread draws.
-struct Task {
-    const ViewMap* map;
-    Square square;
-};
-
-void add_tasks(const ViewMap& map, const Square& square, std::vector<Task>& tasks,
-               LightPower& power) {
+void add_tiles(const ViewMap& map, size_t index, const Square& square,
+               std::vector<LightMap::Tile>& tiles, LightPower& power) {
     const int wanted = map.wanted_level(square);
     if (wanted < 0)
         power.missed += map.flux(square);
     else if (square.level + tile_levels >= wanted)
-        tasks.push_back({&map, square});
+        tiles.push_back({index, square.x, square.y, square.level, {}, 0, 0});
     else
         for (uint32_t i = 0; i < 4; ++i)
-            add_tasks(map, square.child(i), tasks, power);
+            add_tiles(map, index, square.child(i), tiles, power);
 }
 
 /// The maps of a light over all of the scene: those of raster/ end with the grid.
@@ -769,11 +828,46 @@ std::vector<ViewMap> maps_of(const Light& light, const LightMapper& mapper, int 
 
 } // namespace
 
-/// Memory that threads keep from tile to tile.
+/// Threads' own memory, kept from tile to tile.
 struct LightMapper::Workers {
     tbb::enumerable_thread_specific<Tile> tiles;
-    std::vector<TileFlux> done;
     explicit Workers(const LightMapper& mapper) : tiles(std::cref(mapper)) {}
+
+    /// Appends what a tile gives, or where it is too large what its quarters give.
+    void draw(std::span<const ViewMap> maps, const LightMap::Tile& tile,
+              std::vector<TileFlux>& result) {
+        TileFlux& own = result.emplace_back();
+        own.tile = {tile.map, tile.x, tile.y, tile.level, {}, tile.rays, 0};
+        if (tiles.local().draw(maps[tile.map], own))
+            return;
+        const TileFlux whole = std::move(own);
+        result.pop_back();
+        std::array<std::vector<TileFlux>, 4> quarters;
+        tbb::parallel_for(uint32_t(0), 4u, [&](uint32_t i) {
+            const Square part = whole.square().child(i);
+            draw(maps, {tile.map, part.x, part.y, part.level, {}, i == 0 ? whole.tile.rays : 0, 0},
+                 quarters[i]);
+        });
+        for (std::vector<TileFlux>& part : quarters)
+            std::ranges::move(part, std::back_inserter(result));
+    }
+
+    /// Draws tiles in blocks; take(place in `which`, parts) each in its order.
+    template <class Take>
+    void draw_all(std::span<const ViewMap> maps, std::span<const LightMap::Tile> which,
+                  const Take& take) {
+        constexpr size_t block = 64;
+        std::array<std::vector<TileFlux>, block> done;
+        for (size_t first = 0; first < which.size(); first += block) {
+            const size_t count = std::min(block, which.size() - first);
+            tbb::parallel_for(size_t(0), count, [&](size_t i) {
+                done[i].clear();
+                draw(maps, which[first + i], done[i]);
+            });
+            for (size_t i = 0; i < count; ++i)
+                take(first + i, std::span(done[i]));
+        }
+    }
 };
 
 LightMapper::~LightMapper() = default;
@@ -800,12 +894,13 @@ float LightMapper::patch_edge(glm::vec3 point) const {
     return graded(1.0f, Boxes(frame).distance(point));
 }
 
-uint32_t LightMapper::side_at(const visibility::Hit& hit, glm::vec3 direction) const {
+uint32_t LightMapper::side_shown(uint32_t seen, const visibility::Hit& hit,
+                                 glm::vec3 direction) const {
     const auto shown = [&](uint32_t side) {
         return side != LitSurfaces::no_side && lit.patches[side / 2].area > 0.0f;
     };
-    if (const uint32_t side = lit.side(hit, direction); shown(side))
-        return side;
+    if (shown(seen))
+        return seen;
     const glm::vec3 normal = glm::dot(hit.normal, direction) > 0.0f ? -hit.normal : hit.normal;
     const auto [u, v] = visibility::tangents_of(normal);
     const glm::dmat3 corners = triangle(hit);
@@ -845,54 +940,165 @@ glm::dmat3 LightMapper::triangle(const visibility::Hit& hit) const {
     return result;
 }
 
+namespace {
+
+/// Sums up what tiles hold of a light's power, in their order.
+void add_up(LightMap& map) {
+    LightPower& power = map.power = map.beside;
+    for (const LightMap::Tile& tile : map.tiles) {
+        map.rays += tile.rays;
+        power.landed += tile.power.landed;
+        power.missed += tile.power.missed;
+        power.black += tile.power.black;
+        power.lost += tile.power.lost;
+    }
+    power.sent = power.landed + power.missed + power.black + power.lost;
+}
+
+void note_tile(const TileFlux& tile, LightMap& map) {
+    map.tiles.push_back(tile.tile);
+    map.tiles.back().met = tile.sides.size();
+    for (const SideFlux& side : tile.sides)
+        map.met.push_back(side.side);
+}
+
+/// Adds what one tile gives a side to what others give it; `places`: where each stands in `sides`.
+void merge(const SideFlux& from, std::vector<uint32_t>& places, std::vector<SideFlux>& sides) {
+    uint32_t& place = places[from.side];
+    if (place == none) {
+        place = uint32_t(sides.size());
+        sides.push_back(from);
+        return;
+    }
+    SideFlux& to = sides[place];
+    to.edged |= from.edged;
+    to.flux += from.flux;
+    to.tinted += from.tinted;
+    to.squares += from.squares;
+    to.peak += from.peak;
+    to.weights += from.weights;
+    to.squared_weights += from.squared_weights;
+}
+
+/// take(place of a tile, a side) all sides that tiles give light to, in their order.
+template <class Take>
+void each_met(const LightMap& map, const Take& take) {
+    size_t next = 0;
+    for (size_t i = 0; i < map.tiles.size(); ++i)
+        for (const size_t end = next + map.tiles[i].met; next < end; ++next)
+            take(i, map.met[next]);
+}
+
+/// The tiles of a map for which is_wanted(place, side) holds of a side that they give light to.
+template <class Wanted>
+std::vector<size_t> tiles_with(const LightMap& map, const Wanted& is_wanted) {
+    std::vector<size_t> tiles;
+    each_met(map, [&](size_t tile, uint32_t side) {
+        if ((tiles.empty() || tiles.back() != tile) && is_wanted(tile, side))
+            tiles.push_back(tile);
+    });
+    return tiles;
+}
+
+/// A map of which some tiles were drawn anew, and of others what falls on the sides of those.
+LightMap put_together(const LightMap& before, std::span<const TileFlux> drawn,
+                      const std::vector<bool>& is_drawn, const std::vector<bool>& is_anew,
+                      std::vector<uint32_t>& places) {
+    std::vector<SideFlux> sides;
+    for (const TileFlux& tile : drawn)
+        for (const SideFlux& side : tile.sides)
+            merge(side, places, sides);
+    for (const SideFlux& side : before.sides)
+        if (!is_anew[side.side])
+            merge(side, places, sides);
+    LightMap result;
+    result.beside = before.beside;
+    result.tiles = before.tiles;
+    for (size_t i = 0; i < drawn.size(); ++i)
+        if (is_drawn[i]) {
+            result.tiles[i].power = drawn[i].tile.power;
+            result.tiles[i].met = drawn[i].sides.size();
+        }
+    size_t next = 0;
+    for (size_t i = 0; i < drawn.size(); next += before.tiles[i++].met)
+        if (is_drawn[i])
+            for (const SideFlux& side : drawn[i].sides)
+                result.met.push_back(side.side);
+        else
+            for (const uint32_t side : std::span(before.met).subspan(next, before.tiles[i].met))
+                result.met.push_back(side);
+    for (const uint32_t side : result.met)
+        if (uint32_t& place = places[side]; place != none) {
+            result.sides.push_back(sides[place]);
+            place = none;
+        }
+    add_up(result);
+    return result;
+}
+
+} // namespace
+
 LightMap LightMapper::draw(const Light& light, uint32_t key) {
     LightMap result;
     place_.resize(2 * lit.patches.size(), none);
-    const std::vector<ViewMap> maps = maps_of(light, *this, base_, key, result.power);
-    std::vector<Task> tasks;
-    for (const ViewMap& map : maps)
-        add_tasks(map, {}, tasks, result.power);
-    constexpr size_t block = 64;
-    std::vector<TileFlux>& done = workers_->done;
-    for (size_t first = 0; first < tasks.size(); first += block) {
-        done.resize(block);
-        const size_t count = std::min(block, tasks.size() - first);
-        tbb::parallel_for(size_t(0), count, [&](size_t i) {
-            const Task& task = tasks[first + i];
-            done[i].sides.clear();
-            done[i].power = {};
-            done[i].rays = 0;
-            workers_->tiles.local().draw(*task.map, task.square, done[i]);
-        });
-        for (const TileFlux& tile : std::span(done).first(count)) {
-            result.rays += tile.rays;
-            result.power.landed += tile.power.landed;
-            result.power.missed += tile.power.missed;
-            result.power.black += tile.power.black;
-            result.power.lost += tile.power.lost;
-            for (const SideFlux& from : tile.sides) {
-                uint32_t& place = place_[from.side];
-                if (place == none) {
-                    place = uint32_t(result.sides.size());
-                    result.sides.push_back(from);
-                    continue;
-                }
-                SideFlux& to = result.sides[place];
-                to.edged |= from.edged;
-                to.flux += from.flux;
-                to.tinted += from.tinted;
-                to.squares += from.squares;
-                to.peak += from.peak;
-                to.weights += from.weights;
-                to.squared_weights += from.squared_weights;
-            }
+    LightPower beside;
+    const std::vector<ViewMap> maps = maps_of(light, *this, base_, key, beside);
+    std::vector<LightMap::Tile> tiles;
+    for (size_t i = 0; i < maps.size(); ++i)
+        add_tiles(maps[i], i, {}, tiles, beside);
+    workers_->draw_all(maps, tiles, [&](size_t, std::span<const TileFlux> parts) {
+        for (const TileFlux& part : parts) {
+            note_tile(part, result);
+            for (const SideFlux& side : part.sides)
+                merge(side, place_, result.sides);
         }
-    }
+    });
     for (const SideFlux& side : result.sides)
         place_[side.side] = none;
-    LightPower& power = result.power;
-    power.sent = power.landed + power.missed + power.black + power.lost;
+    result.beside = beside;
+    add_up(result);
     return result;
+}
+
+LightMap LightMapper::draw_again(const Light& light, uint32_t key, const LightMap& before,
+                                 std::span<const uint32_t> cut) {
+    // No ray depends on patches: only what meets those that were cut has another side now.
+    std::vector<bool> is_anew(2 * lit.patches.size());
+    for (const uint32_t patch : cut)
+        is_anew[2 * size_t(patch)] = is_anew[2 * size_t(patch) + 1] = true;
+    LightPower beside;
+    const std::vector<ViewMap> maps = maps_of(light, *this, base_, key, beside);
+    std::vector<TileFlux> drawn(before.tiles.size());
+    std::vector<bool> is_drawn(drawn.size());
+    const auto draw_some = [&](const std::vector<size_t>& places, const auto& take) {
+        std::vector<LightMap::Tile> tiles;
+        for (const size_t place : places)
+            tiles.push_back(before.tiles[place]);
+        workers_->draw_all(maps, tiles, [&](size_t i, std::span<TileFlux> parts) {
+            take(parts.front(), drawn[places[i]]);
+        });
+    };
+    const std::vector<size_t> changed =
+        tiles_with(before, [&](size_t, uint32_t side) { return is_anew[side]; });
+    draw_some(changed, [](TileFlux& from, TileFlux& to) { to = std::move(from); });
+    // The sides that they give light to are summed up anew.
+    for (const size_t i : changed) {
+        is_drawn[i] = true;
+        for (const SideFlux& side : drawn[i].sides)
+            is_anew[side.side] = true;
+    }
+    each_met(before, [&](size_t tile, uint32_t side) {
+        if (is_drawn[tile])
+            is_anew[side] = true;
+    });
+    const std::vector<size_t> others = tiles_with(
+        before, [&](size_t tile, uint32_t side) { return !is_drawn[tile] && is_anew[side]; });
+    draw_some(others, [&](const TileFlux& from, TileFlux& to) {
+        std::ranges::copy_if(from.sides, std::back_inserter(to.sides),
+                             [&](const SideFlux& side) { return is_anew[side.side]; });
+    });
+    place_.resize(is_anew.size(), none);
+    return put_together(before, drawn, is_drawn, is_anew, place_);
 }
 
 } // namespace lpvbake::surface

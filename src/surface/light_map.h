@@ -35,9 +35,21 @@ struct LightPower {
 };
 
 struct LightMap {
-    std::vector<SideFlux> sides; ///< each once
+    /// A part of the maps that one thread draws: a square of one of them.
+    struct Tile {
+        size_t map = 0;
+        uint32_t x = 0, y = 0;
+        int level = 0;
+        LightPower power;
+        uint64_t rays = 0;
+        size_t met = 0; ///< how many of `met` are its own
+    };
+    std::vector<SideFlux> sides; ///< each once, in the order of `met`
     LightPower power;
+    LightPower beside; ///< what of it no tile holds
     uint64_t rays = 0;
+    std::vector<Tile> tiles;
+    std::vector<uint32_t> met; ///< sides that tiles give light to, tile by tile; some twice
 };
 
 /// Draws the maps of one light after the other.
@@ -52,12 +64,16 @@ public:
     /// The same bits for any number of threads. `key`: another one gives other rays. Patches may
     /// have been added since the map before.
     LightMap draw(const Light& light, uint32_t key);
+    /// What draw() gives now, where `before` is what it gave before the `cut` patches were cut.
+    /// Draws those tiles anew that gave them light, and those that share a side with one.
+    LightMap draw_again(const Light& light, uint32_t key, const LightMap& before,
+                        std::span<const uint32_t> cut);
 
     /// The longest edge that patches have around a point, about: they grow outside the grid.
     float patch_edge(glm::vec3 point) const;
-    /// The side that a hit lies on, or where none shows it, one beside it on the same surface;
-    /// no_side: there is none.
-    uint32_t side_at(const visibility::Hit& hit, glm::vec3 direction) const;
+    /// The side `seen` that a hit lies on (LitSurfaces::side), or where none shows it, one beside
+    /// it on the same surface; no_side: there is none.
+    uint32_t side_shown(uint32_t seen, const visibility::Hit& hit, glm::vec3 direction) const;
     /// Corners of the triangle that was hit, frame units.
     glm::dmat3 triangle(const visibility::Hit& hit) const;
     bool blended(const visibility::Hit& hit) const { return blended_[hit.instance] != 0; }

@@ -799,12 +799,9 @@ void LitSurfaces::sides(std::span<const visibility::Hit> hits,
     std::array<PatchTree::Approach, most> ways;
     for (size_t first = 0; first < hits.size(); first += most) {
         const size_t count = std::min(most, hits.size() - first);
-        for (size_t i = 0; i < count; ++i) {
-            const visibility::Hit& hit = hits[first + i];
-            ways[i] =
-                hit.facing == visibility::Facing::back ? PatchTree::Approach{} : tree.approach(hit);
+        tree.approach(hits.subspan(first, count), ways);
+        for (size_t i = 0; i < count; ++i)
             __builtin_prefetch(ways[i].piece);
-        }
         for (size_t i = 0; i < count; ++i)
             result[first + i] = side_at(ways[i], hits[first + i], rays[first + i].direction);
     }

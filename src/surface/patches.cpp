@@ -631,7 +631,62 @@ struct Weights {
     }
 };
 
+/// Four hits' at once: a lane each.
+struct FourWeights {
+    using Floats = float __attribute__((vector_size(16)));
+    using Words = int32_t __attribute__((vector_size(16)));
+    Floats a{}, b{}, c{};
+    Words piece{}, levels{};
+
+    static Floats where(Words is, Floats yes, Floats no) {
+        return Floats((is & Words(yes)) | (~is & Words(no)));
+    }
+    /// Weights::halve() for the lanes that have so many levels, to the bit.
+    void halve(int level) {
+        const Words open = level < levels, second = b < a;
+        const Floats low = where(second, b, a), high = where(second, a, b);
+        const Floats rest = high - low, apex = c;
+        a = where(open, where(second, apex, rest), a);
+        b = where(open, where(second, rest, apex), b);
+        c = where(open, low + low, c);
+        piece = (open & (piece + piece - second)) | (~open & piece);
+    }
+};
+
 } // namespace
+
+void PatchTree::approach(std::span<const visibility::Hit> hits, std::span<Approach> result) const {
+    constexpr size_t lanes = 4;
+    for (size_t first = 0; first < hits.size(); first += lanes) {
+        const size_t count = std::min(lanes, hits.size() - first);
+        FourWeights four;
+        std::array<uint32_t, lanes> begins;
+        int most = 0;
+        for (size_t i = 0; i < count; ++i) {
+            const visibility::Hit& hit = hits[first + i];
+            const Root root =
+                hit.instance == visibility::no_hit || hit.facing == visibility::Facing::back
+                    ? Root{}
+                    : roots[first_root[hit.instance] + hit.triangle];
+            Weights w{1.0f - hit.barycentric.x - hit.barycentric.y, hit.barycentric.x,
+                      hit.barycentric.y};
+            w.turn(root.turn);
+            four.a[i] = w.a;
+            four.b[i] = w.b;
+            four.c[i] = w.c;
+            four.levels[i] = root.levels;
+            begins[i] = root.first;
+            most = std::max(most, int(root.levels));
+        }
+        for (int level = 0; level < most; ++level)
+            four.halve(level);
+        for (size_t i = 0; i < count; ++i)
+            result[first + i] = begins[i] == none
+                                    ? Approach{}
+                                    : Approach{&pieces[begins[i] + uint32_t(four.piece[i])],
+                                               {four.a[i], four.b[i], four.c[i]}};
+    }
+}
 
 PatchTree::Approach PatchTree::approach(const visibility::Hit& hit) const {
     if (hit.instance == visibility::no_hit)

@@ -6,6 +6,7 @@
 
 #include <array>
 #include <memory>
+#include <span>
 #include <vector>
 
 namespace lpvbake::surface {
@@ -97,6 +98,8 @@ struct PatchTree {
         std::array<float, 3> weights{};
     };
     Approach approach(const visibility::Hit& hit) const;
+    /// The same for many; nothing for those that meet a back.
+    void approach(std::span<const visibility::Hit> hits, std::span<Approach> result) const;
     /// The node at the end of it, if any, and the weights of its second and third corner there.
     const Node* arrive(const Approach& from, glm::vec2& weights) const;
 };

@@ -2,6 +2,7 @@
 
 #include "lpvbake/error.h"
 #include "scenes.h"
+#include "surface/narrow.h"
 
 #include <glm/gtc/constants.hpp>
 #include <glm/gtc/matrix_transform.hpp>
@@ -12,6 +13,7 @@
 
 #include <functional>
 #include <random>
+#include <tuple>
 
 namespace lpvbake {
 namespace {
@@ -232,6 +234,43 @@ TEST(Flux, AMapKeepsWhatItsSidesNeed) {
     EXPECT_LT(map.rays, 12 * patches);
     const double bytes = 1024.0 * double(after.ru_maxrss - before.ru_maxrss);
     EXPECT_LT(bytes, 500.0 * double(patches) + 0x1p24);
+}
+
+TEST(Flux, AMapDrawnAgainIsThatOfPatchesThatWereCut) {
+    Scene scene = hall();
+    scene.lights.push_back(scenes::point_light({1.3, 5.0, -2.1}, 100.0));
+    const scene::Frame frame = cells_of({-10, 0, -10}, {10, 8, 10}, 0.25);
+    const visibility::Visibility visibility(scene, frame);
+    surface::LitSurfaces lit;
+    lit.visibility = &visibility;
+    surface::PatchCover cover = surface::cover_surfaces(scene, frame, visibility, 1.0f);
+    lit.patches = std::move(cover.patches);
+    lit.tree = std::move(cover.tree);
+    surface::LightMapper mapper(scene, lit, frame, scene.lights);
+    const surface::LightMap before = mapper.draw(scene.lights[0], 0);
+    std::vector<surface::NarrowLight> spots; // beside each other, and one elsewhere
+    for (const size_t i : {size_t(7), size_t(8), size_t(9), before.sides.size() / 2}) {
+        const surface::SideFlux& side = before.sides[i];
+        spots.push_back({side.side, glm::vec2(side.weights / side.flux), 0.05f});
+    }
+    ASSERT_GT(surface::cut_to_light(spots, mapper, lit), 8u);
+    const surface::LightMap again = mapper.draw_again(scene.lights[0], 0, before, lit.cut_from);
+    const surface::LightMap all = mapper.draw(scene.lights[0], 0);
+    EXPECT_GT(again.tiles.size(), 8u);
+    EXPECT_GT(again.sides.size(), before.sides.size());
+    ASSERT_EQ(again.sides.size(), all.sides.size());
+    for (size_t i = 0; i < all.sides.size(); ++i) {
+        const surface::SideFlux &a = again.sides[i], &b = all.sides[i];
+        ASSERT_EQ(std::tuple(a.side, a.edged, a.flux, a.squares, a.peak),
+                  std::tuple(b.side, b.edged, b.flux, b.squares, b.peak));
+        ASSERT_EQ(a.tinted, b.tinted);
+        ASSERT_EQ(a.weights, b.weights);
+        ASSERT_EQ(a.squared_weights, b.squared_weights);
+    }
+    EXPECT_EQ(again.met, all.met);
+    EXPECT_EQ(again.rays, all.rays);
+    EXPECT_EQ(again.power.landed, all.power.landed);
+    EXPECT_EQ(again.power.sent, all.power.sent);
 }
 
 TEST(Flux, ALampInAShade) {
