@@ -125,17 +125,33 @@ void CellZone::find(std::span<const glm::ivec3> cells) {
         add(cell - base_, ranks);
     std::atomic<uint64_t> rays = 0;
     for (const std::vector<glm::ivec3>& points : ranks)
-        tbb::parallel_for(size_t(0), points.size(),
-                          [&](size_t i) { rays += find_from(points[i]); });
+        tbb::parallel_for(size_t(0), (points.size() + most_looks - 1) / most_looks, [&](size_t i) {
+            const size_t begin = i * most_looks;
+            rays += find_from(
+                std::span(points).subspan(begin, std::min(most_looks, points.size() - begin)));
+        });
     rays_ += rays;
 }
 
-uint64_t CellZone::find_from(glm::ivec3 point) const {
+uint64_t CellZone::find_from(std::span<const glm::ivec3> points) const {
+    std::array<Look, most_looks> looks;
+    std::vector<uint64_t> open(words_ * points.size());
+    for (size_t i = 0; i < points.size(); ++i) {
+        const std::span<uint64_t> own = std::span(open).subspan(i * words_, words_);
+        take_agreed(points[i], own);
+        const glm::ivec3 cell = base_ + points[i];
+        const uint32_t pattern = pattern_of(cells_.place(cell)) + 0x9e3779b1u * cells_.draw;
+        looks[i] = {cells_.point(world_.visibility, cell), pattern, own, bits(points[i])};
+    }
+    return look(std::span(looks).first(points.size()));
+}
+
+void CellZone::take_agreed(glm::ivec3 point, std::span<uint64_t> open) const {
     uint64_t* own = bits(point);
     size_t count = 0; // of those corners
     // What the corners of the cube around the cell agree on. Where a surface crosses that, a cell
     // sees for itself: corners around an edge agree on what none between them sees.
-    std::vector<uint64_t> open(words_, ~uint64_t(0));
+    std::ranges::fill(open, ~uint64_t(0));
     glm::ivec3 lo;
     if (const int edge = cube_around(point, lo)) {
         std::vector<uint64_t> all(words(), ~uint64_t(0)), any(words(), 0);
@@ -177,9 +193,6 @@ uint64_t CellZone::find_from(glm::ivec3 point) const {
             for (size_t channel = 0; channel < channels_; ++channel)
                 own[channel * words_ + i / 64] &= ~bit;
         }
-    const glm::ivec3 cell = base_ + point;
-    const uint32_t pattern = pattern_of(cells_.place(cell)) + 0x9e3779b1u * cells_.draw;
-    return look(cells_.point(world_.visibility, cell), pattern, open, own);
 }
 
 } // namespace lpvbake::solver::gather

@@ -146,42 +146,132 @@ bool Zone::aim(glm::vec3 from, uint32_t source, uint32_t pattern, visibility::Ra
     return true;
 }
 
-uint64_t Zone::look(glm::vec3 from, uint32_t pattern, std::span<const uint64_t> open,
-                    uint64_t* sees) const {
+/// Places that look at one cluster: aim() for all of them, a lane each, to the bit.
+struct Zone::Lanes {
+    static constexpr size_t most = 8;
+    std::array<float, most> x{}, y{}, z{}; ///< of the places
+    std::array<float, most> share{}; ///< of what all points send, up to the one that is wanted
+    std::array<float, most> sum;     ///< what all points send
+    std::array<uint32_t, most> pick;
+};
+
+void Zone::aim(uint32_t source, Lanes& eight) const {
+    const Targets& targets = targets_[source];
+    std::array<std::array<float, Lanes::most>, strata> up_to;
+    eight.sum.fill(0.0f);
+    for (uint32_t i = 0; i < strata; ++i)
+        for (size_t k = 0; k < Lanes::most; ++k) {
+            const float x = targets.point[0][i] - eight.x[k], y = targets.point[1][i] - eight.y[k],
+                        z = targets.point[2][i] - eight.z[k];
+            const float square = std::max(x * x + y * y + z * z, 1e-6f);
+            const float facing =
+                x * targets.normal[0][i] + y * targets.normal[1][i] + z * targets.normal[2][i];
+            up_to[i][k] = eight.sum[k] += std::max(0.0f, -facing) / (square * std::sqrt(square));
+        }
+    std::array<float, Lanes::most> wanted;
+    for (size_t k = 0; k < Lanes::most; ++k)
+        wanted[k] = eight.share[k] * eight.sum[k];
+    eight.pick.fill(0);
+    for (uint32_t i = 0; i + 1 < strata; ++i)
+        for (size_t k = 0; k < Lanes::most; ++k)
+            eight.pick[k] += !(up_to[i][k] > wanted[k]);
+}
+
+/// What a place tests.
+struct Zone::Tests {
     struct Test {
         uint32_t source;
         float threshold; ///< what has to pass for it to be seen
     };
-    thread_local std::vector<Test> tests;
-    thread_local std::vector<visibility::Ray> ways;
-    thread_local std::vector<glm::vec3> passed;
-    tests.clear();
-    ways.clear();
+    std::vector<Test> tests;
+    std::vector<visibility::Ray> ways;
+
+    void clear() {
+        tests.clear();
+        ways.clear();
+    }
+    void add(uint32_t source, float threshold, const visibility::Ray& way) {
+        tests.push_back({source, threshold});
+        ways.push_back(way);
+    }
+};
+
+void Zone::find_tests(std::span<const Look> places, std::span<Tests> tests) const {
+    constexpr size_t fewest = 3; // for which lanes pay
     const auto sources = uint32_t(clusters_.size() + world_.sky.size());
-    for (uint32_t i = 0; i < sources; ++i) {
-        visibility::Ray ray;
-        float threshold;
-        if ((open.empty() || open[i / 64] >> (i % 64) & 1)
-            && aim(from, i, pattern, ray, threshold)) {
-            tests.push_back({i, threshold});
-            ways.push_back(ray);
+    for (uint32_t source = 0; source < sources; ++source) {
+        std::array<size_t, most_looks + 1> own;
+        size_t count = 0;
+        for (size_t p = 0; p < places.size(); ++p) {
+            own[count] = p;
+            count += places[p].opens(source);
+        }
+        if (count < fewest || source >= clusters_.size()) {
+            visibility::Ray ray;
+            float threshold;
+            for (size_t k = 0; k < count; ++k)
+                if (const Look& place = places[own[k]];
+                    aim(place.from, source, place.pattern, ray, threshold))
+                    tests[own[k]].add(source, threshold, ray);
+            continue;
+        }
+        const uint32_t shift = mix_word(source + 1);
+        for (size_t first = 0; first < count; first += Lanes::most) {
+            const size_t end = std::min(count, first + Lanes::most);
+            Lanes eight;
+            for (size_t k = first; k < end; ++k) {
+                const Look& place = places[own[k]];
+                eight.x[k - first] = place.from.x;
+                eight.y[k - first] = place.from.y;
+                eight.z[k - first] = place.from.z;
+                eight.share[k - first] = unit(place.pattern + shift);
+            }
+            aim(source, eight);
+            for (size_t k = first; k < end; ++k) {
+                const Look& place = places[own[k]];
+                const uint32_t pick = eight.pick[k - first];
+                const auto& point = targets_[source].point;
+                if (eight.sum[k - first] > 0.0f)
+                    tests[own[k]].add(
+                        source, unit(mix_word(place.pattern ^ shift)),
+                        {place.from,
+                         glm::vec3(point[0][pick], point[1][pick], point[2][pick]) - place.from});
+            }
         }
     }
-    passed.resize(ways.size());
-    world_.visibility.filter_of_eights(ways, visibility::Bundle::loose, passed);
-    for (size_t i = 0; i < tests.size(); ++i) {
-        const uint32_t source = tests[i].source;
+}
+
+void Zone::set_seen(const Look& place, const Tests& tests,
+                    std::span<const glm::vec3> passed) const {
+    for (size_t i = 0; i < tests.tests.size(); ++i) {
+        const uint32_t source = tests.tests[i].source;
         const auto set = [&](size_t plane, bool bit) {
-            sees[plane * words_ + source / 64] |= uint64_t(bit) << (source % 64);
+            place.sees[plane * words_ + source / 64] |= uint64_t(bit) << (source % 64);
         };
         const glm::vec3 passes = passed[i];
         for (size_t channel = 0; channel < channels_; ++channel)
-            set(channel, passes[int(channel)] > tests[i].threshold);
+            set(channel, passes[int(channel)] > tests.tests[i].threshold);
         if (planes_ > channels_)
             set(channels_, glm::any(glm::greaterThan(passes, glm::vec3(0.0f)))
                                && glm::any(glm::lessThan(passes, glm::vec3(1.0f))));
     }
-    return ways.size();
+}
+
+uint64_t Zone::look(std::span<const Look> places) const {
+    thread_local std::array<Tests, most_looks> all;
+    thread_local std::vector<glm::vec3> passed;
+    const std::span<Tests> tests = std::span(all).first(places.size());
+    for (Tests& own : tests)
+        own.clear();
+    find_tests(places, tests);
+    uint64_t rays = 0;
+    for (size_t p = 0; p < places.size(); ++p) {
+        passed.resize(tests[p].ways.size());
+        world_.visibility.filter_of_eights(tests[p].ways, visibility::Bundle::loose, passed);
+        set_seen(places[p], tests[p], passed);
+        rays += passed.size();
+    }
+    return rays;
 }
 
 Zone::Masks Zone::masks_of(std::span<const uint64_t* const> sees, size_t source) const {

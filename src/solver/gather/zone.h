@@ -45,11 +45,28 @@ public:
 
     /// Of what a place sees: a bit a cluster, then a bin, in planes.
     size_t words() const { return words_ * planes_; }
-    /// Sets the bits (of words(), 0 before) of the sources in `open` (of one plane; empty: all)
-    /// that are seen `from` a place of that pattern: by chance, as much as passes. Returns how many
-    /// rays it took.
+    /// A place that looks `from` a point at the sources in `open` (of one plane; empty: all), to
+    /// set the bits (of words(), 0 before) of those that it sees: by chance, as much as passes.
+    struct Look {
+        glm::vec3 from;
+        uint32_t pattern;
+        std::span<const uint64_t> open;
+        uint64_t* sees;
+
+        bool opens(uint32_t source) const {
+            return open.empty() || (open[source / 64] >> (source % 64) & 1) != 0;
+        }
+    };
+    /// How many places look at once, at most.
+    static constexpr size_t most_looks = 16;
+    /// Each as if it looked alone; together they weigh the points of clusters in less time. Returns
+    /// how many rays it took.
+    uint64_t look(std::span<const Look> places) const;
     uint64_t look(glm::vec3 from, uint32_t pattern, std::span<const uint64_t> open,
-                  uint64_t* sees) const;
+                  uint64_t* sees) const {
+        const Look place{from, pattern, open, sees};
+        return look({&place, 1});
+    }
 
     /// Appends the points and triangles of up to eight places by what they see, lane by lane; their
     /// light is taken at `points`.
@@ -79,6 +96,11 @@ private:
     void choose_clusters(glm::vec3 centre, glm::vec3 half, float step);
     bool aim(glm::vec3 from, uint32_t source, uint32_t pattern, visibility::Ray& ray,
              float& threshold) const;
+    struct Lanes;
+    void aim(uint32_t source, Lanes& eight) const;
+    struct Tests;
+    void find_tests(std::span<const Look> places, std::span<Tests> tests) const;
+    void set_seen(const Look& place, const Tests& tests, std::span<const glm::vec3> passed) const;
     /// Which of some places see a source, a channel: all channels of `all`, and one more of each.
     struct Masks {
         uint32_t all = 0;

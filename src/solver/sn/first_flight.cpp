@@ -81,30 +81,41 @@ float mean_luminance(const SnLight& light, const Grid& grid, std::span<const flo
 void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
                     std::span<const glm::vec3> travel, size_t stride,
                     std::span<glm::vec4> luminance, Sights* sights, size_t first) {
-    std::array<visibility::Ray, 8> rays;
-    std::array<visibility::Hit, 8> hits;
-    std::array<glm::vec3, 8> points;
-    for (size_t i = 0; i < places.size(); ++i)
+    constexpr size_t eight = 8, together = 8; // places; directions whose patches are sought at once
+    std::array<visibility::Ray, eight * together> rays;
+    std::array<visibility::Hit, eight * together> hits;
+    std::array<uint32_t, eight * together> sides;
+    std::array<glm::vec3, eight> points;
+    const size_t count = places.size();
+    for (size_t i = 0; i < count; ++i)
         points[i] = light.visibility.capture(places[i].cell).point;
-    for (size_t d = 0; d < travel.size(); ++d) {
-        for (size_t i = 0; i < places.size(); ++i)
-            rays[i] = {points[i], -travel[d], 0.0f, HUGE_VALF};
-        light.visibility.closest_of_eights(std::span(rays).first(places.size()),
-                                           visibility::Bundle::tight, hits);
-        for (size_t i = 0; i < places.size(); ++i) {
-            const Sight sight = light.sight(hits[i], -travel[d]);
-            glm::vec4& arrives = luminance[i * stride + d];
-            const float end = sight.side == Sight::sky ? HUGE_VALF : hits[i].t;
-            arrives =
-                glm::vec4(light.part == LightPart::surfaces
-                              ? light.luminance(sight, -travel[d])
-                              : light.air->sent(points[i], -travel[d], 0.0f, end),
-                          light.air ? light.air->column(points[i], -travel[d], 0.0f, end) : 0.0f);
-            if (sights)
-                sights->sides[first + i * stride + d] = sight.side;
-            if (sights && !sights->tints.empty())
-                sights->tints[first + i * stride + d] = sight.tint;
+    const auto take = [&](size_t i, size_t d, const Sight& sight, float t) {
+        glm::vec4& arrives = luminance[i * stride + d];
+        const float end = sight.side == Sight::sky ? HUGE_VALF : t;
+        arrives = glm::vec4(light.part == LightPart::surfaces
+                                ? light.luminance(sight, -travel[d])
+                                : light.air->sent(points[i], -travel[d], 0.0f, end),
+                            light.air ? light.air->column(points[i], -travel[d], 0.0f, end) : 0.0f);
+        if (sights)
+            sights->sides[first + i * stride + d] = sight.side;
+        if (sights && !sights->tints.empty())
+            sights->tints[first + i * stride + d] = sight.tint;
+    };
+    for (size_t begin = 0; begin < travel.size(); begin += together) {
+        const size_t end = std::min(travel.size(), begin + together);
+        size_t used = 0;
+        for (size_t d = begin; d < end; ++d, used += count) {
+            const std::span own = std::span(rays).subspan(used, count);
+            for (size_t i = 0; i < count; ++i)
+                own[i] = {points[i], -travel[d], 0.0f, HUGE_VALF};
+            light.visibility.closest_of_eights(own, visibility::Bundle::tight,
+                                               std::span(hits).subspan(used, count));
         }
+        light.lit.sides(std::span(hits).first(used), rays, sides);
+        for (size_t k = 0; k < used; ++k)
+            take(k % count, begin + k / count,
+                 {hits[k].instance == visibility::no_hit ? Sight::sky : sides[k], hits[k].tint},
+                 hits[k].t);
     }
 }
 
