@@ -38,11 +38,9 @@ TEST(Diffusion, TellsTheCellsThatLightReaches) {
                 open[3 * grid.index({2, y, z})] = has_gap && y == 3 && z == 2 ? 0.5f : 0.0f;
         solver::lpv::Diffusion diffusion(grid, open, lit_at(grid, {4, 0, 0}));
         ASSERT_EQ(diffusion.dims(), glm::ivec3(3, 2, 2));
-        std::vector<glm::vec4> all(diffusion.size());
-        diffusion.solve(std::vector<glm::vec4>(all.size()), all);
         for (std::size_t i = 0; i < grid.size(); ++i) {
             const glm::ivec3 c = grid.cell_at(i), b = c / 2, k = c % 2;
-            const auto bits = unsigned(all[std::size_t(b.x + 3 * (b.y + 2 * b.z))].w);
+            const unsigned bits = diffusion.reached()[std::size_t(b.x + 3 * (b.y + 2 * b.z))];
             EXPECT_EQ(bits >> (k.x + 2 * k.y + 4 * k.z) & 1u, has_gap || c.x > 2 ? 1u : 0u);
         }
     }
@@ -81,7 +79,25 @@ TEST(Diffusion, IsLinearAndTheSameForAnyThreads) {
     EXPECT_EQ(again, all);
     diffusion.solve(twice, again);
     for (std::size_t i = 0; i < all.size(); ++i)
-        ASSERT_EQ(glm::vec3(again[i]), 2.0f * glm::vec3(all[i]));
+        ASSERT_EQ(again[i], 2.0f * all[i]);
+}
+
+TEST(Diffusion, IsItsMatrix) {
+    const Grid grid = grid_of({13, 12, 9});
+    solver::lpv::Diffusion diffusion(grid, std::vector<float>(3 * grid.size(), 0.7f),
+                                     lit_at(grid, {3, 3, 3}));
+    ASSERT_EQ(diffusion.dims(1), glm::ivec3(4, 3, 3));
+    const std::vector<glm::vec4> light = random_light(36);
+    std::vector<glm::vec4> all(36);
+    diffusion.solve(light, all, 1);
+    const std::vector<float> matrix = diffusion.matrix(1);
+    for (std::size_t i = 0; i < 36; ++i) {
+        glm::vec4 sum(0.0f);
+        for (std::size_t j = 0; j < 36; ++j)
+            sum += matrix[36 * j + i] * light[j];
+        for (int k = 0; k < 4; ++k)
+            EXPECT_NEAR(sum[k], all[i][k], 1e-5f * all[i][k]);
+    }
 }
 
 } // namespace

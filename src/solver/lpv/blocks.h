@@ -18,14 +18,15 @@ LPVBAKE_SHARED_CONST uint blocks_march = 8u; // layers an invocation works on
 // Push constants of both. Fronts are laid out as in propagate.h; blocks lie x fastest, z slowest,
 // without borders. Bases count elements from the start of the bound window.
 struct BlocksPush {
-    uint nx, ny, nz;  // cells of the grid
-    uint row_pitch;   // as in PropagatePush
-    uint plane_pitch; // as in PropagatePush
-    uint begin;       // first layer to compute: of blocks to sum, of cells to spread to
-    uint end;         // one past the last
-    uint front_base;  // where the first layer of the grid would start in the front
-    uint out_base;    // the same of the blocks (sums) or of the front that is written
-    uint blocks_base; // the same of the blocks that are spread
+    uint nx, ny, nz;   // cells of the grid
+    uint row_pitch;    // as in PropagatePush
+    uint plane_pitch;  // as in PropagatePush
+    uint begin;        // first layer to compute: of blocks to sum, of cells to spread to
+    uint end;          // one past the last
+    uint front_base;   // where the first layer of the grid would start in the front
+    uint out_base;     // the same of the blocks (sums) or of the front that is written
+    uint blocks_base;  // the same of the blocks that are spread
+    uint reached_base; // the same of the cells of these that light reaches
 };
 
 #ifdef __cplusplus

@@ -6,7 +6,6 @@
 #include "solver/lpv/spread_blocks.comp.h"
 
 #include <algorithm>
-#include <utility>
 
 namespace lpvbake::solver::lpv {
 namespace {
@@ -40,15 +39,17 @@ CorrectPrograms compile_correct(const gpu::Device& device, const Grid& grid, Occ
         Binding::texels_rgba32, Binding::texels_rgba32, Binding::texels_r32,   Binding::storage,
         Binding::storage,       Binding::storage,       Binding::texels_rgba32};
     constexpr Binding sums[] = {Binding::texels_rgba32, Binding::storage};
-    constexpr Binding spread[] = {Binding::texels_rgba32, Binding::texels_rgba32, Binding::storage};
+    constexpr Binding spread[] = {Binding::texels_rgba32, Binding::texels_rgba32, Binding::storage,
+                                  Binding::texels_r32};
     const uint32_t local[] = {tiling.local_size};
     return {gpu::Program(device, shaders::linear_comp, linear, sizeof(LinearPush), constants),
             gpu::Program(device, shaders::block_sums_comp, sums, sizeof(BlocksPush), local),
-            gpu::Program(device, shaders::spread_blocks_comp, spread, sizeof(BlocksPush), local)};
+            gpu::Program(device, shaders::spread_blocks_comp, spread, sizeof(BlocksPush), local),
+            device.is_cpu() ? MultigridPrograms() : compile_multigrid(device)};
 }
 
 uint64_t corrector_bytes(const Grid& grid) {
-    return 2 * blocks_of(layout_of(grid)) * texel;
+    return multigrid_bytes(grid);
 }
 
 Corrector::Corrector(const gpu::Device& device, const Grid& grid, const PropagatePlan& plan,
@@ -58,19 +59,17 @@ Corrector::Corrector(const gpu::Device& device, const Grid& grid, const Propagat
       plan_(plan),
       programs_(programs),
       buffers_(buffers),
-      diffusion_(diffusion),
+      missing_(device, programs.multigrid, diffusion, plan.window, device.is_cpu()),
       blocks_((grid.dims + 1) / 2),
-      sums_(device, blocks_of(plan.layout) * texel),
-      missing_(device, blocks_of(plan.layout) * texel),
-      batch_(device),
-      values_(blocks_of(plan.layout)) {}
+      batch_(device) {}
 
 double Corrector::excess() {
     record_sums(buffers_.front);
     batch_.run();
-    gpu::download(device_, sums_, 0, std::as_writable_bytes(std::span(values_)));
+    std::vector<glm::vec4> blocks(blocks_of(plan_.layout));
+    gpu::download(device_, missing_.light(), 0, std::as_writable_bytes(std::span(blocks)));
     glm::dvec4 sum(0.0);
-    for (const glm::vec4& block : values_)
+    for (const glm::vec4& block : blocks)
         sum += glm::dvec4(block);
     const double light = sum.x + sum.y + sum.z;
     return light > 0.0 ? sum.w / light : 0.0;
@@ -86,9 +85,7 @@ Added Corrector::start() {
 Added Corrector::correct() {
     const gpu::Buffer& rest = swapped_ ? buffers_.other : buffers_.front;
     const gpu::Buffer& room = swapped_ ? buffers_.front : buffers_.other;
-    gpu::download(device_, sums_, 0, std::as_writable_bytes(std::span(values_)));
-    diffusion_.solve(values_, values_);
-    gpu::upload(device_, missing_, 0, std::as_bytes(std::span(std::as_const(values_))));
+    missing_.solve(batch_);
     // With what is missing, e, and u = m + e: the sum becomes that and u, the rest P u - e.
     record_spread(rest, room);
     record_apply(room, rest, {1.0f, -1.0f, 1.0f, 1.0f});
@@ -114,14 +111,22 @@ void Corrector::record_sums(const gpu::Buffer& front) {
     for (uint32_t begin = 0; begin < uint32_t(blocks_.z); begin += slab) {
         const uint32_t end = std::min(begin + slab, uint32_t(blocks_.z));
         const uint32_t last = std::min(2 * end, layout.nz);
-        BlocksPush push{
-            layout.nx, layout.ny, layout.nz, layout.row_pitch(), layout.plane_pitch(), begin, end,
-            0,         0,         0};
+        BlocksPush push{layout.nx,
+                        layout.ny,
+                        layout.nz,
+                        layout.row_pitch(),
+                        layout.plane_pitch(),
+                        begin,
+                        end,
+                        0,
+                        0,
+                        0,
+                        0};
         const gpu::Window windows[] = {
             gpu::window_over(front, (2 * begin + 1) * layout.layer(), (last + 1) * layout.layer(),
                              texel, plan_.alignment, push.front_base),
-            gpu::window_over(sums_, begin * block_layer, end * block_layer, texel, plan_.alignment,
-                             push.out_base)};
+            gpu::window_over(missing_.light(), begin * block_layer, end * block_layer, texel,
+                             plan_.alignment, push.out_base)};
         // Where the first layers would lie: modulo 2^32, as the kernel adds.
         push.front_base -= uint32_t(2 * begin * layout.layer());
         push.out_base -= uint32_t(begin * block_layer);
@@ -139,19 +144,31 @@ void Corrector::record_spread(const gpu::Buffer& front, const gpu::Buffer& targe
         const uint32_t end = std::min(begin + plan_.slab, layout.nz);
         const uint32_t first_block = begin / 2 - std::min(begin / 2, 1u);
         const uint32_t last_block = std::min((end - 1) / 2 + 2, uint32_t(blocks_.z));
-        BlocksPush push{
-            layout.nx, layout.ny, layout.nz, layout.row_pitch(), layout.plane_pitch(), begin, end,
-            0,         0,         0};
+        BlocksPush push{layout.nx,
+                        layout.ny,
+                        layout.nz,
+                        layout.row_pitch(),
+                        layout.plane_pitch(),
+                        begin,
+                        end,
+                        0,
+                        0,
+                        0,
+                        0};
         const gpu::Window windows[] = {
             gpu::window_over(front, (begin + 1) * layer, (end + 1) * layer, texel, plan_.alignment,
                              push.front_base),
-            gpu::window_over(missing_, first_block * block_layer, last_block * block_layer, texel,
-                             plan_.alignment, push.blocks_base),
+            gpu::window_over(missing_.all(), first_block * block_layer, last_block * block_layer,
+                             texel, plan_.alignment, push.blocks_base),
             gpu::window_over(target, (begin + 1) * layer, (end + 1) * layer, texel, plan_.alignment,
-                             push.out_base)};
+                             push.out_base),
+            gpu::window_over(missing_.reached(), first_block * block_layer,
+                             last_block * block_layer, sizeof(float), plan_.alignment,
+                             push.reached_base)};
         push.front_base -= uint32_t(begin * layer);
         push.out_base -= uint32_t(begin * layer);
         push.blocks_base -= uint32_t(first_block * block_layer);
+        push.reached_base -= uint32_t(first_block * block_layer);
         batch_.dispatch(programs_.spread_blocks, windows, std::as_bytes(std::span(&push, 1)),
                         {groups_of(layout.nx, plan_.tiling.local_size), layout.ny,
                          groups_of(end - begin, blocks_march)});

@@ -5,6 +5,7 @@
 
 #include "gpu/gpu.h"
 #include "solver/lpv/diffusion.h"
+#include "solver/lpv/multigrid.h"
 #include "solver/lpv/propagator.h"
 
 #include <span>
@@ -14,6 +15,7 @@ namespace lpvbake::solver::lpv {
 
 struct CorrectPrograms {
     gpu::Program linear, block_sums, spread_blocks;
+    MultigridPrograms multigrid;
 };
 
 CorrectPrograms compile_correct(const gpu::Device& device, const Grid& grid, Occlusion occlusion);
@@ -63,13 +65,11 @@ private:
     const PropagatePlan& plan_;
     const CorrectPrograms& programs_;
     PropagatedBuffers buffers_;
-    Diffusion& diffusion_;
+    Multigrid missing_; ///< of blocks
     glm::ivec3 blocks_;
-    gpu::Buffer sums_, missing_; ///< of blocks
     gpu::Batch batch_;
     bool swapped_ = false; ///< the rest is in buffers_.other
     int applied_ = 0;      ///< applications of the batch
-    std::vector<glm::vec4> values_;
 };
 
 } // namespace lpvbake::solver::lpv

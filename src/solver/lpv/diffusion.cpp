@@ -1,5 +1,7 @@
 #include "solver/lpv/diffusion.h"
 
+#include "solver/lpv/levels.h"
+
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -13,8 +15,6 @@ namespace {
 constexpr float diffusion = 0.2283f; ///< cells^2 a step
 constexpr float beyond = 0.69f;      ///< cells from a side to where light would be 0
 
-constexpr float relaxed = 0.85f;  ///< share of a Jacobi step
-constexpr int relaxations = 3;    ///< before and after a coarser level
 constexpr int at_the_end = 20;    ///< on the coarsest
 constexpr int most_rounds = 24;   ///< of sweeps that find what light reaches
 constexpr int serial_rows = 1024; ///< below which threads cost more than they bring
@@ -135,9 +135,6 @@ Diffusion::Diffusion(const Grid& grid, std::span<const float> open, const std::v
     });
     for (float h = 2.0f;; h *= 2.0f) {
         const std::size_t size = sums.size();
-        level->light.resize(size);
-        level->all.resize(size);
-        level->next.resize(size);
         level->links.resize(size);
         for (std::size_t i = 0; i < size; ++i)
             level->links[i] = sums[i] * (diffusion / h);
@@ -272,13 +269,33 @@ void Diffusion::cycle(std::size_t l) {
         relax(level);
 }
 
-void Diffusion::solve(std::span<const glm::vec4> light, std::span<glm::vec4> all) {
-    Level& first = levels_.front();
+void Diffusion::solve(std::span<const glm::vec4> light, std::span<glm::vec4> all,
+                      std::size_t level) {
+    for (std::size_t l = level; l < levels_.size(); ++l)
+        for (auto* values : {&levels_[l].light, &levels_[l].all, &levels_[l].next})
+            values->resize(levels_[l].links.size());
+    Level& first = levels_[level];
     std::ranges::copy(light, first.light.begin());
     std::ranges::fill(first.all, glm::vec4(0.0f));
-    cycle(0);
-    for (std::size_t i = 0; i < size(); ++i)
-        all[i] = glm::vec4(glm::vec3(first.all[i]), float(reached_[i]));
+    cycle(level);
+    std::ranges::copy(first.all, all.begin());
+}
+
+std::vector<float> Diffusion::matrix(std::size_t level) {
+    const std::size_t size = levels_[level].links.size();
+    std::vector<float> columns(size * size);
+    std::vector<glm::vec4> light(size), all(size);
+    for (std::size_t first = 0; first < size; first += 4) {
+        const std::size_t count = std::min<std::size_t>(4, size - first);
+        std::ranges::fill(light, glm::vec4(0.0f));
+        for (std::size_t k = 0; k < count; ++k)
+            light[first + k][int(k)] = 1.0f;
+        solve(light, all, level);
+        for (std::size_t k = 0; k < count; ++k)
+            for (std::size_t i = 0; i < size; ++i)
+                columns[(first + k) * size + i] = all[i][int(k)];
+    }
+    return columns;
 }
 
 } // namespace lpvbake::solver::lpv

@@ -22,23 +22,35 @@ public:
     /// is left out.
     Diffusion(const Grid& grid, std::span<const float> open, const std::vector<bool>& lit);
 
-    glm::ivec3 dims() const { return levels_.front().dims; }
+    glm::ivec3 dims(std::size_t level = 0) const { return levels_[level].dims; }
     std::size_t size() const { return reached_.size(); }
 
+    /// From the blocks on, each of half the resolution.
+    std::size_t levels() const { return levels_.size(); }
+    /// Of a level's cells, x fastest: conductances towards +x, +y and +z, and the inverse of the
+    /// sum of all around and of what is taken; 0 where that is 0.
+    std::span<const glm::vec4> links(std::size_t level) const { return levels_[level].links; }
+    /// Cells of each block that light reaches, a bit each: x + 2 y + 4 z.
+    std::span<const std::uint8_t> reached() const { return reached_; }
+
+    /// Jacobi steps of a level before and after a coarser one.
+    static constexpr int relaxations = 3;
+
     /// About the light that all propagations of `light` bring together, itself included, for the
-    /// mean of a block's cells, where `light` is the sum over them. The last value of a result are
-    /// the cells that light reaches, a bit each: x + 2 y + 4 z. Linear in `light`, of which the
-    /// last value does not count, and the same for any number of threads.
-    void solve(std::span<const glm::vec4> light, std::span<glm::vec4> all);
+    /// mean of a block's cells, where `light` is the sum over them; or the same of cells of a
+    /// coarser level. Each of the four values is a light of its own. Linear in `light`, and the
+    /// same for any number of threads. Multigrid does the same on a device.
+    void solve(std::span<const glm::vec4> light, std::span<glm::vec4> all, std::size_t level = 0);
+    /// The matrix of that, a column (what one cell's light brings to all) after the other.
+    std::vector<float> matrix(std::size_t level);
 
 private:
     /// Cells, or blocks of so many that they are `h` along a side.
     struct Level {
         glm::ivec3 dims{0};
-        /// Conductances towards +x, +y and +z, and the inverse of the sum of all around and of what
-        /// is taken; 0 where that is 0.
         std::vector<glm::vec4> links;
-        std::vector<glm::vec4> light, all, next; ///< right side, solution, and room for its next
+        std::vector<glm::vec4> light, all, next; ///< right side, solution, and room for its next;
+                                                 ///< empty until one is solved for
 
         std::size_t index(glm::ivec3 at) const {
             return (std::size_t(at.z) * std::size_t(dims.y) + std::size_t(at.y))

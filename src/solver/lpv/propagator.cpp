@@ -97,13 +97,19 @@ PropagateLayout layout_of(const Grid& grid) {
 PropagatePlan plan_propagate(const gpu::Device& device, const Grid& grid, Occlusion occlusion,
                              uint64_t window) {
     const gpu::DeviceInfo& info = device.info();
-    PropagatePlan plan{
-        occlusion, layout_of(grid),      tiling_for(device, grid), planes_of(occlusion), 0,
-        0,         info.window_alignment};
+    PropagatePlan plan{occlusion,
+                       layout_of(grid),
+                       tiling_for(device, grid),
+                       planes_of(occlusion),
+                       0,
+                       0,
+                       info.window_alignment,
+                       0};
     const PropagateLayout& layout = plan.layout;
     // A slab is as many layers as a binding can see, the two layers beside it included.
     const uint64_t largest = window ? window : std::numeric_limits<uint64_t>::max();
     const uint64_t lobes = std::min({largest, info.max_storage_range, info.max_texels * texel});
+    plan.window = lobes;
     uint64_t layers = (lobes - plan.alignment) / (layout.layer() * texel);
     if (plan.planes > 0) {
         const uint64_t taus = std::min(largest, info.max_texels * sizeof(float));

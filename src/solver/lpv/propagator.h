@@ -44,6 +44,7 @@ struct PropagatePlan {
     uint32_t slab;      ///< layers of a dispatch
     uint32_t partials;  ///< partial sums of the flux that a step writes
     uint64_t alignment; ///< of windows, bytes
+    uint64_t window;    ///< bytes of texels that one binding sees at most
 };
 
 /// `window` limits the bytes that one binding sees. Throws Error (memory) where that is not a layer

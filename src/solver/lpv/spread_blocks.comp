@@ -3,7 +3,7 @@
 #extension GL_EXT_control_flow_attributes : require
 
 // Adds to a front what blocks of 2 x 2 x 2 cells hold for the constant parts of its three channels,
-// interpolated between the blocks' centres; only in cells whose bit is set in the last value of
+// interpolated between the blocks' centres; only in cells whose bit is set in what is reached of
 // their block, x + 2 y + 4 z: those that light can reach.
 
 #include "blocks.h"
@@ -15,6 +15,7 @@ layout(push_constant) uniform Push { BlocksPush push; };
 layout(set = 0, binding = 0) uniform textureBuffer front;
 layout(set = 0, binding = 1) uniform textureBuffer blocks;
 layout(std430, set = 0, binding = 2) writeonly restrict buffer FrontOut { vec4 front_out[]; };
+layout(set = 0, binding = 3) uniform textureBuffer reached_cells;
 
 // The block beside that of a cell on the cell's side of its centre; at the grid's ends itself.
 uint beside(uint cell, uint count) {
@@ -44,7 +45,9 @@ void main() {
                          0.25 * (0.75 * texelFetch(blocks, int(z1 + y1 + x0)) +
                                  0.25 * texelFetch(blocks, int(z1 + y1 + x1)));
         const uint bit = (column & 1u) + 2u * (y & 1u) + 4u * (z & 1u);
-        const bool reached = (uint(own.w) >> bit & 1u) != 0u;
+        const uint block = push.reached_base + z / 2u * layer + y0 + x0;
+        const bool reached =
+            (uint(texelFetch(reached_cells, int(block)).x) >> bit & 1u) != 0u;
         const vec4 add = reached ? 0.75 * near + 0.25 * far : vec4(0.0);
         const uint cell = 3u * z * push.plane_pitch + (y + 1u) * push.row_pitch + column;
         [[unroll]] for (uint channel = 0u; channel < 3u; ++channel) {
