@@ -147,17 +147,21 @@ std::string time_text(const bake::BakePlan& plan, const gpu::DeviceInfo& device)
            + (device.type == "cpu" ? "" : " and " + device.name);
 }
 
-/// What a scheduler may be asked for: a quarter more memory than is expected, beside what the
-/// process has taken so far to load the scene and to open the device; and, for loading, writing and
-/// slower machines, three times the time and a minute.
+/// Of the process, with what it has taken so far to load the scene and to open the device.
+uint64_t host_bytes(const bake::BakePlan& plan) {
+    return plan.host_bytes + peak_memory();
+}
+
+/// What a scheduler may be asked for: a quarter more memory than is expected; and, for loading,
+/// writing and slower machines, three times the time and a minute.
 struct Hints {
     uint64_t memory_mib = 0, minutes = 0;
 };
 
 Hints hints_of(const bake::BakePlan& plan, const gpu::DeviceInfo& device) {
-    const uint64_t bytes = plan.host_bytes + (device.type == "cpu" ? plan.device_bytes : 0);
+    const uint64_t bytes = host_bytes(plan) + (device.type == "cpu" ? plan.device_bytes : 0);
     constexpr uint64_t step = 64;
-    return {((uint64_t(1.25 * double(bytes)) + peak_memory()) / (step << 20) + 1) * step,
+    return {(uint64_t(1.25 * double(bytes)) / (step << 20) + 1) * step,
             uint64_t(std::ceil(3 * plan.seconds / 60)) + 1};
 }
 
@@ -259,14 +263,14 @@ void print_plan(const BakeOptions& o, const gpu::DeviceInfo& device, const bake:
                              {"minutes", hints.minutes},
                              {"threads", plan.threads}};
         document["device_bytes"] = plan.device_bytes;
-        document["host_bytes"] = plan.host_bytes;
+        document["host_bytes"] = host_bytes(plan);
         print_json(document);
         return;
     }
     print_head(device, choice, storage);
     std::printf("scene         %s\n", counted(plan.triangles, "triangle").c_str());
     std::printf("memory        %s on the device, about %s beside it\n",
-                bytes_text(plan.device_bytes).c_str(), bytes_text(plan.host_bytes).c_str());
+                bytes_text(plan.device_bytes).c_str(), bytes_text(host_bytes(plan)).c_str());
     std::printf("time          about %s, without loading and writing\n",
                 time_text(plan, device).c_str());
     const Hints hints = hints_of(plan, device);

@@ -26,6 +26,7 @@ namespace lpvbake::bake {
 namespace {
 
 namespace seconds = solver::models::seconds;
+namespace bytes = solver::models::bytes;
 
 std::string dims_text(glm::ivec3 dims) {
     return format("a grid of %d x %d x %d", dims.x, dims.y, dims.z);
@@ -261,7 +262,7 @@ void plan_lighting(const SceneFacts& scene, const surface::PatchCount& surfaces,
     // Of each layer: the light of both sides, of lamps, and what elements reflect.
     const double layers = double(plan.settings.layers.size());
     if (const std::string& file = plan.settings.lit; !file.empty()) {
-        plan.host_bytes += uint64_t(layers * 2 * patches * 12);
+        plan.host_bytes += uint64_t((layers * 2 * 12 + bytes::patch) * patches);
         plan.stages.push_back({"lighting", lit_patch_seconds * patches,
                                format("about %.2g patches, of ", patches) + file});
         return;
@@ -273,10 +274,10 @@ void plan_lighting(const SceneFacts& scene, const surface::PatchCount& surfaces,
                             ? std::clamp(wanted, 32.0 * elements, 256.0 * elements)
                             : 0.0;
     if (between) // what they meet is kept
-        plan.host_bytes +=
-            uint64_t(rays)
-            * (solver::models::bytes::hit + (scene.tinted ? solver::models::bytes::tint : 0));
-    plan.host_bytes += uint64_t(layers * (4 * patches * 12 + elements * (3 * 12 + 24)));
+        plan.host_bytes += uint64_t(rays) * (bytes::hit + (scene.tinted ? bytes::tint : 0));
+    plan.host_bytes +=
+        uint64_t(layers * (4 * patches * 12 + elements * (3 * 12 + 24)))
+        + uint64_t(patches * (bytes::patch + (scene.lights.empty() ? 0 : bytes::patch_lamps)));
     std::string light = scene.lights.empty() || !reflected ? "" : "punctual lights";
     for (const auto& [there, what] : {std::pair{plan.emitters, "emitters"}, {scene.sky, "sky"}})
         if (there)
@@ -431,7 +432,7 @@ void plan_air(const SceneFacts& scene, const Grid& grid, const std::string& of, 
          of + format("about %.2g beams of ", beams) + counted(scene.lights.size(), "light")});
     const auto coefficients =
         uint64_t(air.g == 0 ? 1 : volume::sh_count(plan.settings.solver.order()));
-    plan.host_bytes += grid.size() * (solver::models::bytes::beams_cell + 48 * coefficients + 24)
+    plan.host_bytes += grid.size() * (bytes::beams_cell + 48 * coefficients + 24)
                        + (air.density ? 4 * uint64_t(air.density->values.size()) : 0);
 }
 
@@ -480,7 +481,7 @@ void plan_direct(const SceneFacts& scene, const Grid& grid, const std::string& o
     const auto coefficients =
         uint64_t(direct.sh || !direct.any() ? volume::sh_count(plan.settings.solver.order()) : 1);
     plan.host_bytes += grid.size()
-                       * (solver::models::bytes::beams_cell + 24 * coefficients
+                       * (bytes::beams_cell + 24 * coefficients
                           + 4 * uint64_t(direct.visibility ? scene.lights.size() : 0)
                           + (direct.channels ? 17 : 0) + (direct.shaft ? 40 : 0));
     if (direct.shaft)
@@ -513,7 +514,7 @@ void plan_fit(const surface::PatchCount& surfaces, const std::string& of, BakePl
          seconds::fit + seconds::fit_ray * points * rays_a_point(fit, points)
              + seconds::fit_point * points,
          of + format("about %.2g points of surfaces, as %s reads them", points, reader->name)});
-    plan.host_bytes += uint64_t(solver::models::bytes::fit_point * points);
+    plan.host_bytes += uint64_t(bytes::fit_point * points);
 }
 
 /// Sets which layers are baked. Throws Error (argument).
@@ -710,10 +711,11 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
         plan.seconds += stage.seconds;
     }
 
-    // The volume itself takes 12 bytes a coefficient and a wall, and a copy while it is fitted;
-    // those of files that store other values are left to what their writing finds free by then.
-    plan.host_bytes += solver::models::bytes::triangle * plan.triangles
-                       + solver::models::bytes::fixed + solver_bytes;
+    // The volume itself takes 12 bytes a coefficient, later also a wall, and a copy while it is
+    // fitted; those of files that store other values are left to what their writing finds free by
+    // then.
+    plan.host_bytes += bytes::triangle * plan.triangles + bytes::fixed
+                       + std::max(solver_bytes, all_cells * 12 * uint64_t(most_walls));
     if (plan.bricks)
         plan.bricks->other_bytes = plan.host_bytes;
     plan.host_bytes +=
@@ -726,9 +728,8 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                      + settings.layers.size()
                            * (4 + 12 * uint64_t(volume::sh_count(solver.order()))))
             : all_cells
-                      * (solver::models::bytes::cell
-                         + (settings.fit ? 24 : 12)
-                               * uint64_t(volume::sh_count(solver.order()) + most_walls))
+                      * (bytes::cell
+                         + (settings.fit ? 24 : 12) * uint64_t(volume::sh_count(solver.order())))
                   + layered_cells * layer_bytes(settings);
     check_host_memory(plan);
     return plan;

@@ -50,7 +50,8 @@ inline constexpr double local_ray = 2e-7;   ///< of 2026-11-30, with what it add
 inline constexpr double geometry_patch = 5e-7;
 inline constexpr double links_cell = 15e-6; ///< as validity_cell
 inline constexpr double inject = 0.01;
-inline constexpr double inject_patch = 2.5e-6; ///< that is lit; of 2026-11-30, with cells asked once
+inline constexpr double inject_patch =
+    2.5e-6; ///< that is lit; of 2026-11-30, with cells asked once
 inline constexpr double propagate_layer = 1.6; ///< of a layer, of the propagation of all light
 inline constexpr double sweep_layer = 0.9;     ///< of a layer, of the sweep of all light
 inline constexpr double propagate = 0.02;
@@ -96,11 +97,22 @@ constexpr double of_threads(int threads) {
 
 } // namespace seconds
 
+/// Of the Cornell box and three real scenes at 48, 96 and 128 cells, and of one of them at 512, on
+/// 2026-12-01.
 namespace bytes {
 
-inline constexpr unsigned fixed = 64u << 20;
-inline constexpr unsigned triangle = 260;
-inline constexpr unsigned cell = 150;      ///< beside the coefficients and walls of the volume
+inline constexpr unsigned fixed = 16u << 20;
+inline constexpr unsigned triangle = 170;
+inline constexpr unsigned cell = 4;          ///< beside the coefficients and walls of the volume
+inline constexpr unsigned patch = 230;       ///< that is lit
+inline constexpr unsigned patch_lamps = 140; ///< more, with punctual lights
+inline constexpr unsigned gather_cell = 15;
+inline constexpr unsigned gather_patch = 170;        ///< its clusters, of a side that may shine
+inline constexpr unsigned gather_lists = 100u << 20; ///< of clusters that packets of cells see
+inline constexpr unsigned gather_lists_cell = 1700;  ///< where these cells are few
+inline constexpr unsigned lpv = 20u << 20;
+inline constexpr unsigned lpv_cell = 85;
+inline constexpr unsigned lpv_patch = 250;
 inline constexpr unsigned beams_cell = 64; ///< sums of a light, where some surface colours it
 inline constexpr unsigned fit_point = 700;
 inline constexpr unsigned hit = 4;   ///< of a ray between elements

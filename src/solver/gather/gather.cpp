@@ -172,16 +172,16 @@ uint64_t gather_device_bytes(const GatherSettings& settings, bool layers) {
 }
 
 uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSettings& settings,
-                           uint64_t layers, bool two_sided) {
+                           bool gpu, uint64_t layers, bool two_sided) {
     const uint64_t tests = uint64_t(settings.vpls) + sky_group * uint64_t(sky_groups(settings));
     const double solved =
         settings.tolerance > 0.0f ? solved_cells(grid, patches, settings) : double(grid.size());
     const double seen = double(tests / 8) * solved;
-    return grid.size() * (1 + 2 + 32) + uint64_t(seen)
-           + (two_sided ? 2 : 1) * patches
-                 * (sizeof(Emitter) + 2 * (sizeof(Cluster) + layers * sizeof(glm::vec3)))
-           + chunk * 2 * job_words * sizeof(glm::vec4)
-           + 2 * gather_device_bytes(settings, layers > 0);
+    namespace bytes = models::bytes;
+    return grid.size() * bytes::gather_cell + uint64_t(seen)
+           + (two_sided ? 2 : 1) * patches * (bytes::gather_patch + layers * 2 * sizeof(glm::vec3))
+           + std::min<uint64_t>(bytes::gather_lists, bytes::gather_lists_cell * grid.size())
+           + (gpu ? gather_device_bytes(settings, layers > 0) : 0); // to carry it there
 }
 
 double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& settings,

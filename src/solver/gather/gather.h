@@ -37,7 +37,7 @@ uint64_t gather_device_bytes(const GatherSettings& settings, bool layers = false
 
 /// Host memory that a gather takes beside surfaces and volumes, bytes; an estimate from above.
 uint64_t gather_host_bytes(const Grid& grid, uint64_t patches, const GatherSettings& settings,
-                           uint64_t layers = 0, bool two_sided = true);
+                           bool gpu, uint64_t layers = 0, bool two_sided = true);
 
 /// How long two threads will take, seconds: an estimate.
 double gather_seconds(const Grid& grid, uint64_t patches, const GatherSettings& settings, bool gpu);

@@ -90,7 +90,8 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
                   format("%d clusters, order %d, every %s", gather.vpls, gather.order,
                          work.blocks ? "sample" : "point by itself")}},
                 {},
-                gather_host_bytes({}, patches, gather, 0, work.two_sided)};
+                gather_host_bytes({}, patches, gather, work.gpu, 0, work.two_sided)
+                    + models::bytes::gather_lists};
     const Grid solved = solved_grid(work, shard_layers);
     const double share = double(solved.size()) / double(std::max<uint64_t>(work.grid.size(), 1));
     const double passes = share * (1 + models::seconds::gather_layer * double(work.layers));
@@ -100,7 +101,7 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
                        double(gather.tolerance), gather.order)
                     + (work.layers > 0 ? ", " + counted(work.layers, "layer") : "")}},
               {},
-              gather_host_bytes(solved, patches, gather, work.layers, work.two_sided)
+              gather_host_bytes(solved, patches, gather, work.gpu, work.layers, work.two_sided)
                   + beside_slab_bytes(work, shard_layers, gather.order)};
     if (work.maps.count > 0)
         cost.stages.push_back(

@@ -126,8 +126,8 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
         cost.stages.push_back(
             {"layers", seconds::propagate_layer * double(work.layers) * cost.stages.back().seconds,
              counted(work.layers, "layer")});
-    if (lpv.corrections && lpv.iterations == 0)
-        cost.host_bytes += 12 * work.grid.size(); // Diffusion
+    cost.host_bytes += models::bytes::lpv + models::bytes::lpv_cell * work.grid.size()
+                       + uint64_t(models::bytes::lpv_patch * work.patches);
     cost.host_bytes += work.layers * (work.grid.size() * 96 + uint64_t(8 * work.patches) * 12);
     return cost;
 }

@@ -131,16 +131,19 @@ uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings, bool laye
     return std::max(sweep, gather::gather_device_bytes(peak_settings(settings), layers));
 }
 
-uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& settings,
+uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& settings, bool gpu,
                        uint64_t layers) {
     const uint64_t met =
         layers > 0 ? sizeof(uint32_t) * uint64_t(sn_direction_count(settings.directions)) : 0;
     const uint64_t sweep = grid.size()
                            + tile_of(grid, settings).size() * (12 + sizeof(SnPlace) + met)
-                           + 4 * chunk_bytes;
-    return grid.size() * uint64_t(volume::sh_count(settings.order)) * 12
-           + std::max(sweep,
-                      gather::gather_host_bytes(grid, patches, peak_settings(settings), layers));
+                           + (gpu ? 4 * chunk_bytes : 0);
+    uint64_t peaks = gather::gather_host_bytes(grid, patches, peak_settings(settings), gpu, layers);
+    if (!gpu) { // the device's memory is the host's, and the sweep's is not taken by then
+        peaks += gather::gather_device_bytes(peak_settings(settings), layers > 0);
+        peaks -= std::min(peaks, sn_device_bytes(grid, settings, layers > 0));
+    }
+    return std::max(sweep, peaks);
 }
 
 double sn_seconds(const Grid& grid, const SnSettings& settings, bool gpu) {

@@ -40,7 +40,7 @@ uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings, bool laye
 
 /// Host memory, bytes, where all cells lie beside surfaces and all patches are bright; with layers,
 /// what rays meet is kept, which takes four times as much where something tints.
-uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& settings,
+uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& settings, bool gpu,
                        uint64_t layers = 0);
 
 /// Time of the sweep on two threads, s, without shader compilation.
