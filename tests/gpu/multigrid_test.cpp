@@ -22,8 +22,8 @@ Diffusion diffusion_of(const Grid& grid, int closed_of_four) {
     std::mt19937 random(2);
     for (float& link : open)
         link = int(random() % 4) < closed_of_four ? 0.0f : float(random() % 1000) / 999.0f;
-    std::vector<bool> lit(grid.size());
-    lit[grid.index(grid.dims / 2)] = true;
+    std::vector<std::uint8_t> lit(grid.size());
+    lit[grid.index(grid.dims / 2)] = 1;
     return Diffusion(grid, open, lit);
 }
 

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
+#include <algorithm>
 #include <random>
 
 namespace lpvbake {
@@ -13,9 +14,9 @@ Grid grid_of(glm::ivec3 dims) {
     return {glm::dvec3(0.0), 1.0, dims};
 }
 
-std::vector<bool> lit_at(const Grid& grid, glm::ivec3 cell) {
-    std::vector<bool> lit(grid.size());
-    lit[grid.index(cell)] = true;
+std::vector<std::uint8_t> lit_at(const Grid& grid, glm::ivec3 cell) {
+    std::vector<std::uint8_t> lit(grid.size());
+    lit[grid.index(cell)] = 1;
     return lit;
 }
 
@@ -46,11 +47,51 @@ TEST(Diffusion, TellsTheCellsThatLightReaches) {
     }
 }
 
+TEST(Diffusion, FindsAllCellsOfAMazeWhateverTheThreads) {
+    // Links open by chance, about as many as join cells far apart, over several slabs of layers.
+    const Grid grid = grid_of({14, 13, 75});
+    std::vector<float> open(3 * grid.size());
+    std::mt19937 random(5);
+    for (float& link : open)
+        link = random() % 100 < 30 ? 0.5f : 0.0f;
+    const glm::ivec3 start(7, 6, 37);
+    std::vector<bool> joined(grid.size());
+    std::vector<glm::ivec3> found{start};
+    joined[grid.index(start)] = true;
+    while (!found.empty()) {
+        const glm::ivec3 cell = found.back();
+        found.pop_back();
+        for (int side = 0; side < 6; ++side) {
+            glm::ivec3 other = cell;
+            other[side / 2] += side % 2 ? 1 : -1;
+            if (!grid.contains(other) || joined[grid.index(other)]
+                || open[3 * grid.index(side % 2 ? cell : other) + std::size_t(side / 2)] == 0.0f)
+                continue;
+            joined[grid.index(other)] = true;
+            found.push_back(other);
+        }
+    }
+    const auto count = std::size_t(std::count(joined.begin(), joined.end(), true));
+    ASSERT_GT(count, grid.size() / 5);
+    ASSERT_LT(count, grid.size());
+    for (const std::size_t threads : {1, 2}) {
+        const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
+        solver::lpv::Diffusion diffusion(grid, open, lit_at(grid, start));
+        const glm::ivec3 dims = diffusion.dims();
+        for (std::size_t i = 0; i < grid.size(); ++i) {
+            const glm::ivec3 c = grid.cell_at(i), b = c / 2, k = c % 2;
+            const unsigned bits =
+                diffusion.reached()[std::size_t(b.x + dims.x * (b.y + dims.y * b.z))];
+            ASSERT_EQ((bits >> (k.x + 2 * k.y + 4 * k.z) & 1u) != 0u, joined[i]) << i;
+        }
+    }
+}
+
 TEST(Diffusion, IsThatOfASlabInItsMiddle) {
     // Light q a cell everywhere, all of it taken at two sides: q (n / 2 + b)^2 / (2 D) in the
     // middle of n cells. The other sides are far away. One cycle of multigrid comes that near.
     const Grid grid = grid_of({32, 192, 192});
-    solver::lpv::Diffusion diffusion(grid, {}, std::vector<bool>(grid.size(), true));
+    solver::lpv::Diffusion diffusion(grid, {}, std::vector<std::uint8_t>(grid.size(), 1));
     const glm::ivec3 dims = diffusion.dims();
     std::vector<glm::vec4> light(diffusion.size(), glm::vec4(8.0f)), all(light.size());
     diffusion.solve(light, all);

@@ -17,6 +17,7 @@ constexpr float beyond = 0.69f;      ///< cells from a side to where light would
 
 constexpr int at_the_end = 20;    ///< on the coarsest
 constexpr int most_rounds = 24;   ///< of sweeps that find what light reaches
+constexpr int slab_layers = 16;   ///< that one thread sweeps
 constexpr int serial_rows = 1024; ///< below which threads cost more than they bring
 
 template <class Body>
@@ -46,11 +47,10 @@ struct Links {
     }
 };
 
-/// Cells that a chain of links joins to one that is lit, by sweeps to and fro. Where they are not
-/// done after most_rounds, some are missing, which then take more propagations.
-std::vector<std::uint8_t> reach(const Links& links, const std::vector<bool>& lit) {
+/// Sweeps to and fro over the layers [begin, end), until they find no more cells that a link joins
+/// to a reached one. Returns whether they have found any.
+bool sweep(const Links& links, int begin, int end, std::vector<std::uint8_t>& reached) {
     const Grid& grid = links.grid;
-    std::vector<std::uint8_t> reached(lit.begin(), lit.end());
     const glm::ivec3 dims = grid.dims;
     const auto look = [&](glm::ivec3 cell, std::size_t i, bool forward) {
         if (reached[i])
@@ -66,18 +66,57 @@ std::vector<std::uint8_t> reach(const Links& links, const std::vector<bool>& lit
         }
         return false;
     };
-    bool changed = true;
+    bool found = false, changed = true;
     for (int round = 0; changed && round < most_rounds; ++round) {
         changed = false;
-        std::size_t i = 0;
-        for (int z = 0; z < dims.z; ++z)
+        std::size_t i = grid.index({0, 0, begin});
+        for (int z = begin; z < end; ++z)
             for (int y = 0; y < dims.y; ++y)
                 for (int x = 0; x < dims.x; ++x, ++i)
                     changed |= look({x, y, z}, i, true);
-        for (int z = dims.z; z-- > 0;)
+        for (int z = end; z-- > begin;)
             for (int y = dims.y; y-- > 0;)
                 for (int x = dims.x; x-- > 0;)
                     changed |= look({x, y, z}, --i, false);
+        found |= changed;
+    }
+    return found;
+}
+
+/// Cells that a chain of links joins to one that is lit. Slabs of layers are swept at once, every
+/// other one and then those between, which they look at; where they are not done after
+/// most_rounds and as many rounds as there are slabs, some are missing, which then take more
+/// propagations. The same for any number of threads.
+std::vector<std::uint8_t> reach(const Links& links, std::span<const std::uint8_t> lit) {
+    std::vector<std::uint8_t> reached(lit.begin(), lit.end());
+    const int layers = links.grid.dims.z, slabs = (layers + slab_layers - 1) / slab_layers;
+    std::vector<std::uint8_t> stale(std::size_t(slabs), 1), found(stale);
+    const auto half = [&](int parity) {
+        tbb::parallel_for(0, (slabs + 1 - parity) / 2, [&](int pair) {
+            const int slab = 2 * pair + parity;
+            const auto at = std::size_t(slab);
+            found[at] = stale[at]
+                        && sweep(links, slab * slab_layers,
+                                 std::min((slab + 1) * slab_layers, layers), reached);
+            stale[at] = 0;
+        });
+        bool any = false;
+        for (int slab = parity; slab < slabs; slab += 2) {
+            const auto at = std::size_t(slab);
+            if (!found[at])
+                continue;
+            any = true;
+            if (slab > 0)
+                stale[at - 1] = 1;
+            if (slab + 1 < slabs)
+                stale[at + 1] = 1;
+        }
+        return any;
+    };
+    for (int round = 0; round < most_rounds + slabs; ++round) {
+        const bool even = half(0), odd = half(1);
+        if (!even && !odd)
+            break;
     }
     return reached;
 }
@@ -105,7 +144,8 @@ glm::vec4 from_around(const Level& level, const std::vector<glm::vec4>& all, glm
 
 } // namespace
 
-Diffusion::Diffusion(const Grid& grid, std::span<const float> open, const std::vector<bool>& lit) {
+Diffusion::Diffusion(const Grid& grid, std::span<const float> open,
+                     std::span<const std::uint8_t> lit) {
     const Links links{grid, open};
     const std::vector<std::uint8_t> reached =
         open.empty() ? std::vector<std::uint8_t>(grid.size(), 1) : reach(links, lit);
@@ -136,8 +176,8 @@ Diffusion::Diffusion(const Grid& grid, std::span<const float> open, const std::v
     for (float h = 2.0f;; h *= 2.0f) {
         const std::size_t size = sums.size();
         level->links.resize(size);
-        for (std::size_t i = 0; i < size; ++i)
-            level->links[i] = sums[i] * (diffusion / h);
+        tbb::parallel_for(std::size_t(0), size,
+                          [&](std::size_t i) { level->links[i] = sums[i] * (diffusion / h); });
         for_rows(level->dims, [&](int y, int z) {
             for (int x = 0; x < level->dims.x; ++x) {
                 const glm::ivec3 at(x, y, z);
@@ -159,16 +199,21 @@ Diffusion::Diffusion(const Grid& grid, std::span<const float> open, const std::v
         coarse.dims = (level->dims + 1) / 2;
         Sums coarse_sums(std::size_t(coarse.dims.x) * std::size_t(coarse.dims.y)
                          * std::size_t(coarse.dims.z));
-        for (std::size_t i = 0; i < size; ++i) {
-            const std::size_t row = i / std::size_t(level->dims.x);
-            const glm::ivec3 at(int(i % std::size_t(level->dims.x)),
-                                int(row % std::size_t(level->dims.y)),
-                                int(row / std::size_t(level->dims.y)));
-            glm::vec4& sum = coarse_sums[coarse.index(at / 2)];
-            for (int axis = 0; axis < 3; ++axis)
-                sum[axis] += at[axis] % 2 ? sums[i][axis] : 0.0f;
-            sum.w += sums[i].w;
-        }
+        for_rows(coarse.dims, [&](int y, int z) {
+            for (int x = 0; x < coarse.dims.x; ++x) {
+                glm::vec4& sum = coarse_sums[coarse.index({x, y, z})];
+                for (int k = 0; k < 8; ++k) {
+                    const glm::ivec3 child(k & 1, k >> 1 & 1, k >> 2);
+                    const glm::ivec3 at = 2 * glm::ivec3(x, y, z) + child;
+                    if (glm::any(glm::greaterThanEqual(at, level->dims)))
+                        continue;
+                    const glm::vec4& fine = sums[level->index(at)];
+                    for (int axis = 0; axis < 3; ++axis)
+                        sum[axis] += child[axis] ? fine[axis] : 0.0f;
+                    sum.w += fine.w;
+                }
+            }
+        });
         sums = std::move(coarse_sums);
         level = &levels_.emplace_back(std::move(coarse));
     }

@@ -20,7 +20,7 @@ public:
     /// link lets that share of light through and takes the rest, and the grid's sides take all.
     /// `lit`: of each cell whether light starts in it; what no chain of links joins to such a cell
     /// is left out.
-    Diffusion(const Grid& grid, std::span<const float> open, const std::vector<bool>& lit);
+    Diffusion(const Grid& grid, std::span<const float> open, std::span<const std::uint8_t> lit);
 
     glm::ivec3 dims(std::size_t level = 0) const { return levels_[level].dims; }
     std::size_t size() const { return reached_.size(); }

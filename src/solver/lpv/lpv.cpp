@@ -82,11 +82,12 @@ LpvProgram::LpvProgram(const gpu::Device& device, const Grid& grid, Occlusion oc
 
 Diffusion LpvProgram::diffusion(const Injection& injection,
                                 std::span<const float> transmittance) const {
-    std::vector<bool> lit(grid_.size());
-    for (size_t cell = 0; cell < lit.size(); ++cell)
+    std::vector<uint8_t> lit(grid_.size());
+    tbb::parallel_for(size_t(0), lit.size(), [&](size_t cell) {
         for (size_t channel = 0; channel < 3; ++channel)
             if (injection.coefficients[12 * cell + 4 * channel] != 0.0f)
-                lit[cell] = true;
+                lit[cell] = 1;
+    });
     if (occlusion_ == Occlusion::sh)
         return Diffusion(grid_, links_of(grid_, transmittance), lit);
     return Diffusion(grid_, transmittance, lit);
