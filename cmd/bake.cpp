@@ -185,7 +185,8 @@ Attempt bake_until(const BakeOptions& o, const Scene& scene, const bake::SceneFa
 }
 
 /// Lights the surfaces, writes them and tells of it.
-void run_light(const BakeOptions& o, const Scene& scene, const bake::BakePlan& plan, Run& run) {
+void run_light(const BakeOptions& o, const Scene& scene, const bake::BakePlan& plan,
+               const gpu::Device& device, Run& run) {
     if (!plan.lit)
         throw Error(ErrorKind::argument, "with these options no surfaces are lit as a whole: "
                                          "reflective shadow maps hold all light");
@@ -196,7 +197,7 @@ void run_light(const BakeOptions& o, const Scene& scene, const bake::BakePlan& p
     std::vector<std::string> warnings;
     solver::Stages stages(run.progress, warnings, scene.path, plan.settings.cache);
     const visibility::Visibility visibility =
-        bake::open_scene(scene, plan, stages).in_air(bake::air_in(plan));
+        bake::open_scene(scene, plan, device, stages).in_air(bake::air_in(plan));
     const bake::LitOrigin origin = bake::lit_origin(plan, visibility);
     std::size_t patches = 0;
     WriteReport::File file;
@@ -482,7 +483,7 @@ void run_bake(BakeOptions o, const options::Options& options, const SharedScene*
     }
 
     if (!o.light_file.empty()) {
-        run_light(o, scene, choice.plan, run);
+        run_light(o, scene, choice.plan, *device, run);
         return;
     }
     if (!o.at.empty()) {

@@ -545,6 +545,14 @@ void add_bake_options(options::Options& options, BakeOptions& o) {
     options.flag("--validation", o.validation,
                  "Load Vulkan's validation layer; messages are errors");
     add_isa_option(options, o);
+    options::Choices<bake::Rays> rays;
+    for (const bake::Rays each : bake::all_rays)
+        rays.emplace_back(bake::name_of(each), each);
+    options
+        .choice("--rays", o.rays, rays,
+                "Who traces the rays of lighting, gather and sn: Embree on the CPU, or the device; "
+                "auto: a device that can, unless it is a CPU (see lpvbake devices)")
+        .record(options::Recorded::if_changed);
     add_dry_run_option(options, o,
                        "Print grid, memory, the files that will exist and an estimate of the time");
     options
@@ -805,6 +813,7 @@ bake::BakeSettings to_settings(const BakeOptions& o, const readers::Reader& read
     settings.lit = o.lit;
     settings.surfaces_alone = !o.light_file.empty();
     settings.isa = o.isa;
+    settings.rays = o.rays;
     settings.direct = o.direct.value_or(bake::DirectSettings());
     settings.direct.beams = o.beams;
     settings.direct.sun_angle = glm::radians(o.sun_angle);

@@ -79,6 +79,7 @@ struct BakeOptions : SceneOptions, RunOptions {
     std::string depfile; ///< empty: none
     std::string cache;   ///< folder; empty: nothing is kept
     uint64_t cache_bytes = io::CacheFolder::usual_bytes;
+    bake::Rays rays = bake::Rays::automatic;
     bool told = true; ///< the result is printed
 
     bool nests() const { return !level.empty() || levels; }

@@ -41,6 +41,7 @@ report::Json describe(const BakeOptions& o, const gpu::DeviceInfo& device,
                           {"triangles", triangles},
                           {"device", device_json(device)},
                           {"isa", visibility::name_of(choice.plan.settings.isa)},
+                          {"rays", bake::name_of(choice.plan.settings.rays)},
                           {"grid", report::grid_json(grid)},
                           {"dry_run", o.dry_run},
                           {"choice", chosen}};

@@ -29,6 +29,7 @@ void list(Format format) {
             entry["memory"] = device.memory;
             entry["max_allocation"] = device.max_allocation;
             entry["max_storage_range"] = device.max_storage_range;
+            entry["rays"] = device.traces_rays;
             document["devices"].push_back(entry);
         }
         print_json(document);
@@ -36,9 +37,10 @@ void list(Format format) {
     }
     for (const gpu::DeviceInfo& device : devices)
         std::printf("%d  %s\n   type    %s\n   uuid    %s\n   driver  %s\n   Vulkan  %s\n"
-                    "   memory  %.1f GiB\n",
+                    "   memory  %.1f GiB\n   rays    %s\n",
                     device.index, device.name.c_str(), device.type.c_str(), device.uuid.c_str(),
-                    device.driver.c_str(), device.api.c_str(), double(device.memory) / (1u << 30));
+                    device.driver.c_str(), device.api.c_str(), double(device.memory) / (1u << 30),
+                    device.traces_rays ? "yes" : "no");
 }
 
 options::Action declare(options::Options& options) {

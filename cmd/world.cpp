@@ -222,6 +222,7 @@ Cost cost_of(const RowBake& row, const io::World& world, const Scene& scene,
         const Scene near = scene::with_instances(scene, tile.instances);
         bake::BakeSettings base = to_settings(row.bake, reader);
         base.bounds = tile.tile.bounds(world.cell);
+        base.rays = bake::Rays::automatic; // of the devices that bake, not of this one
         const bake::SceneFacts facts = bake::survey(near);
         bake::Wish wish = wish_of(row.bake);
         try {

@@ -196,10 +196,11 @@ struct TurnedScene {
     visibility::Visibility visibility;
     Axes axes;
 
-    TurnedScene(const Axes& world, const BakePlan& plan, glm::dquat box_turn)
+    TurnedScene(const Axes& world, const BakePlan& plan, const gpu::Device& device,
+                glm::dquat box_turn)
         : turn(box_turn),
           scene(scene::turned(world.scene, back(), plan.frame.origin)),
-          visibility(scene, plan.frame, plan.settings.isa),
+          visibility(open_visibility(scene, plan, device)),
           axes{scene, visibility, world.adjust, turned(world.layers, glm::mat3(back()))} {
         for (volume::Adjustment& box : axes.adjust) {
             box.turn = turn;
@@ -247,7 +248,7 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
             make(l);
 
     const std::shared_ptr<medium::LitAir> air = air_in(plan);
-    const visibility::Visibility visibility = open_scene(scene, plan, stages).in_air(air);
+    const visibility::Visibility visibility = open_scene(scene, plan, device, stages).in_air(air);
     const Axes world{scene, visibility, plan.settings.adjust, layers_in(plan)};
     Surfaces surfaces{light_scene(scene, plan, visibility, stages, world.layers), plan.frame};
     const surface::LitSurfaces* lit = plan.lit ? &surfaces.lit : nullptr;
@@ -269,7 +270,7 @@ BakedLevels bake_levels(const Scene& scene, const BakePlan& plan, const gpu::Dev
             stages.set_of("");
             stages.begin("turn");
             turned.reset();
-            turned = std::make_unique<TurnedScene>(world, plan, grid.turn);
+            turned = std::make_unique<TurnedScene>(world, plan, device, grid.turn);
             stages.end("the scene into a box's axes");
         }
         if (const std::string of = of_level(l, plan); !of.empty())

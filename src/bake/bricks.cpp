@@ -656,7 +656,7 @@ BakedBricks bake_bricks(const Scene& scene, const BakePlan& plan, const gpu::Dev
     solver::Stages stages(progress, baked.warnings, scene.path, plan.settings.cache);
     const std::unique_ptr<solver::Solver> solver =
         plan.settings.solver.kind().make(device, plan.grid, plan.settings.solver);
-    const visibility::Visibility visibility = open_scene(scene, plan, stages);
+    const visibility::Visibility visibility = open_scene(scene, plan, device, stages);
     const surface::LitSurfaces surfaces = light_scene(scene, plan, visibility, stages);
     const solver::Inputs inputs{scene,      device,    plan.grid, plan.frame,
                                 visibility, &surfaces, plan.maps, plan.settings.adjust};

@@ -24,16 +24,6 @@ void warn_of_backs(const Scene& scene, const visibility::Visibility& visibility,
                 light.name.c_str(), 100.0 * backs));
 }
 
-/// As the device calls itself, but for the width of llvmpipe's vectors, "(LLVM 15.0.6, 256 bits)":
-/// it goes by the processor, and values do not go by it.
-std::string recorded_name(const std::string& device) {
-    const std::size_t width = device.rfind(", ");
-    return device.starts_with("llvmpipe (") && device.ends_with(" bits)")
-                   && width != std::string::npos
-               ? device.substr(0, width) + ")"
-               : device;
-}
-
 } // namespace
 
 std::vector<scene::LightLayer> layers_in(const BakePlan& plan) {
@@ -59,14 +49,22 @@ LitOrigin lit_origin(const BakePlan& plan, const visibility::Visibility& visibil
     return origin;
 }
 
-visibility::Visibility open_scene(const Scene& scene, const BakePlan& plan,
-                                  solver::Stages& stages) {
-    stages.begin("visibility");
+visibility::Visibility open_visibility(const Scene& scene, const BakePlan& plan,
+                                       const gpu::Device& device) {
     visibility::Visibility visibility(scene, plan.frame, plan.settings.isa);
+    return plan.settings.rays == Rays::device ? on_device(visibility, device)
+                                              : std::move(visibility);
+}
+
+visibility::Visibility open_scene(const Scene& scene, const BakePlan& plan,
+                                  const gpu::Device& device, solver::Stages& stages) {
+    stages.begin("visibility");
+    visibility::Visibility visibility = open_visibility(scene, plan, device);
     if (plan.settings.cache)
         plan.settings.cache->set_world(world_key(scene, plan.frame, visibility));
     warn_of_backs(scene, visibility, plan.frame, stages);
-    stages.end(counted(plan.triangles, "triangle"));
+    stages.end(counted(plan.triangles, "triangle")
+               + (visibility.batch() > 0 ? ", rays by the device" : ""));
     return visibility;
 }
 
@@ -129,7 +127,7 @@ void describe_light(const Scene& scene, const BakePlan& plan, const gpu::Device&
     volume::set_content(content, volume.metadata);
     volume.metadata["bounces"] =
         plan.settings.bounces ? std::to_string(*plan.settings.bounces) : "inf";
-    volume.metadata["device"] = recorded_name(device.info().name);
+    volume.metadata["device"] = recorded_name(device.info());
     volume.metadata["tracer"] = visibility.tracer();
 }
 

@@ -18,8 +18,12 @@ surface::LightingSettings lighting_of(const BakePlan& plan);
 /// What surfaces that the plan lights are of.
 LitOrigin lit_origin(const BakePlan& plan, const visibility::Visibility& visibility);
 
-/// What answers rays; warns of lights that meet backs.
-visibility::Visibility open_scene(const Scene& scene, const BakePlan& plan, solver::Stages& stages);
+/// What answers the plan's rays, on the device too where it says so.
+visibility::Visibility open_visibility(const Scene& scene, const BakePlan& plan,
+                                       const gpu::Device& device);
+/// The same as a stage; warns of lights that meet backs.
+visibility::Visibility open_scene(const Scene& scene, const BakePlan& plan,
+                                  const gpu::Device& device, solver::Stages& stages);
 
 /// The surfaces as the plan wants them lit, in layers too, or of BakeSettings::lit; empty where it
 /// does not; warns of light

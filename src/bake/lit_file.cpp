@@ -25,7 +25,7 @@ struct Fact {
 };
 constexpr std::array facts{Fact{"another version of the program", &LitOrigin::version},
                            Fact{"another scene", &LitOrigin::scene},
-                           Fact{"another instruction set for rays", &LitOrigin::tracer},
+                           Fact{"another instruction set or device for rays", &LitOrigin::tracer},
                            Fact{"other settings", &LitOrigin::settings}};
 
 constexpr volume::Shard all{0, 0}; ///< as files of whole lit surfaces have it

@@ -616,6 +616,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     BakePlan plan;
     plan.settings = settings;
     plan.settings.isa = visibility::available(settings.isa);
+    plan.settings.rays = available(settings.rays, device);
     plan.warnings = scene.warnings;
     plan.triangles = scene.triangles;
     plan.lights = int(scene.lights.size());
@@ -652,6 +653,8 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                               "it a directional one");
     const int map_size = solver.kind().map_size(grids_in(plan).back(), solver);
     plan.lit = map_size == 0 || settings.bounces != 1 || plan.emitters || scene.sky;
+    if (!plan.lit) // nothing sends many
+        plan.settings.rays = Rays::embree;
 
     const surface::PatchCount surfaces =
         surface::count_patches(scene.surfaces, plan.frame, 1.0f, scene.cuts.get());

@@ -93,7 +93,7 @@ BakedPoints bake_points(const Scene& scene, const BakePlan& plan, volume::Points
     const std::unique_ptr<solver::Solver> solver =
         plan.settings.solver.kind().make(device, plan.grid, plan.settings.solver);
 
-    const visibility::Visibility visibility = open_scene(scene, plan, stages);
+    const visibility::Visibility visibility = open_scene(scene, plan, device, stages);
     const std::vector<glm::vec3> places = places_of(lit.points, plan.frame, visibility);
     const std::vector<scene::LightLayer> layers = layers_in(plan);
     const surface::LitSurfaces surfaces = light_scene(scene, plan, visibility, stages, layers);

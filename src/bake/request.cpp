@@ -100,6 +100,13 @@ BakeSettings settings_of(const BakeRequest& request, const solver::SolverKind& k
             throw Error(ErrorKind::argument, "`isa` " + request.isa + ": there is no such set");
         settings.isa = *isa;
     }
+    if (!request.rays.empty()) {
+        const std::optional<Rays> rays = rays_named(request.rays);
+        if (!rays)
+            throw Error(ErrorKind::argument,
+                        "`rays` " + request.rays + ": nobody of that name traces");
+        settings.rays = *rays;
+    }
     return settings;
 }
 

@@ -4,6 +4,7 @@
 #include "bake/kinds.h"
 #include "bake/layers.h"
 #include "bake/lit_file.h"
+#include "bake/rays.h"
 #include "medium/lamp_radius.h"
 #include "medium/medium.h"
 #include "scene/scene.h"
@@ -107,6 +108,7 @@ struct BakeSettings {
     int layers_level = 0; ///< in cells 2^N times as large, of one grid; 0: in those of the volume
     uint64_t points = 0;  ///< that are given instead of the grid's cells (bake/points.h); 0: none
     visibility::Isa isa = visibility::Isa::automatic; ///< that rays are traced with
+    Rays rays = Rays::automatic;                      ///< who traces them
     cache::Cache* cache = nullptr; ///< keeps what the next bake may need as well; null: nothing
 };
 

@@ -7,6 +7,8 @@ namespace lpvbake::gpu {
 
 namespace {
 
+using Usage = vk::BufferUsageFlagBits;
+
 const Buffer::Impl& checked_range(const Buffer& buffer, uint64_t offset, uint64_t bytes) {
     if (offset > buffer.bytes() || bytes > buffer.bytes() - offset)
         throw Error(ErrorKind::failure, "a copy of " + std::to_string(bytes) + " bytes at "
@@ -17,7 +19,14 @@ const Buffer::Impl& checked_range(const Buffer& buffer, uint64_t offset, uint64_
 
 } // namespace
 
-Buffer::Impl::Impl(Device::Impl& device, uint64_t bytes, Placement placement) {
+Buffer::Impl::Impl(Device::Impl& device, uint64_t bytes, Placement placement)
+    : Impl(device, bytes, placement,
+           Usage::eStorageBuffer | Usage::eUniformBuffer | Usage::eUniformTexelBuffer
+               | Usage::eVertexBuffer | Usage::eIndexBuffer | Usage::eTransferSrc
+               | Usage::eTransferDst) {}
+
+Buffer::Impl::Impl(Device::Impl& device, uint64_t bytes, Placement placement,
+                   vk::BufferUsageFlags uses) {
     // Fills come in words; nothing is empty for Vulkan.
     const uint64_t size = std::max<uint64_t>((bytes + 3) / 4 * 4, 4);
     if (size < bytes || size > device.info.max_allocation)
@@ -25,15 +34,10 @@ Buffer::Impl::Impl(Device::Impl& device, uint64_t bytes, Placement placement) {
                                            + " bytes exceeds the "
                                            + std::to_string(device.info.max_allocation) + " that '"
                                            + device.info.name + "' allows");
-    using Usage = vk::BufferUsageFlagBits;
     checked("making a buffer", [&] {
-        handle = vk::raii::Buffer(
-            device.handle, vk::BufferCreateInfo({}, size,
-                                                Usage::eStorageBuffer | Usage::eUniformBuffer
-                                                    | Usage::eUniformTexelBuffer
-                                                    | Usage::eVertexBuffer | Usage::eIndexBuffer
-                                                    | Usage::eTransferSrc | Usage::eTransferDst));
-        memory = device.allocate(handle.getMemoryRequirements(), placement);
+        handle = vk::raii::Buffer(device.handle, vk::BufferCreateInfo({}, size, uses));
+        memory = device.allocate(handle.getMemoryRequirements(), placement,
+                                 bool(uses & Usage::eShaderDeviceAddress));
         handle.bindMemory(*memory.handle(), 0);
         if (memory.mappable())
             mapped = static_cast<std::byte*>(memory.handle().mapMemory(0, VK_WHOLE_SIZE));

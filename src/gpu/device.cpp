@@ -100,6 +100,47 @@ std::string uuid_text(const std::array<uint8_t, VK_UUID_SIZE>& uuid) {
     return text;
 }
 
+/// What rays take, beside Vulkan 1.2.
+constexpr std::array ray_extensions{VK_KHR_DEFERRED_HOST_OPERATIONS_EXTENSION_NAME,
+                                    VK_KHR_ACCELERATION_STRUCTURE_EXTENSION_NAME,
+                                    VK_KHR_RAY_TRACING_PIPELINE_EXTENSION_NAME};
+using RayFeatures =
+    vk::StructureChain<vk::PhysicalDeviceFeatures2, vk::PhysicalDeviceBufferDeviceAddressFeatures,
+                       vk::PhysicalDeviceAccelerationStructureFeaturesKHR,
+                       vk::PhysicalDeviceRayTracingPipelineFeaturesKHR>;
+
+bool traces_rays(const vk::raii::PhysicalDevice& physical) {
+    const auto present = physical.enumerateDeviceExtensionProperties();
+    for (const char* const wanted : ray_extensions)
+        if (std::ranges::none_of(present, [&](const vk::ExtensionProperties& extension) {
+                return std::string_view(extension.extensionName.data()) == wanted;
+            }))
+            return false;
+    const auto has = physical.getFeatures2<vk::PhysicalDeviceFeatures2,
+                                           vk::PhysicalDeviceBufferDeviceAddressFeatures,
+                                           vk::PhysicalDeviceAccelerationStructureFeaturesKHR,
+                                           vk::PhysicalDeviceRayTracingPipelineFeaturesKHR>();
+    return has.get<vk::PhysicalDeviceBufferDeviceAddressFeatures>().bufferDeviceAddress
+           && has.get<vk::PhysicalDeviceAccelerationStructureFeaturesKHR>().accelerationStructure
+           && has.get<vk::PhysicalDeviceRayTracingPipelineFeaturesKHR>().rayTracingPipeline;
+}
+
+vk::raii::Device open(const vk::raii::PhysicalDevice& physical, uint32_t family, bool rays) {
+    constexpr float priority = 1.0f;
+    const vk::DeviceQueueCreateInfo queues({}, family, 1, &priority);
+    vk::DeviceCreateInfo info({}, queues);
+    RayFeatures wanted;
+    if (rays) {
+        wanted.get<vk::PhysicalDeviceBufferDeviceAddressFeatures>().bufferDeviceAddress = VK_TRUE;
+        wanted.get<vk::PhysicalDeviceAccelerationStructureFeaturesKHR>().accelerationStructure =
+            VK_TRUE;
+        wanted.get<vk::PhysicalDeviceRayTracingPipelineFeaturesKHR>().rayTracingPipeline = VK_TRUE;
+        info.setPEnabledExtensionNames(ray_extensions);
+        info.pNext = &wanted.get<vk::PhysicalDeviceFeatures2>();
+    }
+    return vk::raii::Device(physical, info);
+}
+
 DeviceInfo describe(const vk::raii::PhysicalDevice& physical, int index) {
     const auto chain =
         physical.getProperties2<vk::PhysicalDeviceProperties2, vk::PhysicalDeviceVulkan11Properties,
@@ -126,6 +167,7 @@ DeviceInfo describe(const vk::raii::PhysicalDevice& physical, int index) {
     info.window_alignment = std::max({core.limits.minStorageBufferOffsetAlignment,
                                       core.limits.minTexelBufferOffsetAlignment,
                                       core.limits.minUniformBufferOffsetAlignment});
+    info.traces_rays = traces_rays(physical);
     return info;
 }
 
@@ -300,9 +342,7 @@ Device::Impl::Impl(const DeviceOptions& options) : instance(options.validation) 
     memories = physical.getMemoryProperties();
     in_use.assign(memories.memoryHeapCount, 0);
     checked("opening the Vulkan device", [&] {
-        constexpr float priority = 1.0f;
-        const vk::DeviceQueueCreateInfo queues({}, family, 1, &priority);
-        handle = vk::raii::Device(physical, vk::DeviceCreateInfo({}, queues));
+        handle = open(physical, family, info.traces_rays);
         queue = vk::raii::Queue(handle, family, 0);
         pool = vk::raii::CommandPool(
             handle,
@@ -312,7 +352,8 @@ Device::Impl::Impl(const DeviceOptions& options) : instance(options.validation) 
     });
 }
 
-Memory Device::Impl::allocate(const vk::MemoryRequirements& needs, Placement placement) {
+Memory Device::Impl::allocate(const vk::MemoryRequirements& needs, Placement placement,
+                              bool addressed) {
     using Flag = vk::MemoryPropertyFlagBits;
     constexpr auto mapped = Flag::eHostVisible | Flag::eHostCoherent;
     // Uncached reads through a bus are slower than staging by orders of magnitude: device memory is
@@ -342,9 +383,12 @@ Memory Device::Impl::allocate(const vk::MemoryRequirements& needs, Placement pla
             try {
                 const bool mappable = (flags & mapped) == mapped
                                       && (wish & Flag::eHostVisible || flags & Flag::eHostCached);
-                return Memory(
-                    vk::raii::DeviceMemory(handle, vk::MemoryAllocateInfo(needs.size, type)),
-                    needs.size, &in_use[heap], mappable);
+                const vk::MemoryAllocateFlagsInfo flagged(
+                    vk::MemoryAllocateFlagBits::eDeviceAddress);
+                const vk::MemoryAllocateInfo info_of(needs.size, type,
+                                                     addressed ? &flagged : nullptr);
+                return Memory(vk::raii::DeviceMemory(handle, info_of), needs.size, &in_use[heap],
+                              mappable);
             } catch (const vk::OutOfDeviceMemoryError&) {
             } catch (const vk::OutOfHostMemoryError&) {
             } catch (const vk::SystemError& error) {
@@ -371,6 +415,7 @@ void Device::Impl::start(const vk::raii::CommandBuffer& recorded,
     checked("running on the Vulkan device", [&] {
         recorded.end();
         const vk::CommandBuffer raw = *recorded;
+        const std::lock_guard lock(submitting);
         queue.submit(vk::SubmitInfo({}, {}, raw), *done);
     });
 }

@@ -64,6 +64,8 @@ struct Instance {
 
 struct Buffer::Impl {
     Impl(Device::Impl& device, uint64_t bytes, Placement placement);
+    /// For these uses; an address is one of them.
+    Impl(Device::Impl& device, uint64_t bytes, Placement placement, vk::BufferUsageFlags uses);
 
     vk::raii::Buffer handle{nullptr};
     Memory memory;
@@ -82,6 +84,7 @@ struct __attribute__((visibility("hidden"))) Device::Impl { // in a class that i
     vk::raii::Device handle{nullptr};
     uint32_t family = 0;
     vk::raii::Queue queue{nullptr};
+    mutable std::mutex submitting; ///< guards `queue`
     vk::raii::CommandPool pool{nullptr};
     vk::raii::CommandBuffer commands{nullptr}; ///< for submit_now
     vk::raii::Fence fence{nullptr};
@@ -89,8 +92,10 @@ struct __attribute__((visibility("hidden"))) Device::Impl { // in a class that i
 
     /// Host memory for copies to and from what is not mapped; `staging_bytes` long.
     const Buffer::Impl& staging_buffer();
-    /// Memory for a buffer or an image. Throws Error (memory).
-    Memory allocate(const vk::MemoryRequirements& needs, Placement placement);
+    /// Memory for a buffer or an image; `addressed`: programs have its address. Throws Error
+    /// (memory).
+    Memory allocate(const vk::MemoryRequirements& needs, Placement placement,
+                    bool addressed = false);
     vk::raii::CommandBuffer make_commands() const;
     /// Ends the commands and submits them; the fence tells when they are done.
     void start(const vk::raii::CommandBuffer& recorded, const vk::raii::Fence& done) const;

@@ -32,7 +32,7 @@ std::string what_differs(const std::string& key) {
     if (key == "scene_hash" || key == "bake_hash" || key == "scene")
         return "another scene";
     if (key == "tracer")
-        return "another instruction set for rays";
+        return "another instruction set or device for rays";
     if (key == "device")
         return "another device";
     if (key == "settings" || key == "output_settings" || key == "choice")

@@ -244,7 +244,7 @@ void CommonFacts::add(const WorldVolume& volume, const WorldVolume::Tile& tile,
                                                               : printable(b->second))
                                 + " and "
                                 + (a == first.end() ? std::string("?") : printable(a->second)))
-                   + "; bake all rows with one `isa`");
+                   + "; bake all rows with one `isa` and `rays`");
     std::erase_if(common_->metadata, [&](const auto& fact) {
         const auto other = header.metadata.find(fact.first);
         return other == header.metadata.end() || other->second != fact.second;

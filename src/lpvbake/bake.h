@@ -48,6 +48,9 @@ struct BakeRequest {
     /// Instruction set that rays are traced with: "sse2", "avx", "avx2" or "avx512"; empty: avx2,
     /// or what an older processor has. Another one may round otherwise.
     std::string isa;
+    /// Who traces the rays of lighting and of the solver: "embree", or "device", which has to have
+    /// gpu::DeviceInfo::traces_rays; empty: such a device unless it is a CPU.
+    std::string rays;
 };
 
 /// What a bake is going to be.

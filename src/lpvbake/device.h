@@ -23,6 +23,7 @@ struct DeviceInfo {
     uint64_t max_storage_range = 0; ///< bytes of one storage-buffer binding
     uint64_t max_texels = 0;        ///< elements of one texel-buffer binding
     uint64_t window_alignment = 0;  ///< bytes that a binding's offset is a multiple of
+    bool traces_rays = false;       ///< it has VK_KHR_ray_tracing_pipeline
 };
 
 /// All devices with Vulkan 1.2 and a queue for graphics and compute, in the driver's order.

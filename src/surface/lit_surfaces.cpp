@@ -222,25 +222,35 @@ struct StartedRay {
     float cosine; ///< to the normal of its side
 };
 
-/// Rays that are traced together.
+/// Rays that are traced together, and then told of in their order.
 struct TracedRays {
-    static constexpr uint32_t most = 64;
-    size_t count = 0;
-    std::array<visibility::Ray, most> rays;
-    std::array<float, most> cosines;
-    std::array<visibility::Hit, most> hits;
-    std::array<uint32_t, most> there; ///< sides
+    std::vector<visibility::Ray> rays;
+    std::vector<float> cosines;
+    std::vector<visibility::Hit> hits;
+    std::vector<uint32_t> there; ///< sides
+    size_t told = 0;
 
+    void clear() {
+        rays.clear();
+        cosines.clear();
+        told = 0;
+    }
     void add(const StartedRay& start) {
-        rays[count] = start.ray;
-        cosines[count++] = start.cosine;
+        rays.push_back(start.ray);
+        cosines.push_back(start.cosine);
     }
-    void trace(const LitSurfaces& lit, const visibility::Visibility& visibility) {
-        const std::span all = std::span(rays).first(count);
-        visibility.closest_of_eights(all, visibility::Bundle::loose, hits);
-        lit.sides(std::span(hits).first(count), all, there);
+    void trace(const LitSurfaces& lit, const visibility::Visibility& visibility, bool many) {
+        hits.resize(rays.size());
+        there.resize(rays.size());
+        if (many)
+            visibility.closest_of_many(rays, hits);
+        else
+            visibility.closest_of_eights(rays, visibility::Bundle::loose, hits);
+        lit.sides(hits, rays, there);
     }
-    Meeting meeting(uint32_t ray, size_t i) const {
+    /// Of the next one, which is a side's `ray`.
+    Meeting tell(uint32_t ray) {
+        const size_t i = told++;
         return {ray, rays[i].origin, rays[i].direction, cosines[i], hits[i], there[i]};
     }
 };
@@ -283,9 +293,11 @@ struct DirectLight {
     int rays;       ///< into the half-space of a side
     int aimed_rays; ///< towards emitters
 
-    /// Illuminance by the rays of a side, lux. meet(Meeting) takes each ray.
+    /// Illuminance by the rays of a side, lux. meet(Meeting) takes each ray. `traced` may have them
+    /// already, as ask() has added them.
     template <class From, class Meet, class Kept = AllAnew>
-    glm::vec3 by_rays(const From& side, const Meet& meet, const Kept& kept = {}) const {
+    glm::vec3 by_rays(const From& side, const Meet& meet, const Kept& kept = {},
+                      TracedRays* traced = nullptr) const {
         glm::vec3 around{0.0f};
         const visibility::Air* const air = lit_air(visibility);
         const glm::vec3 direct = emitted(
@@ -298,48 +310,70 @@ struct DirectLight {
                     around += meeting.hit.tint * scene::sky_rest(sky, meeting.direction);
                 meet(meeting);
             },
-            kept);
+            kept, traced);
         return rays > 0 ? direct + around * (glm::pi<float>() / float(rays)) : direct;
     }
 
     /// Illuminance by the emitters that the rays of a side hit, lux. What is kept of a ray is all
     /// that is told of it, where it meets no emitter.
     template <class From, class Meet, class Kept = AllAnew>
-    glm::vec3 emitted(const From& side, const Meet& meet, const Kept& kept = {}) const {
-        const HaltonPoints points(side.index, 2);
-        const auto ray = [&](uint32_t i) {
-            const auto [from, normal] = side.start(points(side.first_ray + i, 1));
-            const glm::vec3 direction = sample_cosine(normal, points(side.first_ray + i, 0));
-            return StartedRay{{from, direction, 0.0f, HUGE_VALF}, glm::dot(direction, normal)};
-        };
+    glm::vec3 emitted(const From& side, const Meet& meet, const Kept& kept = {},
+                      TracedRays* traced = nullptr) const {
         glm::vec3 seen{0.0f};
-        TracedRays traced;
-        for (uint32_t first = 0; first < uint32_t(rays); first += TracedRays::most) {
-            const uint32_t end = std::min(first + TracedRays::most, uint32_t(rays));
-            traced.count = 0;
-            for (uint32_t i = first; i < end; ++i)
-                if (const uint32_t known = kept.there(i); !is_told(known) && known != KeptRays::sky)
-                    traced.add(ray(i));
-            traced.trace(lit, visibility);
-            size_t next = 0;
-            for (uint32_t i = first; i < end; ++i) {
-                const uint32_t known = kept.there(i);
-                if (is_told(known)) {
-                    const visibility::Hit hit{.instance = 0, .tint = kept.tint(i)};
-                    meet(Meeting{i, glm::vec3(0.0f), glm::vec3(0.0f), 0.0f, hit, known});
-                } else if (known == KeptRays::sky) {
-                    const StartedRay start = ray(i);
-                    const visibility::Hit hit{.tint = kept.tint(i)};
-                    meet(Meeting{i, start.ray.origin, start.ray.direction, start.cosine, hit,
-                                 LitSurfaces::no_side});
-                } else {
-                    const Meeting meeting = traced.meeting(i, next++);
-                    meet(meeting);
-                    seen += by_chance(meeting);
-                }
+        if (traced) {
+            tell(side, 0, uint32_t(rays), meet, kept, *traced, seen);
+        } else {
+            constexpr uint32_t most = 64;
+            thread_local TracedRays some;
+            for (uint32_t first = 0; first < uint32_t(rays); first += most) {
+                const uint32_t end = std::min(first + most, uint32_t(rays));
+                some.clear();
+                ask(side, first, end, kept, some);
+                some.trace(lit, visibility, false);
+                tell(side, first, end, meet, kept, some, seen);
             }
         }
         return rays > 0 ? seen * (glm::pi<float>() / float(rays)) : seen;
+    }
+
+    /// Adds those of the rays [first, end) of a side that have to be traced.
+    template <class From, class Kept>
+    void ask(const From& side, uint32_t first, uint32_t end, const Kept& kept,
+             TracedRays& traced) const {
+        const HaltonPoints points(side.index, 2);
+        for (uint32_t i = first; i < end; ++i)
+            if (const uint32_t known = kept.there(i); !is_told(known) && known != KeptRays::sky)
+                traced.add(ray_of(side, points, i));
+    }
+
+    /// Tells of the same rays. Adds to `seen` what emitters send them.
+    template <class From, class Meet, class Kept>
+    void tell(const From& side, uint32_t first, uint32_t end, const Meet& meet, const Kept& kept,
+              TracedRays& traced, glm::vec3& seen) const {
+        const HaltonPoints points(side.index, 2);
+        for (uint32_t i = first; i < end; ++i) {
+            const uint32_t known = kept.there(i);
+            if (is_told(known)) {
+                const visibility::Hit hit{.instance = 0, .tint = kept.tint(i)};
+                meet(Meeting{i, glm::vec3(0.0f), glm::vec3(0.0f), 0.0f, hit, known});
+            } else if (known == KeptRays::sky) {
+                const StartedRay start = ray_of(side, points, i);
+                const visibility::Hit hit{.tint = kept.tint(i)};
+                meet(Meeting{i, start.ray.origin, start.ray.direction, start.cosine, hit,
+                             LitSurfaces::no_side});
+            } else {
+                const Meeting meeting = traced.tell(i);
+                meet(meeting);
+                seen += by_chance(meeting);
+            }
+        }
+    }
+
+    template <class From>
+    static StartedRay ray_of(const From& side, const HaltonPoints& points, uint32_t i) {
+        const auto [from, normal] = side.start(points(side.first_ray + i, 1));
+        const glm::vec3 direction = sample_cosine(normal, points(side.first_ray + i, 0));
+        return {{from, direction, 0.0f, HUGE_VALF}, glm::dot(direction, normal)};
     }
 
     /// What is kept of a ray is all that is told of it.
@@ -384,8 +418,9 @@ void find_layered(const DirectLight& light, const Spots& spots, const Meeting& m
 }
 
 /// Finds the light of an element's rays, without that of other elements, and which sides they meet.
+/// `traced` may have them already.
 void look_around(const DirectLight& light, const Spots& spots, const Elements& elements, size_t i,
-                 ElementRays& rays, LayeredElements* layered, KeptRays& kept) {
+                 ElementRays& rays, LayeredElements* layered, KeptRays& kept, TracedRays* traced) {
     const ElementSide element{light.lit.patches, elements, i};
     const auto count = size_t(light.rays);
     const size_t own = i - rays.first;
@@ -411,7 +446,7 @@ void look_around(const DirectLight& light, const Spots& spots, const Elements& e
                                         spots.density(meeting.there));
     };
     glm::vec3& lux = rays.lux[own];
-    lux = light.by_rays(element, take, KeptOfElement{kept, i, spots.luminance});
+    lux = light.by_rays(element, take, KeptOfElement{kept, i, spots.luminance}, traced);
     const auto aim = [&](const EmitterSampling& at, uint32_t purpose, const auto& meet) {
         return aimed(element, at, light.aimed_rays, light.rays, light.visibility, purpose,
                      [&](const EmitterSampling::Sample& to, glm::vec3 share) {
@@ -452,11 +487,28 @@ ElementRays find_around(const Scene& scene, const LightingSettings& settings,
     ElementRays rays(first, end, settings.bounces == 1 ? 0 : size_t(count), visibility.is_tinted());
     KeptRays kept(keeper, elements, size_t(count), visibility.is_tinted());
     progress.begin("lighting", end - first);
-    constexpr size_t block = 8192;
+    // As many as are best traced together are looked around at a time.
+    const size_t together = visibility.batch() / size_t(count);
+    const auto look = [&](size_t from, size_t to) {
+        std::optional<TracedRays> traced;
+        if (together > 0) {
+            traced.emplace();
+            for (size_t i = from; i < to; ++i)
+                light.ask(ElementSide{lit.patches, elements, i}, 0, uint32_t(count),
+                          KeptOfElement{kept, i, spots.luminance}, *traced);
+            traced->trace(lit, visibility, true);
+        }
+        for (size_t i = from; i < to; ++i)
+            look_around(light, spots, elements, i, rays, layered, kept,
+                        traced ? &*traced : nullptr);
+    };
+    const size_t step = std::max<size_t>(together, 1),
+                 block = std::max<size_t>(8192, 64 * together);
     for (size_t begin = first; begin < end; begin += block) {
         progress.advance(begin - first);
-        tbb::parallel_for(begin, std::min(end, begin + block), [&](size_t i) {
-            look_around(light, spots, elements, i, rays, layered, kept);
+        const size_t to = std::min(end, begin + block);
+        tbb::parallel_for(size_t(0), (to - begin + step - 1) / step, [&](size_t k) {
+            look(begin + k * step, std::min(to, begin + (k + 1) * step));
         });
     }
     kept.keep();

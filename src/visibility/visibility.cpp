@@ -62,6 +62,7 @@ struct Visibility::Impl {
     Isa isa = Isa::automatic; ///< of the device
     RTCScene bvh = nullptr;
     const glm::vec3* positions = nullptr; ///< of the acceleration structure, which owns them
+    size_t vertices = 0;
     const glm::uvec3* triangles = nullptr;
     std::optional<Opposites> opposites;
 
@@ -421,6 +422,7 @@ Visibility Visibility::in_frame(const scene::Frame& own, const scene::Frame& oth
     Visibility placed(impl_, scale_ * float(other.unit / own.unit),
                       to_structure(glm::vec3(own.from_world(other.origin))));
     placed.air_ = air_;
+    placed.caster_ = caster_;
     return placed;
 }
 
@@ -428,7 +430,27 @@ Visibility Visibility::in_air(std::shared_ptr<const Air> air) const {
     Visibility other(impl_, scale_, offset_);
     other.captures_ = captures_;
     other.air_ = std::move(air);
+    other.caster_ = caster_;
     return other;
+}
+
+Visibility Visibility::by(std::shared_ptr<const Caster> caster) const {
+    Visibility other(impl_, scale_, offset_);
+    other.captures_ = captures_;
+    other.air_ = air_;
+    other.caster_ = std::move(caster);
+    return other;
+}
+
+CastSurfaces Visibility::surfaces() const {
+    CastSurfaces surfaces{{impl_->positions, impl_->vertices}, {}};
+    surfaces.triangles.reserve(impl_->origins.size());
+    for (uint32_t i = 0; i < impl_->origins.size(); ++i) {
+        const Material& material = impl_->scene.materials[size_t(impl_->mesh_of(i).material)];
+        surfaces.triangles.push_back(
+            {impl_->triangles[i], scene::is_partly_clear(material), impl_->is_culled(i, true)});
+    }
+    return surfaces;
 }
 
 void Visibility::dim(const Ray& ray, Hit& hit) const {
@@ -515,6 +537,7 @@ Visibility::Visibility(const Scene& scene, const scene::Frame& frame, Isa isa,
         indices.push_back(glm::uvec3(0)); // a degenerate triangle that no ray meets
     std::copy(indices.begin(), indices.end(), target);
     impl.positions = positions;
+    impl.vertices = vertices;
     impl.triangles = target;
     rtcCommitGeometry(geometry);
     rtcAttachGeometry(impl.bvh, geometry);
@@ -786,7 +809,7 @@ std::string Visibility::tracer() const {
     };
     return "Embree " + part(RTC_DEVICE_PROPERTY_VERSION_MAJOR) + "."
            + part(RTC_DEVICE_PROPERTY_VERSION_MINOR) + "." + part(RTC_DEVICE_PROPERTY_VERSION_PATCH)
-           + " " + name_of(impl_->isa);
+           + " " + name_of(impl_->isa) + (caster_ ? ", " + caster_->name() : "");
 }
 
 bool Visibility::is_veiled() const {
@@ -848,6 +871,55 @@ void Visibility::filter_of_eights(std::span<const Ray> rays, Bundle bundle,
             if (air_ && passed != glm::vec3(0.0f))
                 passed *= left_in_air(some[i]);
         }
+    }
+}
+
+void Visibility::closest_of_many(std::span<const Ray> rays, std::span<Hit> hits) const {
+    if (!caster_)
+        return closest_of_eights(rays, Bundle::loose, hits);
+    thread_local std::vector<Ray> own;
+    thread_local std::vector<Caster::Met> met;
+    own.resize(is_placed() ? rays.size() : 0);
+    met.resize(rays.size());
+    const std::span<const Ray> placed = to_structure(rays, own);
+    caster_->nearest(placed, met);
+    const Impl& impl = *impl_;
+    for (size_t i = 0; i < rays.size(); ++i) {
+        const Ray& ray = placed[i];
+        Hit& hit = hits[i];
+        const uint32_t primitive = met[i].triangle;
+        if (primitive == Caster::unsure) {
+            hit = nearest(impl, ray, Seen::by_light);
+        } else if (primitive == Caster::none) {
+            hit = {};
+        } else {
+            const glm::uvec3 v = impl.triangles[primitive];
+            const glm::vec3 a = impl.positions[v.x];
+            hit = to_hit(impl, ray.direction, met[i].t, primitive, met[i].barycentric,
+                         glm::cross(impl.positions[v.y] - a, impl.positions[v.z] - a));
+            turn_to_front(impl, ray, primitive, hit);
+        }
+        dim(ray, hit);
+    }
+}
+
+void Visibility::filter_of_many(std::span<const Ray> rays, std::span<glm::vec3> result) const {
+    if (!caster_)
+        return filter_of_eights(rays, Bundle::loose, result);
+    thread_local std::vector<Ray> own;
+    thread_local std::vector<uint32_t> met;
+    own.resize(is_placed() ? rays.size() : 0);
+    met.resize(rays.size());
+    const std::span<const Ray> placed = to_structure(rays, own);
+    caster_->any(placed, met);
+    for (size_t i = 0; i < rays.size(); ++i) {
+        glm::vec3& passed = result[i];
+        passed = met[i] == Caster::none ? glm::vec3(1.0f) : glm::vec3(0.0f);
+        if (met[i] == Caster::unsure)
+            passed = left_of<glm::vec3>(*impl_, placed[i],
+                                        [&](const Ray& of) { return filter_of_others(of); });
+        if (air_ && passed != glm::vec3(0.0f))
+            passed *= left_in_air(placed[i]);
     }
 }
 

@@ -8,6 +8,7 @@
 #include "scene/frame.h"
 #include "scene/roles.h"
 #include "visibility/air.h"
+#include "visibility/caster.h"
 #include "visibility/isa.h"
 
 #include <cstdint>
@@ -93,6 +94,12 @@ public:
     /// light is among the tints of hits and in what filter() tells. Null: in none.
     Visibility in_air(std::shared_ptr<const Air> air) const;
     const Air* air() const { return air_.get(); }
+    /// The same, but for who answers closest_of_many() and filter_of_many(). Null: Embree.
+    Visibility by(std::shared_ptr<const Caster> caster) const;
+    /// What a caster is made of. None of zero area; there may be none at all.
+    CastSurfaces surfaces() const;
+    /// Rays that those are best asked at a time; 0: any number, it makes no difference.
+    size_t batch() const { return caster_ ? caster_->batch() : 0; }
     /// Units of the frame that the structure was built in, in one of this one's.
     float scale() const { return scale_; }
 
@@ -110,7 +117,8 @@ public:
     /// The tints alone, of what light or, with `fronts`, an eye has passed; those of surfaces at
     /// the segment's end are not among them.
     glm::vec3 tint(const Ray& ray, bool fronts = false) const;
-    /// What traces, with its version and instruction set: other ones may round otherwise.
+    /// What traces, with its version and instruction set, and the caster's name: other ones may
+    /// round otherwise.
     std::string tracer() const;
     /// Some surface lets a part of the light pass.
     bool is_veiled() const;
@@ -154,6 +162,9 @@ public:
     void closest_of_eights(std::span<const Ray> rays, Bundle bundle, std::span<Hit> hits) const;
     void filter_of_eights(std::span<const Ray> rays, Bundle bundle,
                           std::span<glm::vec3> result) const;
+    /// The same of loose rays, by the caster where there is one.
+    void closest_of_many(std::span<const Ray> rays, std::span<Hit> hits) const;
+    void filter_of_many(std::span<const Ray> rays, std::span<glm::vec3> result) const;
 
     struct Impl;
 
@@ -180,6 +191,7 @@ private:
     std::shared_ptr<Impl> impl_;
     std::shared_ptr<Captures> captures_;
     std::shared_ptr<const Air> air_;
+    std::shared_ptr<const Caster> caster_;
     float scale_ = 1.0f;
     glm::vec3 offset_{0.0f};
 };

@@ -352,6 +352,7 @@ TEST_F(Cli, WrongCommandLinesAreRefusedBeforeAnyWork) {
         {"--precision", {"double"}},
         {"--bytes", {"0", "-1M", "much"}},
         {"--isa", {"avx3", "AVX2", ""}},
+        {"--rays", {"gpu", "Embree", ""}},
         {"--packing", {"tile"}},
         {"--threads", {"-1", "many"}},
         {"--format", {"yaml"}},

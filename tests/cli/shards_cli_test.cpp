@@ -181,7 +181,7 @@ TEST_F(ShardsCli, WhatIsNotAllOfOneBakeIsRefusedByName) {
     must("bake " + gather + "--vpls 100 -o third --shard 3/4");
     refused("p1 p2 third p4", "third: is of other settings than p1: vpls = 100, not none such");
     must("bake " + gather + "--isa sse2 -o third --shard 3/4");
-    refused("p1 p2 third p4", "third: is of another instruction set for rays than p1");
+    refused("p1 p2 third p4", "third: is of another instruction set or device for rays than p1");
     must("bake " + gather + "-o whole.vdb");
     refused("p1 p2 whole.vdb p4", "whole.vdb: is no part of a bake");
     write_brighter_room();
@@ -231,7 +231,7 @@ TEST_F(ShardsCli, LitSurfacesOfSomethingElseAreRefusedByName) {
     };
     refused("other.gltf" + gather.substr(5), "is of another scene");
     refused(gather + "--vpls 100 ", "is of other settings: none such, not vpls = 100");
-    refused(gather + "--isa sse2 ", "is of another instruction set for rays");
+    refused(gather + "--isa sse2 ", "is of another instruction set or device for rays");
     for (const std::size_t at : {bytes.size() / 3, bytes.size() - 1}) {
         std::string other = bytes;
         other[at] ^= 1;
@@ -285,7 +285,8 @@ TEST_F(ShardsCli, LitSurfacesThatAreNotAllOfOneAreRefusedByName) {
     must("light " + gather + "--vpls 100 -o other.lit --shard 2/3");
     refused("p1.lit other.lit p3.lit", "other.lit: is of other settings than p1.lit: vpls = 100");
     must("light " + gather + "--isa sse2 -o other.lit --shard 2/3");
-    refused("p1.lit other.lit p3.lit", "other.lit: is of another instruction set for rays");
+    refused("p1.lit other.lit p3.lit",
+            "other.lit: is of another instruction set or device for rays");
     write_brighter_room();
     must("light other.gltf" + gather.substr(5) + "-o other.lit --shard 2/3");
     refused("p1.lit other.lit p3.lit", "other.lit: is of another scene than p1.lit");

@@ -124,17 +124,18 @@ void CellZone::find(std::span<const glm::ivec3> cells) {
     for (const glm::ivec3 cell : cells)
         add(cell - base_, ranks);
     std::atomic<uint64_t> rays = 0;
+    const size_t step = std::max(most_looks, together());
     for (const std::vector<glm::ivec3>& points : ranks)
-        tbb::parallel_for(size_t(0), (points.size() + most_looks - 1) / most_looks, [&](size_t i) {
-            const size_t begin = i * most_looks;
-            rays += find_from(
-                std::span(points).subspan(begin, std::min(most_looks, points.size() - begin)));
+        tbb::parallel_for(size_t(0), (points.size() + step - 1) / step, [&](size_t i) {
+            const size_t begin = i * step;
+            rays +=
+                find_from(std::span(points).subspan(begin, std::min(step, points.size() - begin)));
         });
     rays_ += rays;
 }
 
 uint64_t CellZone::find_from(std::span<const glm::ivec3> points) const {
-    std::array<Look, most_looks> looks;
+    std::vector<Look> looks(points.size());
     std::vector<uint64_t> open(words_ * points.size());
     for (size_t i = 0; i < points.size(); ++i) {
         const std::span<uint64_t> own = std::span(open).subspan(i * words_, words_);
@@ -143,7 +144,7 @@ uint64_t CellZone::find_from(std::span<const glm::ivec3> points) const {
         const uint32_t pattern = pattern_of(cells_.place(cell)) + 0x9e3779b1u * cells_.draw;
         looks[i] = {cells_.point(world_.visibility, cell), pattern, own, bits(points[i])};
     }
-    return look(std::span(looks).first(points.size()));
+    return look(looks);
 }
 
 void CellZone::take_agreed(glm::ivec3 point, std::span<uint64_t> open) const {

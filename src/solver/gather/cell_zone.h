@@ -80,7 +80,7 @@ private:
     /// The edge of the cube whose corners a point asks, and that cube's first one; 0: it asks none.
     int cube_around(glm::ivec3 point, glm::ivec3& lo) const;
     void add(glm::ivec3 point, Ranks& ranks);
-    /// Finds what up to most_looks points see; returns how many rays it took.
+    /// Finds what some points of a rank see; returns how many rays it took.
     uint64_t find_from(std::span<const glm::ivec3> points) const;
     /// Sets what corners agree on that a point sees; `open`: the sources that it has to test.
     void take_agreed(glm::ivec3 point, std::span<uint64_t> open) const;

@@ -167,15 +167,14 @@ private:
     uint64_t look(Packet& packet, Bits& bits) const {
         const size_t words = packet.zone->words();
         bits.assign(packet.cells.size() * words, 0);
-        uint64_t rays = 0;
+        std::vector<Zone::Look> looks;
         for (size_t i = 0; i < packet.cells.size(); ++i) {
             const glm::vec3 place = places_[packet.cells[i]];
             packet.points.push_back(world_.visibility.capture_at(place).point);
-            rays += packet.zone->look(packet.points.back(), pattern_of(place), {},
-                                      bits.data() + i * words);
             packet.sees.push_back(bits.data() + i * words);
+            looks.push_back({packet.points.back(), pattern_of(place), {}, bits.data() + i * words});
         }
-        return rays;
+        return packet.zone->look(looks);
     }
 
     std::span<const glm::vec3> places_;

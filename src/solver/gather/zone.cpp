@@ -257,13 +257,34 @@ void Zone::set_seen(const Look& place, const Tests& tests,
     }
 }
 
+size_t Zone::together() const {
+    return world_.visibility.batch() / std::max<size_t>(clusters_.size() + world_.sky.size(), 1);
+}
+
 uint64_t Zone::look(std::span<const Look> places) const {
-    thread_local std::array<Tests, most_looks> all;
+    thread_local std::vector<Tests> all;
+    // By Embree those of a place at a time, else those of all.
+    const size_t step = together() > 0 ? places.size() : most_looks;
+    uint64_t rays = 0;
+    for (size_t first = 0; first < places.size(); first += step) {
+        const std::span<const Look> some =
+            places.subspan(first, std::min(step, places.size() - first));
+        if (all.size() < some.size())
+            all.resize(some.size());
+        const std::span<Tests> tests = std::span(all).first(some.size());
+        for (Tests& own : tests)
+            own.clear();
+        for (size_t p = 0; p < some.size(); p += most_looks) {
+            const size_t count = std::min(most_looks, some.size() - p);
+            find_tests(some.subspan(p, count), tests.subspan(p, count));
+        }
+        rays += together() > 0 ? ask_at_once(some, tests) : ask(some, tests);
+    }
+    return rays;
+}
+
+uint64_t Zone::ask(std::span<const Look> places, std::span<const Tests> tests) const {
     thread_local std::vector<glm::vec3> passed;
-    const std::span<Tests> tests = std::span(all).first(places.size());
-    for (Tests& own : tests)
-        own.clear();
-    find_tests(places, tests);
     uint64_t rays = 0;
     for (size_t p = 0; p < places.size(); ++p) {
         passed.resize(tests[p].ways.size());
@@ -272,6 +293,22 @@ uint64_t Zone::look(std::span<const Look> places) const {
         rays += passed.size();
     }
     return rays;
+}
+
+uint64_t Zone::ask_at_once(std::span<const Look> places, std::span<const Tests> tests) const {
+    thread_local std::vector<visibility::Ray> ways;
+    thread_local std::vector<glm::vec3> passed;
+    ways.clear();
+    for (const Tests& own : tests)
+        ways.insert(ways.end(), own.ways.begin(), own.ways.end());
+    passed.resize(ways.size());
+    world_.visibility.filter_of_many(ways, passed);
+    std::span<const glm::vec3> left(passed);
+    for (size_t p = 0; p < places.size(); ++p) {
+        set_seen(places[p], tests[p], left.first(tests[p].ways.size()));
+        left = left.subspan(tests[p].ways.size());
+    }
+    return ways.size();
 }
 
 Zone::Masks Zone::masks_of(std::span<const uint64_t* const> sees, size_t source) const {

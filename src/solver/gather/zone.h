@@ -57,11 +57,13 @@ public:
             return open.empty() || (open[source / 64] >> (source % 64) & 1) != 0;
         }
     };
-    /// How many places look at once, at most.
+    /// How many places weigh the points of clusters at once, at most.
     static constexpr size_t most_looks = 16;
-    /// Each as if it looked alone; together they weigh the points of clusters in less time. Returns
-    /// how many rays it took.
+    /// Each as if it looked alone; together they weigh the points of clusters in less time, and ask
+    /// a caster at once. Returns how many rays it took.
     uint64_t look(std::span<const Look> places) const;
+    /// How many places a caster is best asked for at once; 0: it makes no difference.
+    size_t together() const;
     uint64_t look(glm::vec3 from, uint32_t pattern, std::span<const uint64_t> open,
                   uint64_t* sees) const {
         const Look place{from, pattern, open, sees};
@@ -100,6 +102,8 @@ private:
     void aim(uint32_t source, Lanes& eight) const;
     struct Tests;
     void find_tests(std::span<const Look> places, std::span<Tests> tests) const;
+    uint64_t ask(std::span<const Look> places, std::span<const Tests> tests) const;
+    uint64_t ask_at_once(std::span<const Look> places, std::span<const Tests> tests) const;
     void set_seen(const Look& place, const Tests& tests, std::span<const glm::vec3> passed) const;
     /// Which of some places see a source, a channel: all channels of `all`, and one more of each.
     struct Masks {

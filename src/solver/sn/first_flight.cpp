@@ -78,20 +78,23 @@ float mean_luminance(const SnLight& light, const Grid& grid, std::span<const flo
     return float(sum / double(mean_rays));
 }
 
-void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
-                    std::span<const glm::vec3> travel, size_t stride,
-                    std::span<glm::vec4> luminance, Sights* sights, size_t first) {
-    constexpr size_t eight = 8, together = 8; // places; directions whose patches are sought at once
-    std::array<visibility::Ray, eight * together> rays;
-    std::array<visibility::Hit, eight * together> hits;
-    std::array<uint32_t, eight * together> sides;
-    std::array<glm::vec3, eight> points;
-    const size_t count = places.size();
-    for (size_t i = 0; i < count; ++i)
-        points[i] = light.visibility.capture(places[i].cell).point;
-    const auto take = [&](size_t i, size_t d, const Sight& sight, float t) {
+namespace {
+
+/// Where what arrives in some cells is put.
+struct Arrivals {
+    const SnLight& light;
+    std::span<const glm::vec3> points;
+    std::span<const glm::vec3> travel;
+    size_t stride;
+    std::span<glm::vec4> luminance;
+    Sights* sights;
+    size_t first;
+
+    /// Of place i along direction d.
+    void take(size_t i, size_t d, const visibility::Hit& hit, uint32_t side) {
+        const Sight sight{hit.instance == visibility::no_hit ? Sight::sky : side, hit.tint};
         glm::vec4& arrives = luminance[i * stride + d];
-        const float end = sight.side == Sight::sky ? HUGE_VALF : t;
+        const float end = sight.side == Sight::sky ? HUGE_VALF : hit.t;
         arrives = glm::vec4(light.part == LightPart::surfaces
                                 ? light.luminance(sight, -travel[d])
                                 : light.air->sent(points[i], -travel[d], 0.0f, end),
@@ -100,23 +103,63 @@ void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
             sights->sides[first + i * stride + d] = sight.side;
         if (sights && !sights->tints.empty())
             sights->tints[first + i * stride + d] = sight.tint;
-    };
-    for (size_t begin = 0; begin < travel.size(); begin += together) {
-        const size_t end = std::min(travel.size(), begin + together);
-        size_t used = 0;
-        for (size_t d = begin; d < end; ++d, used += count) {
-            const std::span own = std::span(rays).subspan(used, count);
-            for (size_t i = 0; i < count; ++i)
-                own[i] = {points[i], -travel[d], 0.0f, HUGE_VALF};
-            light.visibility.closest_of_eights(own, visibility::Bundle::tight,
-                                               std::span(hits).subspan(used, count));
-        }
-        light.lit.sides(std::span(hits).first(used), rays, sides);
-        for (size_t k = 0; k < used; ++k)
-            take(k % count, begin + k / count,
-                 {hits[k].instance == visibility::no_hit ? Sight::sky : sides[k], hits[k].tint},
-                 hits[k].t);
     }
+
+    /// By Embree, whose rays of a direction are alike, of up to eight places.
+    void trace_eight() {
+        constexpr size_t eight = 8, together = 8; // directions whose patches are sought at once
+        std::array<visibility::Ray, eight * together> rays;
+        std::array<visibility::Hit, eight * together> hits;
+        std::array<uint32_t, eight * together> sides;
+        const size_t count = points.size();
+        for (size_t begin = 0; begin < travel.size(); begin += together) {
+            const size_t end = std::min(travel.size(), begin + together);
+            size_t used = 0;
+            for (size_t d = begin; d < end; ++d, used += count) {
+                const std::span own = std::span(rays).subspan(used, count);
+                for (size_t i = 0; i < count; ++i)
+                    own[i] = {points[i], -travel[d], 0.0f, HUGE_VALF};
+                light.visibility.closest_of_eights(own, visibility::Bundle::tight,
+                                                   std::span(hits).subspan(used, count));
+            }
+            light.lit.sides(std::span(hits).first(used), rays, sides);
+            for (size_t k = 0; k < used; ++k)
+                take(k % count, begin + k / count, hits[k], sides[k]);
+        }
+    }
+
+    /// By a caster, all at once.
+    void trace_many() {
+        thread_local std::vector<visibility::Ray> rays;
+        thread_local std::vector<visibility::Hit> hits;
+        thread_local std::vector<uint32_t> sides;
+        rays.clear();
+        for (const glm::vec3 along : travel)
+            for (const glm::vec3 point : points)
+                rays.push_back({point, -along, 0.0f, HUGE_VALF});
+        hits.resize(rays.size());
+        sides.resize(rays.size());
+        light.visibility.closest_of_many(rays, hits);
+        light.lit.sides(hits, rays, sides);
+        for (size_t k = 0; k < rays.size(); ++k)
+            take(k % points.size(), k / points.size(), hits[k], sides[k]);
+    }
+};
+
+} // namespace
+
+void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
+                    std::span<const glm::vec3> travel, size_t stride,
+                    std::span<glm::vec4> luminance, Sights* sights, size_t first) {
+    thread_local std::vector<glm::vec3> points;
+    points.clear();
+    for (const SnPlace& place : places)
+        points.push_back(light.visibility.capture(place.cell).point);
+    Arrivals arrivals{light, points, travel, stride, luminance, sights, first};
+    if (light.visibility.batch() > 0)
+        arrivals.trace_many();
+    else
+        arrivals.trace_eight();
 }
 
 } // namespace lpvbake::solver::sn

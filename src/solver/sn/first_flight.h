@@ -61,10 +61,10 @@ struct SnPlace {
     glm::ivec3 cell; ///< of the grid
 };
 
-/// The luminance (nits) that arrives along each direction of travel in up to eight cells:
-/// luminance[cell * stride + direction], of surfaces as it leaves them, and in w the column of air
-/// before them. What the rays met is kept in `sights`, if it is not null,
-/// from `first` on.
+/// The luminance (nits) that arrives along each direction of travel in up to eight cells, in any
+/// number where there is a caster: luminance[cell * stride + direction], of surfaces as it leaves
+/// them, and in w the column of air before them. What the rays met is kept in `sights`, if it is
+/// not null, from `first` on.
 void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
                     std::span<const glm::vec3> travel, size_t stride,
                     std::span<glm::vec4> luminance, Sights* sights, size_t first);

@@ -120,13 +120,17 @@ void trace_given(const FrontOrder& order, const SnLight& light, const Directions
             sights->tints.assign(chunk.given.size(), glm::vec3(1.0f));
     }
     const std::span<const SnPlace> all(order.given);
-    tbb::parallel_for(size_t(0), eights.size() - 1, [&](size_t i) {
-        const uint32_t from = eights[i], eight = eights[i + 1] - from;
-        for (uint32_t k = from; k < from + eight; ++k)
+    // Of a caster as many as it is best asked at a time.
+    const size_t step = std::max<size_t>(
+        1, light.visibility.batch() / std::max<size_t>(8 * directions.travel.size(), 1));
+    tbb::parallel_for(size_t(0), (eights.size() - 1 + step - 1) / step, [&](size_t i) {
+        const uint32_t from = eights[i * step];
+        const uint32_t some = eights[std::min((i + 1) * step, eights.size() - 1)] - from;
+        for (uint32_t k = from; k < from + some; ++k)
             chunk.given_slots[k - first] = all[k].slot;
         const size_t at = size_t(from - first) * stride;
-        pad(directions, stride, std::span(chunk.given).subspan(at, eight * stride));
-        trace_arriving(light, all.subspan(from, eight), directions.travel, stride,
+        pad(directions, stride, std::span(chunk.given).subspan(at, some * stride));
+        trace_arriving(light, all.subspan(from, some), directions.travel, stride,
                        std::span(chunk.given).subspan(at), sights, at);
     });
 }
