@@ -214,7 +214,7 @@ void encode(ShConvention convention, int order, std::vector<std::vector<glm::vec
 
 void decode(ShConvention convention, int order, std::vector<std::vector<glm::vec3>>& sh) {
     assert(order <= highest_order(convention));
-    if (convention == ShConvention::unity && order == 2)
+    if (convention == ShConvention::unity && order == 2 && !sh.empty()) // of a header there is none
         move_constant(sh, 1.0);
     scale(sh, convention, true);
 }

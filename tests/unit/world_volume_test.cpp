@@ -200,6 +200,12 @@ TEST_F(WorldVolume, WhatIsNotOfThePlanIsRefused) {
                      {volume::ShConvention::radiance, volume::Axes::unity});
     refused(ErrorKind::unsupported, "axes of its own");
     EXPECT_EQ(io::read_cells(noon(), glm::ivec3(0), noon().grid.dims, 1 << 30).sh_order, 1);
+    Volume of_order_2 = random_volume(volume_of(2).grid.dims, 2, false, 2, 100);
+    of_order_2.grid = volume_of(2).grid;
+    of_order_2.metadata = volume_of(2).metadata;
+    io::write_volume(world_.rows[2].file, of_order_2, Precision::full, {},
+                     {volume::ShConvention::unity, volume::Axes::gltf});
+    refused(ErrorKind::unsupported, "in a convention");
     write(2);
     EXPECT_EQ(error_of("w.world.json", [&] { io::world_volume("w.world.json", world_, ""); }).kind,
               ErrorKind::argument);
