@@ -65,6 +65,8 @@ void check_output(const BakeOptions& o, const std::string& path, const std::stri
         return io::set_path(set, o.adaptive || levels ? 2 : 1, o.places());
     };
     const volume::VolumeSet all = check_set(o, path, file_of(path), hash);
+    if (const auto shard = io::shard_of(all.levels.front()))
+        throw Error(ErrorKind::invalid, path + ": is a part, " + io::text_of(*shard));
     if (!o.layers.empty()) {
         const std::string manifest = io::layer_manifest_path(path);
         const std::vector<io::LayerEntry> layers = io::read_layer_manifest(manifest).layers;
@@ -182,7 +184,7 @@ void write_depfile(const BakeOptions& o, const Scene& scene) {
             if (c == '\n')
                 throw Error(ErrorKind::argument,
                             "--depfile: a path with a line end has no form in it");
-            if (c == ' ' || c == '#')
+            if (c == ' ' || c == '#' || c == ':')
                 text += '\\';
             text += c == '$' ? "$$" : std::string(1, c);
         }

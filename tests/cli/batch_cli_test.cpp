@@ -33,19 +33,19 @@ TEST_F(BatchCli, ADepfileHasAllThatIsRead) {
     json& uri = scene["buffers"][0]["uri"];
     const std::string embedded = uri;
     spill(folder_ / "base64", embedded.substr(embedded.find(',') + 1));
-    ASSERT_TRUE(shell("base64 -d base64 > 'my $cene/a#b.bin'"));
-    uri = "a%23b.bin";
+    ASSERT_TRUE(shell("base64 -d base64 > 'my $cene/a#b:c.bin'"));
+    uri = "a%23b%3Ac.bin";
     spill(folder_ / "my $cene/room.gltf", scene.dump());
     std::string picture = "PF\n1 1\n-1.0\n" + std::string(12, '\0');
     spill(folder_ / "sky.pfm", picture.replace(picture.size() - 12, 12, std::string(12, '\x40')));
     spill(folder_ / "a.toml", "resolution = 6\n");
     const std::string from = "bake 'my $cene/room.gltf' --quality fast --solver gather "
-                             "--config a.toml --sky sky.pfm -o a.vdb -o b.exr --depfile a.d -q";
+                             "--config a.toml --sky sky.pfm -o a.vdb -o b:c.exr --depfile a.d -q";
     ASSERT_EQ(run(from).status, 0);
     const std::string rule = slurp(folder_ / "a.d");
-    EXPECT_EQ(rule.substr(0, 13), "a.vdb b.exr: ") << rule;
+    EXPECT_EQ(rule.substr(0, 16), "a.vdb b\\:c.exr: ") << rule;
     for (const std::string file :
-         {"my\\ $$cene/room.gltf", "/my\\ $$cene/a\\#b.bin", "sky.pfm", "a.toml"})
+         {"my\\ $$cene/room.gltf", "/my\\ $$cene/a\\#b\\:c.bin", "sky.pfm", "a.toml"})
         EXPECT_NE(rule.find(file), std::string::npos) << rule;
     // Make does nothing until what is read changes, and knows every word of the rule.
     spill(folder_ / "Makefile", "a.vdb:\n\ttouch a.vdb\n\techo made >> log\n-include a.d\n");

@@ -66,6 +66,19 @@ TEST_F(UnchangedCli, ASecondBakeHasNothingToDo) {
     EXPECT_EQ(slurp(folder_ / "a.vdb"), bytes);
 }
 
+TEST_F(UnchangedCli, APartIsNoWholeVolume) {
+    grid_ = "--resolution 24"; // two zones along z
+    ASSERT_EQ(bake("--solver gather --shard 1/2 -o a.vdb").status, 0);
+    EXPECT_TRUE(is_unchanged("--solver gather --shard 1/2 -o a.vdb"));
+    const std::string part = slurp(folder_ / "a.vdb");
+    const CliResult whole = bake("--solver gather -o a.vdb --if-missing -v");
+    EXPECT_EQ(whole.status, 0) << whole.err;
+    EXPECT_NE(whole.err.find("bakes: a.vdb: is a part, shard 1 of 2"), std::string::npos)
+        << whole.err;
+    EXPECT_FALSE(slurp(folder_ / "a.vdb") == part);
+    EXPECT_TRUE(bake("--solver gather -o a.vdb --if-missing").out.starts_with("unchanged "));
+}
+
 TEST_F(UnchangedCli, OtherOptionsAreBaked) {
     ASSERT_EQ(bake("-o a.exr --target unity").status, 0);
     const std::string unity = "-o a.exr --target unity";
