@@ -301,7 +301,8 @@ void run_bricks(const BakeOptions& o, const Origin& origin, const Scene& scene,
     print_result(o, device.info(), result, run);
 }
 
-/// Sets what of the options --bytes chooses.
+} // namespace
+
 bake::Storage choose_storage(const Scene& scene, const bake::BakeSettings& base,
                              const bake::Wish& wish, BakeOptions& o) {
     bake::StorageWish storage{*o.bytes, o.outputs.paths, o.outputs.storage(), o.outputs.precision,
@@ -330,6 +331,8 @@ bake::Storage choose_storage(const Scene& scene, const bake::BakeSettings& base,
     o.outputs.precision = chosen.precision;
     return chosen;
 }
+
+namespace {
 
 /// What counts of the scene; `bounds` becomes the box of the bake.
 Scene load_for(const BakeOptions& o, const SharedScene* shared, Run& run,
@@ -369,6 +372,10 @@ options::Action declare_light(options::Options& options) {
     add_bake_options(options, *fields);
     for (const char* other : not_of_light)
         options.find(other)->listed = false;
+    options.find("output")->help = "File of lit surfaces to write, NAME.lit";
+    options.find("shard")->help =
+        "Light the i-th of N parts of the surfaces into a part, also NAME.lit; lpvbake merge makes "
+        "of all what one run would have written; see below";
     return [fields, &options] {
         BakeOptions& o = *fields;
         if (o.outputs.paths.size() != 1 || !o.outputs.paths.front().ends_with(".lit"))

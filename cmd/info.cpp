@@ -2,6 +2,7 @@
 
 #include "commands.h"
 #include "io/chart.h"
+#include "io/described.h"
 #include "io/glb.h"
 #include "io/levels.h"
 #include "io/slice.h"
@@ -151,12 +152,16 @@ void tell_of_lighting(const io::WorldVolume& world, Told& told) {
     for (const io::WorldVolume::Tile& tile : world.tiles) {
         const glm::dvec3 own(tile.end - tile.begin);
         cells += uint64_t(own.x * own.y * own.z);
-        std::error_code none;
-        const uint64_t size = fs::file_size(tile.file, none);
-        if (none)
+        if (!io::is_there(tile.file))
             continue;
         ++there;
-        bytes += size;
+        std::vector<std::string> files;
+        io::add_with_textures(tile.file, files);
+        for (const std::string& file : files) {
+            std::error_code none; // of textures, that of the tile itself
+            const uint64_t size = fs::file_size(file, none);
+            bytes += none ? 0 : size;
+        }
     }
     report::Json json{{"name", world.scenario},
                       {"grid", report::grid_json(world.grid)},

@@ -6,6 +6,7 @@
 #include "io/parts.h"
 #include "io/tres.h"
 #include "io/vdb.h"
+#include "io/world.h"
 #include "lpvbake/error.h"
 #include "render/display.h"
 #include "report/describe.h"
@@ -70,6 +71,9 @@ void run_lit(const MergeOptions& o) {
 }
 
 void run(const MergeOptions& o, const options::Options& options) {
+    if (const auto world = std::ranges::find_if(o.parts, io::is_world); world != o.parts.end())
+        throw Error(ErrorKind::argument,
+                    *world + ": is the plan of a world; lpvbake convert makes one volume of it");
     if (bake::is_lit(o.parts.front())) {
         run_lit(o);
         return;

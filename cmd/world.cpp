@@ -9,6 +9,8 @@
 #include "gpu/gpu.h"
 #include "io/glb.h"
 #include "io/io.h"
+#include "io/tres.h"
+#include "io/world_volume.h"
 #include "lpvbake/error.h"
 #include "quoted.h"
 #include "read_light.h"
@@ -96,11 +98,12 @@ std::vector<std::pair<std::size_t, std::size_t>> parse_rows(const std::string& t
     std::vector<std::pair<std::size_t, std::size_t>> rows;
     for (const std::string& part : options::split(text, ',')) {
         const std::size_t dash = part.find('-');
-        const auto first = options::parse_number(part.substr(0, dash));
-        const auto last = dash == part.npos ? first : options::parse_number(part.substr(dash + 1));
-        for (const auto& number : {first, last})
-            if (!number || *number < 0 || *number != std::floor(*number) || *number > 1e9)
+        const std::string ends[]{part.substr(0, dash),
+                                 dash == part.npos ? part : part.substr(dash + 1)};
+        for (const std::string& end : ends)
+            if (end.empty() || end.size() > 9 || end.find_first_not_of("0123456789") != end.npos)
                 options::refuse(text, "is no list of rows, as 0-9,12");
+        const auto first = options::parse_number(ends[0]), last = options::parse_number(ends[1]);
         if (*last < *first)
             options::refuse(text, "has " + part + ", which ends before it begins");
         rows.emplace_back(std::size_t(*first), std::size_t(*last));
@@ -144,10 +147,10 @@ std::unique_ptr<RowBake> row_bake(const io::World& world, const io::World::Scena
         options::take_words("bake", words_of(world, scenario, bounds, file), row->table);
         if (bake.outputs.paths.size() != 1)
             throw Error(ErrorKind::argument, "a row has one output, which the plan names");
-        if (bake.dry_run || !bake.layers.empty() || bake.adaptive || bake.shard
-            || !bake.lit.empty())
-            throw Error(ErrorKind::argument,
-                        "--dry-run, --layers, --adaptive, --shard and --lit are not for rows");
+        for (const char* name : {"dry-run", "layers", "adaptive", "shard", "lit", "depfile",
+                                 "print-config", "format", "verify", "progress"})
+            if (const options::Option* option = row->table.find(name); option && option->is_set())
+                throw Error(ErrorKind::argument, "--" + std::string(name) + " is not for rows");
     } catch (const Error& error) {
         throw Error(error.kind, "scenario " + scenario.name + ": " + error.what());
     }
@@ -236,6 +239,34 @@ Cost cost_of(const RowBake& row, const io::World& world, const Scene& scene,
     return cost;
 }
 
+/// Throws Error (argument) where the options do not fit rows of files of this kind, as each row
+/// would.
+void check_scenario(const io::World::Scenario& scenario, const RowBake& row,
+                    const std::string& kind, const io::World& world, const Scene& scene,
+                    const std::vector<PlannedTile>& tiles) {
+    BakeOptions o = row.bake;
+    const std::string title = "scenario " + scenario.name + ": ";
+    if (kind == io::tres_format.extension
+        && o.outputs.storage().encoding.convention != volume::ShConvention::godot)
+        throw Error(ErrorKind::argument, title + "--kind tres is for Godot; add --target godot");
+    if ((o.error || o.bytes) && o.sh_order == 0)
+        print_warning(title
+                      + "each row chooses its order, and rows of several orders are no one "
+                        "volume; add --sh-order");
+    if (!o.bytes)
+        return;
+    const readers::Reader reader = reader_of(*o.outputs.target, o.fit);
+    bake::BakeSettings base = to_settings(o, reader);
+    base.bounds = std::ranges::max_element(tiles, {}, [](const PlannedTile& planned) {
+                      return planned.tile.end.y - planned.tile.begin.y;
+                  })->tile.bounds(world.cell);
+    try {
+        choose_storage(scene, base, wish_of(o), o);
+    } catch (const Error& error) {
+        throw Error(error.kind, title + error.what());
+    }
+}
+
 void plan_scenario(const io::World::Scenario& scenario, const std::string& manifest,
                    const std::string& kind, io::World& world) {
     const std::string stem = manifest.substr(0, manifest.size() - std::string(end_of_name).size());
@@ -249,6 +280,7 @@ void plan_scenario(const io::World::Scenario& scenario, const std::string& manif
     const std::vector<PlannedTile> tiles = plan_tiles(world, scene, around);
     if (tiles.empty())
         throw Error(ErrorKind::invalid, world.scene + ": has no surfaces to bake tiles of");
+    check_scenario(scenario, *row, kind, world, scene, tiles);
     const std::vector<gpu::DeviceInfo> devices = gpu::list_devices();
     Volume grids;
     const Cost cost = cost_of(*row, world, scene, tiles,
@@ -342,7 +374,7 @@ RowFile read_row(const io::World::Row& row) {
             return {{}, "is of another scene, other options or another version"};
         return {std::move(volume), {}};
     } catch (const Error& error) {
-        if (!fs::exists(row.file))
+        if (!io::is_there(row.file))
             return {{}, "is missing"};
         std::string why = error.what();
         if (why.starts_with(row.file + ": "))
@@ -571,7 +603,10 @@ void check(const PlanOptions& o, const io::World& world) {
         throw Error(ErrorKind::invalid,
                     title_of(world, i) + ": " + world.rows[i].file + " " + fault
                         + (faults.size() > 1 ? format(", and %zu more", faults.size() - 1) : "")
-                        + format("; bake it with --rows %zu", i));
+                        + format("; bake it with --rows %zu", i)
+                        + (fault.starts_with("is of another")
+                               ? ", or plan the world again where the scene was edited"
+                               : ""));
     }
 }
 
@@ -610,10 +645,10 @@ options::Action declare(options::Options& options) {
         .text("-o,--output", o.output, "NAME.world.json",
               "Plan to write; the tiles will lie beside it")
         .keep_to_one_run();
-    options.number("--cell-size", o.cell, 1e-6, 1e6, "Edge of the cells, metres");
-    options.number("--tile", o.tile, 8, 1024, "Cells along an edge of a tile");
+    options.number("--cell-size", o.cell, 1e-6, 1e6, "Edge of the cells, metres; a plan needs it");
+    options.number("--tile", o.tile, 8, 1024, "Cells along an edge of a tile, 8 to 1024");
     options.number("--surroundings", o.surroundings, 0, 1e9,
-                   "How far around a tile surfaces count, metres, as for bake");
+                   "How far around a tile surfaces count, metres, as for bake; a plan needs it");
     options.values(
         "--scenario", o.scenarios, "NAME:OPTIONS", parse_scenario,
         "A lighting: options of lpvbake bake, in one word of the shell; may be repeated");

@@ -4,7 +4,6 @@
 #include "read_light.h"
 
 #include <algorithm>
-#include <filesystem>
 
 namespace lpvbake::cmd {
 
@@ -34,9 +33,8 @@ Volume read_world(const std::string& path, const WorldOptions& o) {
 }
 
 Volume header_of(const io::WorldVolume& world) {
-    const auto tile = std::ranges::find_if(world.tiles, [](const io::WorldVolume::Tile& each) {
-        return std::filesystem::exists(each.file);
-    });
+    const auto tile = std::ranges::find_if(
+        world.tiles, [](const io::WorldVolume::Tile& each) { return io::is_there(each.file); });
     const io::WorldVolume::Tile& first = tile == world.tiles.end() ? world.tiles.front() : *tile;
     io::require(world, first);
     const Volume own = read_light(first.file);

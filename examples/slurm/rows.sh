@@ -21,7 +21,7 @@ bake=$!
 trap 'kill -TERM $bake 2>/dev/null' TERM
 wait $bake
 code=$?
-case $code in # see lpvbake help exit-codes: what is worth another try
+case $code in # see the table of lpvbake help: what is worth another try
 2 | 6 | 8 | 137 | 143)
     if [[ ${SLURM_RESTART_COUNT:-0} -lt 3 ]]; then
         echo "ended with $code, again"

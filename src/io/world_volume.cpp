@@ -202,8 +202,16 @@ std::vector<std::size_t> TileShares::tiles_in(glm::ivec3 begin, glm::ivec3 end) 
     return found;
 }
 
+bool is_there(const std::string& file) {
+    const VolumeFormat* format = volume_format(file);
+    fs::path read = file;
+    if (format && format->sidecar[0] != '\0') // the textures have other names
+        read.replace_extension(format->sidecar);
+    return fs::exists(read);
+}
+
 void require(const WorldVolume& volume, const WorldVolume::Tile& tile) {
-    if (!fs::exists(tile.file))
+    if (!is_there(tile.file))
         throw Error(ErrorKind::file, volume.path + ": " + volume.title_of(tile)
                                          + " is missing; bake it with lpvbake world `rows` "
                                          + std::to_string(tile.row));
@@ -220,7 +228,8 @@ void check_tile(const WorldVolume& volume, const WorldVolume::Tile& tile, const 
         reject(volume.path, volume.title_of(tile)
                                 + " is of another scene, other options or another version; "
                                   "bake it with lpvbake world `rows` "
-                                + std::to_string(tile.row));
+                                + std::to_string(tile.row)
+                                + ", or plan the world again where the scene was edited");
 }
 
 void CommonFacts::add(const WorldVolume& volume, const WorldVolume::Tile& tile,

@@ -50,7 +50,9 @@ private:
     std::vector<std::vector<std::size_t>> near_; ///< of each tile those that have cells of its file
 };
 
-/// Throws Error (file) unless the tile's file is there.
+/// Whether the volume of that name is there: its file, or the description of its textures.
+bool is_there(const std::string& file);
+/// Throws Error (file) unless the tile is there.
 void require(const WorldVolume& volume, const WorldVolume::Tile& tile);
 /// Throws Error (invalid) unless `header`, which is what the file says of
 /// itself, is that of the row: of its place and of its hash.

@@ -8,6 +8,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include <set>
+
 namespace lpvbake {
 namespace {
 
@@ -274,6 +276,46 @@ TEST_F(WorldCli, ThePlanIsOneVolume) {
             ExitCode::invalid);
 }
 
+TEST_F(WorldCli, TilesOfTexturesAreReadToo) {
+    write(street(2));
+    const std::string to = "world street.gltf --cell-size 1 --tile 16 --surroundings 8 "
+                           "--scenario 'a:--sky #ffffff,100 --solver gather --quality fast "
+                           "--precision float' -o ";
+    ASSERT_EQ(run(to + "v.world.json").status, 0);
+    ASSERT_EQ(run("world v.world.json --rows 0-99").status, 0);
+    for (const std::string kind : {"exr", "dds"}) {
+        const std::string plan = kind + ".world.json";
+        ASSERT_EQ(run(to + plan + " --kind " + kind).status, 0);
+        expect_one_error(run("convert " + plan + " b.vdb"), kind, ExitCode::file,
+                         "is missing; bake it with");
+        ASSERT_EQ(run("world " + plan + " --rows 0-99").status, 0);
+        const json info = json::parse(run("info " + plan + " --format json").out)["lightings"][0];
+        EXPECT_EQ(info["there"], info["tiles"]);
+        EXPECT_GT(info["bytes"], 100'000);
+        const CliResult same = run("diff " + plan + " v.world.json --format json");
+        EXPECT_EQ(same.status, 0) << same.err;
+        EXPECT_EQ(json::parse(same.out)["result"], "identical");
+        EXPECT_EQ(run("convert " + plan + " b.vdb").status, 0);
+    }
+}
+
+// EvaluateOnExit of AWS Batch has up to 5 entries; what none of them says is tried again.
+TEST_F(WorldCli, TheFarmsFileEndsWhatAnotherTryDoesNotMend) {
+    const json job = json::parse(slurp(LPVBAKE_EXAMPLES "/farms/aws_batch.json"));
+    const json& entries = job["retryStrategy"]["evaluateOnExit"];
+    EXPECT_LE(entries.size(), 5u);
+    std::set<std::string> codes;
+    for (const json& entry : entries) {
+        EXPECT_EQ(entry["action"], "EXIT");
+        codes.insert(entry["onExitCode"]);
+    }
+    std::set<std::string> lasting;
+    for (const ExitCode code : {ExitCode::usage, ExitCode::invalid, ExitCode::failure,
+                                ExitCode::unsupported, ExitCode::memory})
+        lasting.insert(std::to_string(int(code)));
+    EXPECT_EQ(codes, lasting);
+}
+
 TEST_F(WorldCli, WhatCannotBeIsRefusedByName) {
     write(street(2));
     const auto refused = [&](const std::string& arguments, const std::string& text,
@@ -290,18 +332,32 @@ TEST_F(WorldCli, WhatCannotBeIsRefusedByName) {
     refused(to + "--scenario 'a:--sun \"'", "quote");
     refused(to + "--scenario a:--nothing", "scenario a: bake: unknown option --nothing");
     refused(to + "--scenario 'a:-o b.vdb'", "scenario a: a row has one output");
-    refused(to + "--scenario 'a:--layers lights'", "not for rows");
+    for (const std::string option : {"--layers lights", "--depfile a.d", "--format json",
+                                     "--verify", "--progress plain", "--dry-run", "--print-config"})
+        refused(to + "--scenario 'a:" + option + "'",
+                "scenario a: " + option.substr(0, option.find(' ')) + " is not for rows");
     refused(to + "--scenario 'a:--cell-size 2'", "--cell-size");
     refused(to + "--scenario 'a:--sky #ffffff,1' --scenario a:", "a is there twice");
     refused(to + "--scenario a:", "no light", ExitCode::invalid);
     refused("gone.gltf -o w.world.json --cell-size 1 --surroundings 8", "gone.gltf",
             ExitCode::file);
+    refused(to + "--kind tres --scenario 'a:--sky #ffffff,1'", "scenario a: --kind tres is for");
+    refused(to + "--scenario 'a:--sky #ffffff,1 --sh-order 1 --bytes 9K'",
+            "scenario a: --bytes 9216: in bytes, of which a volume takes");
+    for (const char* order : {"", " --sh-order 1"})
+        EXPECT_EQ(run("world " + to + "--scenario 'a:--sky #ffffff,1 --error 5%" + order + "'")
+                          .err.find("warning: scenario a: each row chooses its order")
+                      != std::string::npos,
+                  *order == '\0');
     ASSERT_EQ(run("world " + to + "--tile 16 --scenario 'a:--sky #ffffff,1'").status, 0);
     refused("w.world.json", "--rows 0-9 or --check");
     refused("w.world.json --rows 9", "there is no row 9");
     refused("w.world.json --rows 9-12", "there is no row 9");
+    expect_one_error(run("merge w.world.json -o b.vdb"), "merge", ExitCode::usage,
+                     "lpvbake convert makes one volume of it");
     refused("w.world.json --rows 3-1", "ends before it begins");
-    refused("w.world.json --rows a", "is no list of rows");
+    for (const char* list : {"a", "0x0", "0e0", "0-", "0,"})
+        refused("w.world.json --rows '" + std::string(list) + "'", "is no list of rows");
     refused("w.world.json --cell-size 1", "is planned");
     refused("gone.world.json --check", "gone.world.json", ExitCode::file);
     const std::string plan = slurp(folder_ / "w.world.json");
