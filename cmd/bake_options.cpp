@@ -549,9 +549,10 @@ void add_bake_options(options::Options& options, BakeOptions& o) {
     for (const bake::Rays each : bake::all_rays)
         rays.emplace_back(bake::name_of(each), each);
     options
-        .choice("--rays", o.rays, rays,
-                "Who traces the rays of lighting, gather and sn: Embree on the CPU, or the device; "
-                "auto: a device that can, unless it is a CPU (see lpvbake devices)")
+        .choice(
+            "--rays", o.rays, rays,
+            "Who traces the rays of lighting, gather and sn: Embree on the CPU, or the device; "
+            "auto: a GPU that can, for gather in scenes of many triangles (see lpvbake devices)")
         .record(options::Recorded::if_changed);
     add_dry_run_option(options, o,
                        "Print grid, memory, the files that will exist and an estimate of the time");

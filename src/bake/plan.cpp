@@ -616,7 +616,8 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     BakePlan plan;
     plan.settings = settings;
     plan.settings.isa = visibility::available(settings.isa);
-    plan.settings.rays = available(settings.rays, device);
+    plan.settings.rays = available(
+        settings.rays, device, solver.kind().name == std::string_view("gather"), scene.triangles);
     plan.warnings = scene.warnings;
     plan.triangles = scene.triangles;
     plan.lights = int(scene.lights.size());

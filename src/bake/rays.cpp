@@ -71,13 +71,17 @@ std::optional<Rays> rays_named(std::string_view name) {
     return std::nullopt;
 }
 
-Rays available(Rays rays, const gpu::DeviceInfo& device) {
+Rays available(Rays rays, const gpu::DeviceInfo& device, bool is_gather, uint64_t triangles) {
     if (rays == Rays::device && !device.traces_rays)
         throw Error(ErrorKind::device,
                     "`rays` device: '" + device.name + "' traces none; `rays` embree does");
     if (rays != Rays::automatic)
         return rays;
-    return device.traces_rays && device.type != "cpu" ? Rays::device : Rays::embree;
+    // On an H200, which has no ray cores, beside 16 CPU cores: gather of 58,772 triangles at 128
+    // and 256 cells took 0.82 of the time; of 36 triangles 1.03, and sn 1.0 and 1.07.
+    constexpr uint64_t many = 10'000;
+    const bool pays = is_gather && triangles >= many;
+    return device.traces_rays && device.type != "cpu" && pays ? Rays::device : Rays::embree;
 }
 
 std::string recorded_name(const gpu::DeviceInfo& device) {

@@ -11,7 +11,8 @@
 namespace lpvbake::bake {
 
 /// `device`: the rays of lighting and of solvers, where they are many; validity, walls and how
-/// surfaces are cut are Embree's. `automatic`: the device where it traces rays and is no CPU.
+/// surfaces are cut are Embree's. `automatic`: the device where it traces rays, is no CPU and was
+/// measured to be faster.
 enum class Rays { automatic, embree, device };
 inline constexpr std::array<Rays, 3> all_rays{Rays::automatic, Rays::embree, Rays::device};
 
@@ -20,8 +21,8 @@ const char* name_of(Rays rays);
 std::optional<Rays> rays_named(std::string_view name);
 
 /// Who traces on a device: embree or device. Throws Error (device) where it is asked for rays that
-/// it cannot trace.
-Rays available(Rays rays, const gpu::DeviceInfo& device);
+/// it cannot trace. Automatic: it is gather of a scene of so many triangles, or another solver.
+Rays available(Rays rays, const gpu::DeviceInfo& device, bool is_gather, uint64_t triangles);
 
 /// As the device calls itself, but for the width of llvmpipe's vectors, "(LLVM 15.0.6, 256 bits)":
 /// it goes by the processor, and values do not go by it.

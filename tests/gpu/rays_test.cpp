@@ -266,22 +266,24 @@ TEST(RaysOfDevices, AreChosenByWhatTheyCan) {
     gpu::DeviceInfo info;
     info.name = "card";
     info.type = "discrete";
-    EXPECT_EQ(bake::available(bake::Rays::automatic, info), bake::Rays::embree);
-    EXPECT_EQ(bake::available(bake::Rays::embree, info), bake::Rays::embree);
+    EXPECT_EQ(bake::available(bake::Rays::automatic, info, true, 10000), bake::Rays::embree);
+    EXPECT_EQ(bake::available(bake::Rays::embree, info, true, 10000), bake::Rays::embree);
     try {
-        (void)bake::available(bake::Rays::device, info);
+        (void)bake::available(bake::Rays::device, info, false, 1);
         FAIL();
     } catch (const Error& error) {
         EXPECT_EQ(error.kind, ErrorKind::device);
         EXPECT_NE(std::string(error.what()).find("'card' traces none"), std::string::npos);
     }
     info.traces_rays = true;
-    EXPECT_EQ(bake::available(bake::Rays::automatic, info), bake::Rays::device);
-    EXPECT_EQ(bake::available(bake::Rays::embree, info), bake::Rays::embree);
-    EXPECT_EQ(bake::available(bake::Rays::device, info), bake::Rays::device);
+    EXPECT_EQ(bake::available(bake::Rays::automatic, info, true, 10000), bake::Rays::device);
+    EXPECT_EQ(bake::available(bake::Rays::embree, info, true, 10000), bake::Rays::embree);
+    EXPECT_EQ(bake::available(bake::Rays::device, info, false, 1), bake::Rays::device);
+    EXPECT_EQ(bake::available(bake::Rays::automatic, info, true, 9999), bake::Rays::embree);
+    EXPECT_EQ(bake::available(bake::Rays::automatic, info, false, 10000), bake::Rays::embree);
     info.type = "cpu";
-    EXPECT_EQ(bake::available(bake::Rays::automatic, info), bake::Rays::embree);
-    EXPECT_EQ(bake::available(bake::Rays::device, info), bake::Rays::device);
+    EXPECT_EQ(bake::available(bake::Rays::automatic, info, true, 10000), bake::Rays::embree);
+    EXPECT_EQ(bake::available(bake::Rays::device, info, false, 1), bake::Rays::device);
     for (const bake::Rays rays : bake::all_rays)
         EXPECT_EQ(bake::rays_named(bake::name_of(rays)), rays);
     EXPECT_FALSE(bake::rays_named("gpu"));
