@@ -20,7 +20,8 @@ namespace lpvbake::raster {
 
 namespace {
 
-constexpr uint64_t chunk_bytes = 256ull << 20; ///< of vertices, at a time
+// Of vertices, at a time. Lavapipe takes as much again while it draws them.
+constexpr uint64_t chunk_bytes = 256ull << 20, cpu_chunk_bytes = 24ull << 20;
 constexpr vk::Format texel_format = vk::Format::eR32G32B32A32Uint;
 constexpr vk::Format depth_format = vk::Format::eD32Sfloat;
 constexpr vk::Format texture_format = vk::Format::eR8G8B8A8Srgb;
@@ -192,8 +193,9 @@ Raster::Impl::Impl(const gpu::Device& on, const Scene& scene, const scene::Frame
       rules(scene.rules),
       materials(scene.materials),
       geometry(flatten(scene, frame, is_there)) {
+    const uint64_t most = on.is_cpu() ? cpu_chunk_bytes : chunk_bytes;
     chunk_vertices =
-        std::clamp<uint64_t>(geometry.vertices.size(), 3, chunk_bytes / sizeof(RsmVertex) / 3 * 3);
+        std::clamp<uint64_t>(geometry.vertices.size(), 3, most / sizeof(RsmVertex) / 3 * 3);
     vertices = gpu::Buffer(shared, chunk_vertices * sizeof(RsmVertex));
     gpu::checked("preparing to draw the scene", [&] {
         make_textures(scene);
