@@ -36,7 +36,9 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <future>
+#include <limits>
 #include <memory>
 #include <utility>
 
@@ -113,6 +115,20 @@ std::size_t dilate(int rings, Attempt& made) {
             layer.levels[i].walls.swap(walls);
         }
     return filled;
+}
+
+/// Of the scene, until it is loaded as many as there may be.
+using Triangles = std::atomic<uint64_t>;
+constexpr uint64_t unknown = std::numeric_limits<uint64_t>::max();
+
+/// Opens the device, for rays only where the bake may take it for them: a small scene is loaded
+/// before that is asked, and a large one takes longer to load than the device to open.
+std::unique_ptr<gpu::Device> open_device(const BakeOptions& o, const Triangles& triangles) {
+    const bool gathers = std::ranges::count(wish_of(o).solvers, bake::find_solver("gather")) > 0;
+    return std::make_unique<gpu::Device>(gpu::DeviceOptions{
+        o.device, o.validation, [&](const gpu::DeviceInfo& info) {
+            return bake::available(o.rays, info, gathers, triangles) == bake::Rays::device;
+        }});
 }
 
 Attempt attempt(const BakeOptions& o, const Scene& scene, bake::Choice choice,
@@ -399,9 +415,8 @@ SharedScene load_shared(BakeOptions o, std::span<const scene::Surroundings> boxe
     check_options(o);
     add_suns(o);
     Run run(o, o, {});
-    auto opening = std::async(in_background(), [&o] {
-        return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
-    });
+    const Triangles triangles = unknown;
+    auto opening = std::async(in_background(), [&] { return open_device(o, triangles); });
     Scene scene = run.load(boxes);
     scene::Around around(scene);
     run.progress.end();
@@ -424,16 +439,15 @@ void run_bake(BakeOptions o, const options::Options& options, const SharedScene*
     base.points = points.positions.size();
     if (o.if_missing && !is_missing(o, run))
         return;
-    auto opening =
-        std::async(o.if_changed || shared ? std::launch::deferred : in_background(), [&o] {
-            return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
-        });
+    Triangles triangles = unknown;
+    auto opening = std::async(o.if_changed || shared ? std::launch::deferred : in_background(),
+                              [&] { return open_device(o, triangles); });
     std::optional<io::CacheFolder> cache;
     if (!o.cache.empty() && !o.dry_run)
         base.cache = &cache.emplace(o.cache, o.cache_bytes);
     const Scene scene = load_for(o, shared, run, base.bounds);
-    run.end_stage("load", counted(scene::triangle_count(scene), "triangle")
-                              + (o.surroundings ? " around" : "") + ", "
+    triangles = scene::triangle_count(scene);
+    run.end_stage("load", counted(triangles, "triangle") + (o.surroundings ? " around" : "") + ", "
                               + counted(scene.lights.size(), "light"));
     check_lamps(o.lamp_radii, scene);
     const std::optional<PackedScene> packed = packed_for(o.outputs.paths, o.scene, o.load);

@@ -733,7 +733,8 @@ void run(const RenderOptions& o) {
     Run run(o, o, all_outputs(o));
     const image::ImageModulePreload preload = image::preload_image_module();
     auto opening = std::async(in_background(), [&o] {
-        return std::make_unique<gpu::Device>(gpu::DeviceOptions{o.device, o.validation});
+        return std::make_unique<gpu::Device>(gpu::DeviceOptions{
+            o.device, o.validation, [](const gpu::DeviceInfo&) { return false; }});
     });
     std::optional<io::WorldVolume> world;
     if (io::is_world(o.volume))

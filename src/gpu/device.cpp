@@ -336,6 +336,7 @@ Device::Impl::Impl(const DeviceOptions& options) : instance(options.validation) 
     auto devices = candidates(instance);
     Candidate& chosen = devices[select(devices, options.selector)];
     info = chosen.info;
+    info.traces_rays = info.traces_rays && (!options.rays || options.rays(info));
     physical = std::move(chosen.physical);
     family = chosen.family;
     limits = physical.getProperties().limits;

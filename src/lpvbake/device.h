@@ -5,6 +5,7 @@
 #include "lpvbake/export.h"
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -23,7 +24,7 @@ struct DeviceInfo {
     uint64_t max_storage_range = 0; ///< bytes of one storage-buffer binding
     uint64_t max_texels = 0;        ///< elements of one texel-buffer binding
     uint64_t window_alignment = 0;  ///< bytes that a binding's offset is a multiple of
-    bool traces_rays = false;       ///< it has VK_KHR_ray_tracing_pipeline
+    bool traces_rays = false;       ///< it has VK_KHR_ray_tracing_pipeline, and was opened for it
 };
 
 /// All devices with Vulkan 1.2 and a queue for graphics and compute, in the driver's order.
@@ -33,6 +34,9 @@ LPVBAKE_API std::vector<gpu::DeviceInfo> list_devices();
 struct DeviceOptions {
     std::string selector;    ///< index, UUID or part of the name; empty: the first device
     bool validation = false; ///< load the validation layer; its messages become errors
+    /// Asked of a device that traces rays, before it is opened: whether for them, too, which takes
+    /// some drivers twice as long. Empty: yes.
+    std::function<bool(const DeviceInfo&)> rays = {};
 };
 
 /// A logical device with one queue. Not copied. It is for one thread at a time, but for what the

@@ -262,6 +262,18 @@ TEST_F(Rays, OfBakesGiveTheLightThatEmbreesDo) {
     }
 }
 
+TEST_F(Rays, AreLeftOutOfDevicesThatAreNotOpenedForThem) {
+    bool could = false;
+    const gpu::Device without(gpu::DeviceOptions{"", true, [&](const gpu::DeviceInfo& info) {
+                                                     could = info.traces_rays;
+                                                     return false;
+                                                 }});
+    EXPECT_TRUE(could);
+    EXPECT_FALSE(without.info().traces_rays);
+    EXPECT_EQ(without.info().name, device().info().name);
+    EXPECT_THROW((void)bake::available(bake::Rays::device, without.info(), true, 1), Error);
+}
+
 TEST(RaysOfDevices, AreChosenByWhatTheyCan) {
     gpu::DeviceInfo info;
     info.name = "card";
