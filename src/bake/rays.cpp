@@ -2,6 +2,7 @@
 
 #include "gpu/rays.h"
 #include "lpvbake/error.h"
+#include "solver/gather/zone.h"
 
 #include <cstddef>
 
@@ -33,14 +34,15 @@ class DeviceCaster : public Caster {
 public:
     DeviceCaster(const visibility::CastSurfaces& surfaces, const gpu::Device& device)
         : name_("rays by " + recorded_name(device.info()) + " (" + device.info().driver + ")"),
-          tracer_(device, surfaces.positions, triangles_of(surfaces)) {}
+          tracer_(device, surfaces.positions, triangles_of(surfaces),
+                  solver::gather::look_program()) {}
 
     void nearest(std::span<const Ray> rays, std::span<Met> met) const override {
         tracer_.nearest({reinterpret_cast<const gpu::DeviceRay*>(rays.data()), rays.size()},
                         {reinterpret_cast<gpu::DeviceHit*>(met.data()), met.size()});
     }
-    void any(std::span<const Ray> rays, std::span<uint32_t> met) const override {
-        tracer_.any({reinterpret_cast<const gpu::DeviceRay*>(rays.data()), rays.size()}, met);
+    void look(std::span<const std::byte> given, std::span<uint32_t> answers) const override {
+        tracer_.look(given, answers);
     }
     std::string name() const override { return name_; }
     size_t batch() const override { return gpu::RayTracer::batch; }

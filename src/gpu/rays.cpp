@@ -21,8 +21,10 @@ using Usage = vk::BufferUsageFlagBits;
 static_assert(sizeof(DeviceRay) == 32 && sizeof(DeviceHit) == 16);
 static_assert(DeviceHit::none == met_none && DeviceHit::unsure == met_unsure);
 
-/// Batches that are on their way at a time: one is traced, others are written and read.
-constexpr size_t slots = 3;
+/// Batches that are on their way at a time: some are traced, others are written and read.
+constexpr size_t slots = 8;
+constexpr uint64_t given_bytes = RayTracer::batch * sizeof(DeviceRay),
+                   answer_bytes = RayTracer::batch * sizeof(DeviceHit);
 
 uint64_t aligned(uint64_t bytes, uint64_t alignment) {
     return (bytes + alignment - 1) / alignment * alignment;
@@ -143,29 +145,32 @@ Structure build_instance(const Device& device, const Structure& triangles) {
 constexpr auto of_rays = vk::ShaderStageFlagBits::eRaygenKHR | vk::ShaderStageFlagBits::eAnyHitKHR
                          | vk::ShaderStageFlagBits::eClosestHitKHR;
 
+/// Groups of the pipeline, which start with the ways to form rays.
+enum Group : uint32_t { group_trace, group_look, group_miss, group_hit, groups_in_all };
+
 /// The programs, and the table that finds them.
 struct Pipeline {
     vk::raii::DescriptorSetLayout set_layout{nullptr};
     vk::raii::PipelineLayout layout{nullptr};
     vk::raii::Pipeline pipeline{nullptr};
     std::optional<Buffer::Impl> table;
-    std::array<vk::StridedDeviceAddressRegionKHR, 3> regions; ///< ray generation, miss, hit
+    std::array<vk::StridedDeviceAddressRegionKHR, groups_in_all> regions;
 
-    explicit Pipeline(const Device& device);
+    Pipeline(const Device& device, std::span<const uint32_t> looking);
 
 private:
-    void link(const Device& device);
+    void link(const Device& device, std::span<const uint32_t> looking);
     void fill_table(const Device& device);
 };
 
-Pipeline::Pipeline(const Device& device) {
+Pipeline::Pipeline(const Device& device, std::span<const uint32_t> looking) {
     const vk::raii::Device& handle = device.impl().handle;
     const std::array bindings{
         vk::DescriptorSetLayoutBinding(binding_tree, vk::DescriptorType::eAccelerationStructureKHR,
                                        1, of_rays),
-        vk::DescriptorSetLayoutBinding(binding_rays, vk::DescriptorType::eStorageBuffer, 1,
+        vk::DescriptorSetLayoutBinding(binding_given, vk::DescriptorType::eStorageBuffer, 1,
                                        of_rays),
-        vk::DescriptorSetLayoutBinding(binding_hits, vk::DescriptorType::eStorageBuffer, 1,
+        vk::DescriptorSetLayoutBinding(binding_answers, vk::DescriptorType::eStorageBuffer, 1,
                                        of_rays),
         vk::DescriptorSetLayoutBinding(binding_facts, vk::DescriptorType::eStorageBuffer, 1,
                                        of_rays)};
@@ -173,30 +178,33 @@ Pipeline::Pipeline(const Device& device) {
         vk::raii::DescriptorSetLayout(handle, vk::DescriptorSetLayoutCreateInfo({}, bindings));
     const vk::PushConstantRange push(of_rays, 0, sizeof(RaysPush));
     layout = vk::raii::PipelineLayout(handle, vk::PipelineLayoutCreateInfo({}, *set_layout, push));
-    link(device);
+    link(device, looking);
     fill_table(device);
 }
 
-void Pipeline::link(const Device& device) {
+void Pipeline::link(const Device& device, std::span<const uint32_t> looking) {
     const vk::raii::Device& handle = device.impl().handle;
     const auto shader = [&](std::span<const uint32_t> spirv) {
         return vk::raii::ShaderModule(
             handle, vk::ShaderModuleCreateInfo({}, spirv.size_bytes(), spirv.data()));
     };
-    const std::array modules{shader(shaders::trace_rgen), shader(shaders::trace_rmiss),
-                             shader(shaders::trace_rchit), shader(shaders::trace_rahit)};
+    const std::array modules{shader(shaders::trace_rgen), shader(looking),
+                             shader(shaders::trace_rmiss), shader(shaders::trace_rchit),
+                             shader(shaders::trace_rahit)};
     using Stage = vk::ShaderStageFlagBits;
-    const std::array kinds{Stage::eRaygenKHR, Stage::eMissKHR, Stage::eClosestHitKHR,
-                           Stage::eAnyHitKHR};
+    const std::array kinds{Stage::eRaygenKHR, Stage::eRaygenKHR, Stage::eMissKHR,
+                           Stage::eClosestHitKHR, Stage::eAnyHitKHR};
     std::vector<vk::PipelineShaderStageCreateInfo> stages;
     for (size_t i = 0; i < modules.size(); ++i)
         stages.emplace_back(vk::PipelineShaderStageCreateFlags(), kinds[i], *modules[i], "main");
-    using Group = vk::RayTracingShaderGroupCreateInfoKHR;
+    using Info = vk::RayTracingShaderGroupCreateInfoKHR;
     using Kind = vk::RayTracingShaderGroupTypeKHR;
     constexpr uint32_t unused = VK_SHADER_UNUSED_KHR;
-    const std::array groups{Group(Kind::eGeneral, 0, unused, unused, unused),
-                            Group(Kind::eGeneral, 1, unused, unused, unused),
-                            Group(Kind::eTrianglesHitGroup, unused, 2, 3, unused)};
+    const std::array<Info, groups_in_all> groups{
+        Info(Kind::eGeneral, 0, unused, unused, unused),
+        Info(Kind::eGeneral, 1, unused, unused, unused),
+        Info(Kind::eGeneral, 2, unused, unused, unused),
+        Info(Kind::eTrianglesHitGroup, unused, 3, 4, unused)};
     vk::RayTracingPipelineCreateInfoKHR info({}, stages, groups, 1);
     info.layout = *layout;
     pipeline = vk::raii::Pipeline(handle, nullptr, nullptr, info);
@@ -227,17 +235,19 @@ void Pipeline::fill_table(const Device& device) {
 
 /// A batch on its way.
 struct Slot {
-    Buffer::Impl rays, hits; ///< which the device reads and writes where they are
+    Buffer::Impl written; ///< by the host, to be copied to what is given
+    Buffer::Impl given;   ///< which programs may read many times
+    Buffer::Impl answers; ///< which they write where the host reads them
     vk::raii::CommandPool pool;
     vk::raii::CommandBuffer commands{nullptr};
     vk::raii::Fence done;
     vk::DescriptorSet set;
 
     explicit Slot(const Device& device)
-        : rays(device.impl(), RayTracer::batch * sizeof(DeviceRay), Placement::host,
-               Usage::eStorageBuffer),
-          hits(device.impl(), RayTracer::batch * sizeof(DeviceHit), Placement::host,
-               Usage::eStorageBuffer),
+        : written(device.impl(), given_bytes, Placement::host, Usage::eTransferSrc),
+          given(device.impl(), given_bytes, Placement::device,
+                Usage::eStorageBuffer | Usage::eTransferDst),
+          answers(device.impl(), answer_bytes, Placement::host, Usage::eStorageBuffer),
           pool(device.impl().handle,
                vk::CommandPoolCreateInfo(vk::CommandPoolCreateFlagBits::eResetCommandBuffer,
                                          device.impl().family)),
@@ -265,10 +275,10 @@ std::vector<uint32_t> opaque_first(std::span<const DeviceTriangle> triangles, si
 
 struct RayTracer::Impl {
     Impl(const Device& of, std::span<const glm::vec3> positions,
-         std::span<const DeviceTriangle> triangles)
+         std::span<const DeviceTriangle> triangles, std::span<const uint32_t> looking)
         : device(of),
           order(opaque_first(triangles, opaque)),
-          pipeline(of) {
+          pipeline(of, looking) {
         std::vector<glm::uvec3> corners;
         std::vector<glm::vec4> of_others;
         corners.reserve(order.size());
@@ -313,11 +323,12 @@ struct RayTracer::Impl {
                                          vk::DescriptorType::eAccelerationStructureKHR);
             first.pNext = &shown;
             std::vector<vk::WriteDescriptorSet> writes{first};
-            const std::array buffers{vk::DescriptorBufferInfo(*slot->rays.handle, 0, VK_WHOLE_SIZE),
-                                     vk::DescriptorBufferInfo(*slot->hits.handle, 0, VK_WHOLE_SIZE),
-                                     vk::DescriptorBufferInfo(*facts->handle, 0, VK_WHOLE_SIZE)};
+            const std::array buffers{
+                vk::DescriptorBufferInfo(*slot->given.handle, 0, VK_WHOLE_SIZE),
+                vk::DescriptorBufferInfo(*slot->answers.handle, 0, VK_WHOLE_SIZE),
+                vk::DescriptorBufferInfo(*facts->handle, 0, VK_WHOLE_SIZE)};
             for (uint32_t i = 0; i < buffers.size(); ++i)
-                writes.emplace_back(slot->set, binding_rays + i, 0, 1,
+                writes.emplace_back(slot->set, binding_given + i, 0, 1,
                                     vk::DescriptorType::eStorageBuffer, nullptr, &buffers[i]);
             handle.updateDescriptorSets(writes, {});
         }
@@ -347,37 +358,39 @@ struct RayTracer::Impl {
         Slot* slot_;
     };
 
-    /// Traces so many rays at most as a batch has.
-    template <class Hit>
-    void trace(std::span<const DeviceRay> rays, bool any, std::span<Hit> hits) {
+    /// Has a group form a ray of what is given for each answer.
+    template <class Answer>
+    void run(Group group, std::span<const std::byte> given, std::span<Answer> answers) {
         const Taken taken(*this);
         Slot& slot = *taken;
-        std::memcpy(slot.rays.mapped, rays.data(), rays.size_bytes());
-        const Device::Impl& gpu = device.impl();
+        std::memcpy(slot.written.mapped, given.data(), given.size());
         checked("tracing rays on the Vulkan device", [&] {
             const vk::raii::CommandBuffer& commands = slot.commands;
             commands.begin(
                 vk::CommandBufferBeginInfo(vk::CommandBufferUsageFlagBits::eOneTimeSubmit));
+            commands.copyBuffer(*slot.written.handle, *slot.given.handle,
+                                vk::BufferCopy(0, 0, given.size()));
+            using Stage = vk::PipelineStageFlagBits;
+            using Access = vk::AccessFlagBits;
+            const vk::MemoryBarrier copied(Access::eTransferWrite, Access::eShaderRead);
+            commands.pipelineBarrier(Stage::eTransfer, Stage::eRayTracingShaderKHR, {}, copied, {},
+                                     {});
             constexpr auto point = vk::PipelineBindPoint::eRayTracingKHR;
             commands.bindPipeline(point, *pipeline.pipeline);
             commands.bindDescriptorSets(point, *pipeline.layout, 0, slot.set, {});
-            const RaysPush push{uint32_t(rays.size()), any, uint32_t(opaque)};
-            commands.pushConstants<RaysPush>(*pipeline.layout, of_rays, 0, push);
-            const auto& [start, miss, hit] = pipeline.regions;
-            commands.traceRaysKHR(start, miss, hit, {}, push.rays, 1, 1);
-            full_barrier(commands);
+            commands.pushConstants<RaysPush>(*pipeline.layout, of_rays, 0,
+                                             RaysPush{uint32_t(opaque)});
+            const auto& regions = pipeline.regions;
+            commands.traceRaysKHR(regions[group], regions[group_miss], regions[group_hit], {},
+                                  uint32_t(answers.size()), 1, 1);
+            // For the host alone: batches of other slots do not wait for this one.
+            const vk::MemoryBarrier answered(Access::eShaderWrite, Access::eHostRead);
+            commands.pipelineBarrier(Stage::eRayTracingShaderKHR, Stage::eHost, {}, answered, {},
+                                     {});
         });
-        gpu.start(slot.commands, slot.done);
-        gpu.wait(slot.done);
-        std::memcpy(hits.data(), slot.hits.mapped, hits.size_bytes());
-    }
-
-    template <class Hit>
-    void trace_all(std::span<const DeviceRay> rays, bool any, std::span<Hit> hits) {
-        for (size_t first = 0; first < rays.size(); first += batch) {
-            const size_t count = std::min(batch, rays.size() - first);
-            trace(rays.subspan(first, count), any, hits.subspan(first, count));
-        }
+        device.impl().start(slot.commands, slot.done);
+        device.impl().wait(slot.done);
+        std::memcpy(answers.data(), slot.answers.mapped, answers.size_bytes());
     }
 
     const Device& device;
@@ -394,21 +407,26 @@ struct RayTracer::Impl {
 };
 
 RayTracer::RayTracer(const Device& device, std::span<const glm::vec3> positions,
-                     std::span<const DeviceTriangle> triangles)
-    : impl_(checked("building the structure of rays",
-                    [&] { return std::make_unique<Impl>(device, positions, triangles); })) {}
+                     std::span<const DeviceTriangle> triangles, std::span<const uint32_t> looking)
+    : impl_(checked("building the structure of rays", [&] {
+          return std::make_unique<Impl>(device, positions, triangles, looking);
+      })) {}
 RayTracer::~RayTracer() = default;
 
 void RayTracer::nearest(std::span<const DeviceRay> rays, std::span<DeviceHit> hits) const {
-    impl_->trace_all(rays, false, hits.first(rays.size()));
+    for (size_t first = 0; first < rays.size(); first += batch) {
+        const size_t count = std::min(batch, rays.size() - first);
+        impl_->run(group_trace, std::as_bytes(rays.subspan(first, count)),
+                   hits.subspan(first, count));
+    }
     if (!impl_->order.empty())
         for (DeviceHit& hit : hits.first(rays.size()))
             if (hit.triangle < impl_->order.size())
                 hit.triangle = impl_->order[hit.triangle];
 }
 
-void RayTracer::any(std::span<const DeviceRay> rays, std::span<uint32_t> met) const {
-    impl_->trace_all(rays, true, met.first(rays.size()));
+void RayTracer::look(std::span<const std::byte> given, std::span<uint32_t> answers) const {
+    impl_->run(group_look, given, answers);
 }
 
 } // namespace lpvbake::gpu

@@ -37,10 +37,10 @@ struct DeviceTriangle {
 /// number of threads, while another one uses the device.
 class RayTracer {
 public:
-    /// Builds the structure. There is a triangle at least, and all positions are finite. Throws
-    /// Error (memory, device).
+    /// Builds the structure. There is a triangle at least, and all positions are finite. `looking`:
+    /// a ray generation shader that includes gpu/trace.glsl. Throws Error (memory, device).
     RayTracer(const Device& device, std::span<const glm::vec3> positions,
-              std::span<const DeviceTriangle> triangles);
+              std::span<const DeviceTriangle> triangles, std::span<const uint32_t> looking);
     ~RayTracer();
     RayTracer(const RayTracer&) = delete;
     RayTracer& operator=(const RayTracer&) = delete;
@@ -50,8 +50,9 @@ public:
 
     /// The nearest that each ray meets, at its place. Throws Error (device).
     void nearest(std::span<const DeviceRay> rays, std::span<DeviceHit> hits) const;
-    /// Whether it meets anything: DeviceHit::none, DeviceHit::unsure, or another number.
-    void any(std::span<const DeviceRay> rays, std::span<uint32_t> met) const;
+    /// Runs the other shader once for each answer, no more than a batch; it reads what is given, no
+    /// more bytes than a batch of rays has. Throws Error (device).
+    void look(std::span<const std::byte> given, std::span<uint32_t> answers) const;
 
 private:
     struct Impl;

@@ -15,10 +15,10 @@ using uint = std::uint32_t;
 
 // Descriptor set 0.
 LPVBAKE_SHARED_CONST uint binding_tree = 0u; // acceleration structure
-LPVBAKE_SHARED_CONST uint binding_rays =
-    1u; // storage buffer, two vec4 a ray: origin, direction, t_min, t_max
-LPVBAKE_SHARED_CONST uint binding_hits =
-    2u; // storage buffer, uint[]: four a ray, as DeviceHit, or one
+LPVBAKE_SHARED_CONST uint binding_given =
+    1u; // storage buffer; of trace.rgen two vec4 a ray: origin, direction, t_min, t_max
+LPVBAKE_SHARED_CONST uint binding_answers =
+    2u; // storage buffer; of trace.rgen uint[4] a ray, as DeviceHit
 LPVBAKE_SHARED_CONST uint binding_facts = 3u; // storage buffer, vec4 of the second geometry's
                                               // triangles: normal, and which facts are so
 
@@ -30,8 +30,6 @@ LPVBAKE_SHARED_CONST uint met_none = 0xffffffffu;
 LPVBAKE_SHARED_CONST uint met_unsure = 0xfffffffeu;
 
 struct RaysPush {
-    uint rays;
-    uint any;    // whether there is any hit, instead of the nearest
     uint opaque; // triangles of the first geometry
 };
 

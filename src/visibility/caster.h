@@ -3,6 +3,7 @@
 
 #include <glm/glm.hpp>
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -40,11 +41,12 @@ public:
     virtual ~Caster() = default;
     /// The nearest that each ray meets.
     virtual void nearest(std::span<const Ray> rays, std::span<Met> met) const = 0;
-    /// Whether it meets anything: none, unsure, or another number.
-    virtual void any(std::span<const Ray> rays, std::span<uint32_t> met) const = 0;
+    /// Forms rays itself, and says what is on them: a program of solver/gather's, look.rgen, which
+    /// runs once for each answer.
+    virtual void look(std::span<const std::byte> given, std::span<uint32_t> answers) const = 0;
     /// How it is told of in metadata.
     virtual std::string name() const = 0;
-    /// Rays that it takes at a time.
+    /// Rays that it takes at a time; in their place as many bytes may be given to look().
     virtual size_t batch() const = 0;
 };
 

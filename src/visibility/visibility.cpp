@@ -903,26 +903,6 @@ void Visibility::closest_of_many(std::span<const Ray> rays, std::span<Hit> hits)
     }
 }
 
-void Visibility::filter_of_many(std::span<const Ray> rays, std::span<glm::vec3> result) const {
-    if (!caster_)
-        return filter_of_eights(rays, Bundle::loose, result);
-    thread_local std::vector<Ray> own;
-    thread_local std::vector<uint32_t> met;
-    own.resize(is_placed() ? rays.size() : 0);
-    met.resize(rays.size());
-    const std::span<const Ray> placed = to_structure(rays, own);
-    caster_->any(placed, met);
-    for (size_t i = 0; i < rays.size(); ++i) {
-        glm::vec3& passed = result[i];
-        passed = met[i] == Caster::none ? glm::vec3(1.0f) : glm::vec3(0.0f);
-        if (met[i] == Caster::unsure)
-            passed = left_of<glm::vec3>(*impl_, placed[i],
-                                        [&](const Ray& of) { return filter_of_others(of); });
-        if (air_ && passed != glm::vec3(0.0f))
-            passed *= left_in_air(placed[i]);
-    }
-}
-
 namespace {
 
 constexpr size_t block = 1024; ///< rays that a thread takes at a time

@@ -94,14 +94,19 @@ public:
     /// light is among the tints of hits and in what filter() tells. Null: in none.
     Visibility in_air(std::shared_ptr<const Air> air) const;
     const Air* air() const { return air_.get(); }
-    /// The same, but for who answers closest_of_many() and filter_of_many(). Null: Embree.
+    /// The same, but for who answers closest_of_many(), and what places see. Null: Embree.
     Visibility by(std::shared_ptr<const Caster> caster) const;
     /// What a caster is made of. None of zero area; there may be none at all.
     CastSurfaces surfaces() const;
-    /// Rays that those are best asked at a time; 0: any number, it makes no difference.
+    /// Rays that it is best asked at a time; 0: any number, it makes no difference.
     size_t batch() const { return caster_ ? caster_->batch() : 0; }
+    const Caster* caster() const { return caster_.get(); }
     /// Units of the frame that the structure was built in, in one of this one's.
     float scale() const { return scale_; }
+    /// From this frame to that one.
+    glm::vec3 to_structure(glm::vec3 point) const {
+        return is_placed() ? scale_ * point + offset_ : point;
+    }
 
     /// Nearest surface; of those in one place a front before a back. A blended one counts with
     /// probability alpha, drawn from the ray and the surface, so that the same ray always gives the
@@ -164,7 +169,6 @@ public:
                           std::span<glm::vec3> result) const;
     /// The same of loose rays, by the caster where there is one.
     void closest_of_many(std::span<const Ray> rays, std::span<Hit> hits) const;
-    void filter_of_many(std::span<const Ray> rays, std::span<glm::vec3> result) const;
 
     struct Impl;
 
@@ -176,10 +180,6 @@ private:
     void dim(const Ray& ray, Hit& hit) const;
     glm::vec3 left_in_air(const Ray& ray) const;
     bool is_placed() const { return scale_ != 1.0f || offset_ != glm::vec3(0.0f); }
-    /// From this frame to that of the structure.
-    glm::vec3 to_structure(glm::vec3 point) const {
-        return is_placed() ? scale_ * point + offset_ : point;
-    }
     Ray to_structure(const Ray& ray) const {
         return is_placed()
                    ? Ray{to_structure(ray.origin), scale_ * ray.direction, ray.t_min, ray.t_max}

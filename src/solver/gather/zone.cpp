@@ -1,9 +1,12 @@
 #include "solver/gather/zone.h"
 
 #include "mix_word.h"
+#include "solver/gather/look.rgen.h"
 #include "visibility/capture.h"
+#include "visibility/caster.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <queue>
@@ -27,6 +30,10 @@ glm::vec3 channel_of(int channel) {
 }
 
 } // namespace
+
+std::span<const uint32_t> look_program() {
+    return shaders::look_rgen;
+}
 
 void Sources::clear() {
     points.clear();
@@ -198,8 +205,7 @@ struct Zone::Tests {
 
 void Zone::find_tests(std::span<const Look> places, std::span<Tests> tests) const {
     constexpr size_t fewest = 3; // for which lanes pay
-    const auto sources = uint32_t(clusters_.size() + world_.sky.size());
-    for (uint32_t source = 0; source < sources; ++source) {
+    for (uint32_t source = 0; source < sources(); ++source) {
         std::array<size_t, most_looks + 1> own;
         size_t count = 0;
         for (size_t p = 0; p < places.size(); ++p) {
@@ -244,27 +250,31 @@ void Zone::find_tests(std::span<const Look> places, std::span<Tests> tests) cons
 void Zone::set_seen(const Look& place, const Tests& tests,
                     std::span<const glm::vec3> passed) const {
     for (size_t i = 0; i < tests.tests.size(); ++i) {
-        const uint32_t source = tests.tests[i].source;
-        const auto set = [&](size_t plane, bool bit) {
-            place.sees[plane * words_ + source / 64] |= uint64_t(bit) << (source % 64);
-        };
+        const auto [source, threshold] = tests.tests[i];
         const glm::vec3 passes = passed[i];
         for (size_t channel = 0; channel < channels_; ++channel)
-            set(channel, passes[int(channel)] > tests.tests[i].threshold);
-        if (planes_ > channels_)
-            set(channels_, glm::any(glm::greaterThan(passes, glm::vec3(0.0f)))
-                               && glm::any(glm::lessThan(passes, glm::vec3(1.0f))));
+            if (passes[int(channel)] > threshold)
+                set(place, channel, source);
+        if (planes_ > channels_ && glm::any(glm::greaterThan(passes, glm::vec3(0.0f)))
+            && glm::any(glm::lessThan(passes, glm::vec3(1.0f))))
+            set(place, channels_, source);
     }
 }
 
 size_t Zone::together() const {
-    return world_.visibility.batch() / std::max<size_t>(clusters_.size() + world_.sky.size(), 1);
+    const visibility::Visibility& visibility = world_.visibility;
+    if (!visibility.caster() || visibility.air())
+        return 0;
+    const size_t room = visibility.batch() * sizeof(visibility::Ray) / sizeof(glm::uvec4);
+    const size_t shared = head_words + target_words * clusters_.size() + world_.sky.size() + 1;
+    if (sources() == 0 || room < shared)
+        return 0;
+    return std::min(visibility.batch() / sources(), (room - shared) / (1 + sources() / 4 + 1));
 }
 
 uint64_t Zone::look(std::span<const Look> places) const {
     thread_local std::vector<Tests> all;
-    // By Embree those of a place at a time, else those of all.
-    const size_t step = together() > 0 ? places.size() : most_looks;
+    const size_t at_once = together(), step = at_once > 0 ? at_once : most_looks;
     uint64_t rays = 0;
     for (size_t first = 0; first < places.size(); first += step) {
         const std::span<const Look> some =
@@ -274,11 +284,11 @@ uint64_t Zone::look(std::span<const Look> places) const {
         const std::span<Tests> tests = std::span(all).first(some.size());
         for (Tests& own : tests)
             own.clear();
-        for (size_t p = 0; p < some.size(); p += most_looks) {
-            const size_t count = std::min(most_looks, some.size() - p);
-            find_tests(some.subspan(p, count), tests.subspan(p, count));
-        }
-        rays += together() > 0 ? ask_at_once(some, tests) : ask(some, tests);
+        if (at_once > 0)
+            rays += look_on_device(some, tests);
+        else
+            find_tests(some, tests);
+        rays += ask(some, tests);
     }
     return rays;
 }
@@ -295,20 +305,56 @@ uint64_t Zone::ask(std::span<const Look> places, std::span<const Tests> tests) c
     return rays;
 }
 
-uint64_t Zone::ask_at_once(std::span<const Look> places, std::span<const Tests> tests) const {
-    thread_local std::vector<visibility::Ray> ways;
-    thread_local std::vector<glm::vec3> passed;
-    ways.clear();
-    for (const Tests& own : tests)
-        ways.insert(ways.end(), own.ways.begin(), own.ways.end());
-    passed.resize(ways.size());
-    world_.visibility.filter_of_many(ways, passed);
-    std::span<const glm::vec3> left(passed);
-    for (size_t p = 0; p < places.size(); ++p) {
-        set_seen(places[p], tests[p], left.first(tests[p].ways.size()));
-        left = left.subspan(tests[p].ways.size());
+std::vector<glm::uvec4> Zone::given_to_look(std::span<const Look> places,
+                                            std::span<const uint32_t> asked) const {
+    const visibility::Visibility& visibility = world_.visibility;
+    const auto word = [](glm::vec4 of) { return std::bit_cast<glm::uvec4>(of); };
+    std::vector<glm::uvec4> given;
+    given.push_back({clusters_.size(), sources(), places.size(), 0});
+    given.push_back(word({visibility.to_structure(glm::vec3(0.0f)), visibility.scale()}));
+    for (const Look& place : places) {
+        given.push_back(word({place.from, 0.0f}));
+        given.back().w = place.pattern;
     }
-    return ways.size();
+    const auto append = [&](std::span<const std::byte> bytes) {
+        const size_t first = given.size();
+        given.resize(first + (bytes.size() + sizeof(glm::uvec4) - 1) / sizeof(glm::uvec4));
+        std::ranges::copy(bytes, reinterpret_cast<std::byte*>(given.data() + first));
+    };
+    static_assert(sizeof(Targets) == target_words * sizeof(glm::uvec4));
+    append(std::as_bytes(std::span(targets_)));
+    for (const SkyBin& bin : world_.sky)
+        given.push_back(word({bin.low, bin.high, bin.from, bin.to}));
+    append(std::as_bytes(asked));
+    return given;
+}
+
+/// Leaves those tests of which the device is not sure.
+uint64_t Zone::look_on_device(std::span<const Look> places, std::span<Tests> tests) const {
+    thread_local std::vector<uint32_t> asked, answers;
+    asked.clear();
+    for (uint32_t source = 0; source < sources(); ++source)
+        for (size_t p = 0; p < places.size(); ++p)
+            if (places[p].opens(source))
+                asked.push_back(uint32_t(p) * sources() + source);
+    answers.resize(asked.size());
+    if (asked.empty())
+        return 0;
+    const std::vector<glm::uvec4> given = given_to_look(places, asked);
+    world_.visibility.caster()->look(std::as_bytes(std::span(given)), answers);
+    uint64_t rays = 0;
+    for (size_t i = 0; i < asked.size(); ++i) {
+        const uint32_t place = asked[i] / sources(), source = asked[i] % sources();
+        const Look& look = places[place];
+        rays += answers[i] == answer_seen || answers[i] == answer_hidden;
+        for (size_t channel = 0; answers[i] == answer_seen && channel < channels_; ++channel)
+            set(look, channel, source);
+        visibility::Ray ray;
+        float threshold;
+        if (answers[i] == answer_unsure && aim(look.from, source, look.pattern, ray, threshold))
+            tests[place].add(source, threshold, ray);
+    }
+    return rays;
 }
 
 Zone::Masks Zone::masks_of(std::span<const uint64_t* const> sees, size_t source) const {

@@ -3,6 +3,7 @@
 
 #include "solver/gather/clusters.h"
 #include "solver/gather/layout.h"
+#include "solver/gather/look_layout.h"
 #include "solver/gather/sky_bins.h"
 
 #include <array>
@@ -35,6 +36,9 @@ struct Sources {
 /// places: it chooses what is tested from there.
 uint32_t pattern_of(glm::vec3 place);
 
+/// The shader by which a device looks from places for itself (look.rgen).
+std::span<const uint32_t> look_program();
+
 /// Places that test the same clusters and bins of sky for visibility: those among which the light
 /// that reaches them is spread most evenly. Each tests one point of each, by its pattern, so that
 /// penumbrae are right on average.
@@ -59,10 +63,11 @@ public:
     };
     /// How many places weigh the points of clusters at once, at most.
     static constexpr size_t most_looks = 16;
-    /// Each as if it looked alone; together they weigh the points of clusters in less time, and ask
-    /// a caster at once. Returns how many rays it took.
+    /// Each as if it looked alone; together they weigh the points of clusters in less time, and are
+    /// given to a caster at once, which weighs them itself. Returns how many rays it took.
     uint64_t look(std::span<const Look> places) const;
-    /// How many places a caster is best asked for at once; 0: it makes no difference.
+    /// How many places a caster is given at once, where there is one that looks; 0: there is none,
+    /// as in air, or it has no room for so many clusters.
     size_t together() const;
     uint64_t look(glm::vec3 from, uint32_t pattern, std::span<const uint64_t> open,
                   uint64_t* sees) const {
@@ -89,8 +94,9 @@ protected:
     size_t words_ = 0;    ///< of a plane
 
 private:
-    static constexpr uint32_t strata = 16; ///< points of a cluster that places may test
-    /// Those of one, coordinate by coordinate, so that all are weighed at once.
+    uint32_t sources() const { return uint32_t(clusters_.size() + world_.sky.size()); }
+    /// The points of a cluster that places may test, coordinate by coordinate, so that all are
+    /// weighed at once.
     struct alignas(16) Targets {
         std::array<std::array<float, strata>, 3> point, normal;
     };
@@ -103,7 +109,12 @@ private:
     struct Tests;
     void find_tests(std::span<const Look> places, std::span<Tests> tests) const;
     uint64_t ask(std::span<const Look> places, std::span<const Tests> tests) const;
-    uint64_t ask_at_once(std::span<const Look> places, std::span<const Tests> tests) const;
+    std::vector<glm::uvec4> given_to_look(std::span<const Look> places,
+                                          std::span<const uint32_t> asked) const;
+    uint64_t look_on_device(std::span<const Look> places, std::span<Tests> tests) const;
+    void set(const Look& place, size_t plane, uint32_t source) const {
+        place.sees[plane * words_ + source / 64] |= uint64_t(1) << (source % 64);
+    }
     void set_seen(const Look& place, const Tests& tests, std::span<const glm::vec3> passed) const;
     /// Which of some places see a source, a channel: all channels of `all`, and one more of each.
     struct Masks {
