@@ -4,6 +4,7 @@
 #include "bake/air.h"
 #include "bake/direct.h"
 #include "bake/surface_fit.h"
+#include "gpu/rays.h"
 #include "lpvbake/error.h"
 #include "machine.h"
 #include "scene/light_view.h"
@@ -249,6 +250,36 @@ void plan_light(const SceneFacts& scene, BakePlan& plan) {
 }
 
 constexpr double lit_patch_seconds = 5e-7; ///< of a file; it is read and checked
+
+/// Who traces rays, and what that takes of a device. Throws Error (device, memory).
+void plan_rays(const SceneFacts& scene, const gpu::DeviceInfo& device, BakePlan& plan) {
+    Rays& rays = plan.settings.rays;
+    const bool chosen = rays == Rays::automatic;
+    const bool gathers = plan.settings.solver.kind().name == std::string_view("gather");
+    rays = available(rays, device, gathers, scene.triangles);
+    if (!plan.lit) // nothing sends many
+        rays = Rays::embree;
+    if (rays == Rays::embree)
+        return;
+    const auto bytes = gpu::RayTracer::bytes(device, scene.triangles, threads_at_work());
+    // Of boxes that are turned there is one more structure, of the scene in their axes.
+    const uint64_t structures = std::ranges::any_of(grids_in(plan), &Grid::is_turned) ? 2 : 1;
+    const uint64_t taken = structures * bytes.device + std::max(bytes.building, plan.device_bytes);
+    if (taken > device.memory && chosen) {
+        rays = Rays::embree;
+        return;
+    }
+    if (taken > device.memory)
+        throw Error(ErrorKind::memory,
+                    format("`rays` device: with %s a bake needs %s of %s's %s; `rays` embree needs "
+                           "%s",
+                           counted(scene.triangles, "triangle").c_str(),
+                           memory_text(double(taken)).c_str(), device.name.c_str(),
+                           memory_text(double(device.memory)).c_str(),
+                           memory_text(double(plan.device_bytes)).c_str()));
+    plan.device_bytes = taken;
+    plan.host_bytes += structures * bytes.host;
+}
 
 /// How all surfaces are lit.
 void plan_lighting(const SceneFacts& scene, const surface::PatchCount& surfaces, BakePlan& plan) {
@@ -616,8 +647,6 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
     BakePlan plan;
     plan.settings = settings;
     plan.settings.isa = visibility::available(settings.isa);
-    plan.settings.rays = available(
-        settings.rays, device, solver.kind().name == std::string_view("gather"), scene.triangles);
     plan.warnings = scene.warnings;
     plan.triangles = scene.triangles;
     plan.lights = int(scene.lights.size());
@@ -654,8 +683,7 @@ BakePlan plan_bake(const SceneFacts& scene, const BakeSettings& settings,
                               "it a directional one");
     const int map_size = solver.kind().map_size(grids_in(plan).back(), solver);
     plan.lit = map_size == 0 || settings.bounces != 1 || plan.emitters || scene.sky;
-    if (!plan.lit) // nothing sends many
-        plan.settings.rays = Rays::embree;
+    plan_rays(scene, device, plan);
 
     const surface::PatchCount surfaces =
         surface::count_patches(scene.surfaces, plan.frame, 1.0f, scene.cuts.get());

@@ -40,7 +40,7 @@ struct BakePlan {
     bool lit = false; ///< surfaces are lit as a whole, not by reflective shadow maps alone
     solver::ReflectiveMaps maps;
     uint64_t triangles = 0;
-    uint64_t device_bytes = 0; ///< peak of the solver's device memory
+    uint64_t device_bytes = 0; ///< peak of what it takes of the device
     uint64_t host_bytes = 0;   ///< estimate
     int threads = 0;           ///< those of the caller's arena
     double seconds = 0; ///< estimate, on so many threads and such a device; see solver/models.h

@@ -1,5 +1,6 @@
 #include "bake/rays.h"
 
+#include "background.h"
 #include "gpu/rays.h"
 #include "lpvbake/error.h"
 #include "solver/gather/zone.h"
@@ -35,7 +36,7 @@ public:
     DeviceCaster(const visibility::CastSurfaces& surfaces, const gpu::Device& device)
         : name_("rays by " + recorded_name(device.info()) + " (" + device.info().driver + ")"),
           tracer_(device, surfaces.positions, triangles_of(surfaces),
-                  solver::gather::look_program()) {}
+                  solver::gather::look_program(), threads_at_work()) {}
 
     void nearest(std::span<const Ray> rays, std::span<Met> met) const override {
         tracer_.nearest({reinterpret_cast<const gpu::DeviceRay*>(rays.data()), rays.size()},

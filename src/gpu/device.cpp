@@ -344,6 +344,8 @@ Device::Impl::Impl(const DeviceOptions& options) : instance(options.validation) 
     in_use.assign(memories.memoryHeapCount, 0);
     checked("opening the Vulkan device", [&] {
         handle = open(physical, family, info.traces_rays);
+        if (info.traces_rays)
+            tell_ray_bytes(handle, info);
         queue = vk::raii::Queue(handle, family, 0);
         pool = vk::raii::CommandPool(
             handle,

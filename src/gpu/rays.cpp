@@ -21,8 +21,8 @@ using Usage = vk::BufferUsageFlagBits;
 static_assert(sizeof(DeviceRay) == 32 && sizeof(DeviceHit) == 16);
 static_assert(DeviceHit::none == met_none && DeviceHit::unsure == met_unsure);
 
-/// Batches that are on their way at a time: some are traced, others are written and read.
-constexpr size_t slots = 8;
+/// Batches that are on their way at a time, at most: some are traced, others written and read.
+constexpr int most_slots = 8;
 constexpr uint64_t given_bytes = RayTracer::batch * sizeof(DeviceRay),
                    answer_bytes = RayTracer::batch * sizeof(DeviceHit);
 
@@ -61,19 +61,32 @@ struct Structure {
     vk::raii::AccelerationStructureKHR handle;
 };
 
-/// Builds one of so many primitives in each geometry, and waits.
-Structure build(const Device& device, vk::AccelerationStructureTypeKHR type,
-                std::span<const vk::AccelerationStructureGeometryKHR> geometries,
-                const std::vector<uint32_t>& counts) {
-    const Device::Impl& gpu = device.impl();
+vk::AccelerationStructureBuildGeometryInfoKHR
+build_info(vk::AccelerationStructureTypeKHR type,
+           std::span<const vk::AccelerationStructureGeometryKHR> geometries) {
     vk::AccelerationStructureBuildGeometryInfoKHR info(
         type, vk::BuildAccelerationStructureFlagBitsKHR::ePreferFastTrace,
         vk::BuildAccelerationStructureModeKHR::eBuild);
     info.geometryCount = uint32_t(geometries.size());
     info.pGeometries = geometries.data();
-    const vk::AccelerationStructureBuildSizesInfoKHR sizes =
-        gpu.handle.getAccelerationStructureBuildSizesKHR(
-            vk::AccelerationStructureBuildTypeKHR::eDevice, info, counts);
+    return info;
+}
+
+/// Of so many primitives in each geometry.
+vk::AccelerationStructureBuildSizesInfoKHR
+sizes_of(const vk::raii::Device& device, const vk::AccelerationStructureBuildGeometryInfoKHR& info,
+         const std::vector<uint32_t>& counts) {
+    return device.getAccelerationStructureBuildSizesKHR(
+        vk::AccelerationStructureBuildTypeKHR::eDevice, info, counts);
+}
+
+/// Builds one of so many primitives in each geometry, and waits.
+Structure build(const Device& device, vk::AccelerationStructureTypeKHR type,
+                std::span<const vk::AccelerationStructureGeometryKHR> geometries,
+                const std::vector<uint32_t>& counts) {
+    const Device::Impl& gpu = device.impl();
+    vk::AccelerationStructureBuildGeometryInfoKHR info = build_info(type, geometries);
+    const vk::AccelerationStructureBuildSizesInfoKHR sizes = sizes_of(gpu.handle, info, counts);
     Buffer::Impl memory(device.impl(), sizes.accelerationStructureSize, Placement::device,
                         Usage::eAccelerationStructureStorageKHR | Usage::eShaderDeviceAddress);
     vk::raii::AccelerationStructureKHR handle(
@@ -97,6 +110,16 @@ Structure build(const Device& device, vk::AccelerationStructureTypeKHR type,
     return {std::move(memory), std::move(handle)};
 }
 
+/// Triangles of which only the addresses of positions and corners are missing.
+vk::AccelerationStructureGeometryTrianglesDataKHR triangles_data(uint64_t positions) {
+    vk::AccelerationStructureGeometryTrianglesDataKHR data;
+    data.vertexFormat = vk::Format::eR32G32B32Sfloat;
+    data.vertexStride = sizeof(glm::vec3);
+    data.maxVertex = uint32_t(positions - 1);
+    data.indexType = vk::IndexType::eUint32;
+    return data;
+}
+
 /// The parts of the structure: one geometry of what is opaque, and one of what has facts.
 Structure build_triangles(const Device& device, std::span<const glm::vec3> positions,
                           std::span<const glm::uvec3> corners, size_t opaque) {
@@ -106,12 +129,8 @@ Structure build_triangles(const Device& device, std::span<const glm::vec3> posit
     std::vector<vk::AccelerationStructureGeometryKHR> geometries;
     std::vector<uint32_t> counts;
     const auto add = [&](size_t first, size_t count, vk::GeometryFlagsKHR flags) {
-        vk::AccelerationStructureGeometryTrianglesDataKHR data;
-        data.vertexFormat = vk::Format::eR32G32B32Sfloat;
+        auto data = triangles_data(positions.size());
         data.vertexData.deviceAddress = address_of(device, points);
-        data.vertexStride = sizeof(glm::vec3);
-        data.maxVertex = uint32_t(positions.size() - 1);
-        data.indexType = vk::IndexType::eUint32;
         data.indexData.deviceAddress = address_of(device, indices) + first * sizeof(glm::uvec3);
         geometries.emplace_back(vk::GeometryTypeKHR::eTriangles, data, flags);
         counts.push_back(uint32_t(count));
@@ -233,6 +252,10 @@ void Pipeline::fill_table(const Device& device) {
     }
 }
 
+int slots_of(int threads) {
+    return std::clamp(threads, 1, most_slots);
+}
+
 /// A batch on its way.
 struct Slot {
     Buffer::Impl written; ///< by the host, to be copied to what is given
@@ -273,9 +296,21 @@ std::vector<uint32_t> opaque_first(std::span<const DeviceTriangle> triangles, si
 
 } // namespace
 
+void tell_ray_bytes(const vk::raii::Device& device, DeviceInfo& info) {
+    constexpr uint32_t many = 1 << 20, vertices_each = 2; // more than most scenes have
+    const vk::AccelerationStructureGeometryKHR triangles(vk::GeometryTypeKHR::eTriangles,
+                                                         triangles_data(vertices_each * many));
+    const auto sizes = sizes_of(
+        device, build_info(vk::AccelerationStructureTypeKHR::eBottomLevel, {&triangles, 1}),
+        {many});
+    info.ray_bytes = sizes.accelerationStructureSize / many;
+    info.ray_building_bytes =
+        sizes.buildScratchSize / many + sizeof(glm::uvec3) + vertices_each * sizeof(glm::vec3);
+}
+
 struct RayTracer::Impl {
     Impl(const Device& of, std::span<const glm::vec3> positions,
-         std::span<const DeviceTriangle> triangles, std::span<const uint32_t> looking)
+         std::span<const DeviceTriangle> triangles, std::span<const uint32_t> looking, int threads)
         : device(of),
           order(opaque_first(triangles, opaque)),
           pipeline(of, looking) {
@@ -296,7 +331,7 @@ struct RayTracer::Impl {
         facts.emplace(filled(device, std::span<const glm::vec4>(of_others), Usage::eStorageBuffer));
         parts.emplace(build_triangles(device, positions, corners, opaque));
         tree.emplace(build_instance(device, *parts));
-        for (size_t i = 0; i < slots; ++i)
+        for (int i = 0; i < slots_of(threads); ++i)
             all.push_back(std::make_unique<Slot>(device));
         make_sets();
         for (const std::unique_ptr<Slot>& slot : all)
@@ -307,6 +342,7 @@ struct RayTracer::Impl {
 
     void make_sets() {
         const vk::raii::Device& handle = device.impl().handle;
+        const auto slots = uint32_t(all.size());
         const std::array sizes{
             vk::DescriptorPoolSize(vk::DescriptorType::eAccelerationStructureKHR, slots),
             vk::DescriptorPoolSize(vk::DescriptorType::eStorageBuffer, 3 * slots)};
@@ -407,11 +443,18 @@ struct RayTracer::Impl {
 };
 
 RayTracer::RayTracer(const Device& device, std::span<const glm::vec3> positions,
-                     std::span<const DeviceTriangle> triangles, std::span<const uint32_t> looking)
+                     std::span<const DeviceTriangle> triangles, std::span<const uint32_t> looking,
+                     int threads)
     : impl_(checked("building the structure of rays", [&] {
-          return std::make_unique<Impl>(device, positions, triangles, looking);
+          return std::make_unique<Impl>(device, positions, triangles, looking, threads);
       })) {}
 RayTracer::~RayTracer() = default;
+
+RayTracer::Bytes RayTracer::bytes(const DeviceInfo& device, uint64_t triangles, int threads) {
+    const auto slots = uint64_t(slots_of(threads));
+    return {triangles * device.ray_bytes + slots * given_bytes,
+            triangles * device.ray_building_bytes, slots * (given_bytes + answer_bytes)};
+}
 
 void RayTracer::nearest(std::span<const DeviceRay> rays, std::span<DeviceHit> hits) const {
     for (size_t first = 0; first < rays.size(); first += batch) {

@@ -39,11 +39,21 @@ class RayTracer {
 public:
     /// Builds the structure. There is a triangle at least, and all positions are finite. `looking`:
     /// a ray generation shader that includes gpu/trace.glsl. Throws Error (memory, device).
+    /// `threads`: that ask it at a time; of more than a few some wait.
     RayTracer(const Device& device, std::span<const glm::vec3> positions,
-              std::span<const DeviceTriangle> triangles, std::span<const uint32_t> looking);
+              std::span<const DeviceTriangle> triangles, std::span<const uint32_t> looking,
+              int threads);
     ~RayTracer();
     RayTracer(const RayTracer&) = delete;
     RayTracer& operator=(const RayTracer&) = delete;
+
+    /// What it takes of so many triangles.
+    struct Bytes {
+        uint64_t device;   ///< of the device's memory, as long as it is there
+        uint64_t building; ///< and more of it while it is made
+        uint64_t host;     ///< that the device reads and writes
+    };
+    static Bytes bytes(const DeviceInfo& device, uint64_t triangles, int threads);
 
     /// Rays that the device traces at a time: of fewer each takes longer.
     static constexpr size_t batch = size_t(1) << 17;

@@ -105,6 +105,9 @@ struct __attribute__((visibility("hidden"))) Device::Impl { // in a class that i
     void submit_now(const std::function<void(const vk::raii::CommandBuffer&)>& record) const;
 };
 
+/// Fills in DeviceInfo::ray_bytes and ray_building_bytes.
+void tell_ray_bytes(const vk::raii::Device& device, DeviceInfo& info);
+
 /// Everything written so far is seen by everything that follows, the host included.
 void full_barrier(const vk::raii::CommandBuffer& commands);
 

@@ -25,6 +25,9 @@ struct DeviceInfo {
     uint64_t max_texels = 0;        ///< elements of one texel-buffer binding
     uint64_t window_alignment = 0;  ///< bytes that a binding's offset is a multiple of
     bool traces_rays = false;       ///< it has VK_KHR_ray_tracing_pipeline, and was opened for it
+    /// Of a triangle in the structure that rays are traced in, and what it takes more while that is
+    /// built, as the driver says; 0 before it is opened for rays.
+    uint64_t ray_bytes = 0, ray_building_bytes = 0;
 };
 
 /// All devices with Vulkan 1.2 and a queue for graphics and compute, in the driver's order.

@@ -1,6 +1,7 @@
 // Rays of a device against Embree's: alone, and in whole bakes.
 #include "bake/bake.h"
 #include "gpu/rays.h"
+#include "gpu/vulkan.h"
 #include "lpvbake/error.h"
 #include "scenes.h"
 #include "solver/gather/zone.h"
@@ -16,6 +17,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
+#include <numeric>
 #include <random>
 
 namespace lpvbake {
@@ -321,6 +323,51 @@ TEST_F(Rays, OfBakesGiveTheLightThatEmbreesDo) {
         const Volume again = bake_with(bake::Rays::device, 1);
         EXPECT_TRUE(again.sh == own.sh);
         EXPECT_EQ(again.metadata, own.metadata);
+    }
+}
+
+TEST_F(Rays, TakeTheMemoryThatIsSaid) {
+    const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, 1);
+    for (const int quads : {2'000, 100'000}) {
+        Scene heap;
+        std::mt19937 random(5);
+        std::uniform_real_distribution<float> unit(-1.0f, 1.0f);
+        const auto anywhere = [&] { return glm::vec3(unit(random), unit(random), unit(random)); };
+        const int grey = scenes::add_material(heap, glm::vec3(0.5f));
+        for (int i = 0; i < quads; ++i)
+            scenes::add_quad(heap, grey, 2.0f * anywhere(), 0.3f * anywhere(), 0.3f * anywhere());
+        const Visibility embree(heap, frame_around(heap));
+        const auto in_use = [] {
+            const std::vector<uint64_t>& heaps = device().impl().in_use;
+            return std::accumulate(heaps.begin(), heaps.end(), uint64_t(0));
+        };
+        const uint64_t before = in_use();
+        const Visibility both = bake::on_device(embree, device());
+        const auto taken = double(in_use() - before);
+        const auto bytes = gpu::RayTracer::bytes(device().info(), uint64_t(2 * quads), 1);
+        const auto said = double(bytes.device + bytes.host);
+        std::printf("%d triangles: said %.1f MiB and %.1f while built, taken %.1f MiB\n", 2 * quads,
+                    said / 0x1p20, double(bytes.building) / 0x1p20, taken / 0x1p20);
+        EXPECT_NEAR(said, taken, 0.2 * taken);
+        // A plan has them, beside the solver's.
+        bake::BakeSettings settings(*bake::find_solver("gather"));
+        settings.grid.resolution = 12;
+        heap.sky.luminance = glm::vec3(100.0f);
+        const bake::SceneFacts facts = bake::survey(heap);
+        const bake::BakePlan without = bake::plan_bake(facts, settings, device().info());
+        settings.rays = bake::Rays::device;
+        const bake::BakePlan with = bake::plan_bake(facts, settings, device().info());
+        EXPECT_EQ(with.device_bytes, bytes.device + std::max(bytes.building, without.device_bytes));
+        EXPECT_EQ(with.host_bytes, without.host_bytes + bytes.host);
+        gpu::DeviceInfo small = device().info();
+        small.memory = with.device_bytes - 1;
+        EXPECT_THROW((void)bake::plan_bake(facts, settings, small), Error);
+        small.type = "discrete";
+        settings.rays = bake::Rays::automatic;
+        EXPECT_EQ(bake::plan_bake(facts, settings, small).settings.rays, bake::Rays::embree);
+        small.memory = with.device_bytes;
+        EXPECT_EQ(bake::plan_bake(facts, settings, small).settings.rays,
+                  quads > 5000 ? bake::Rays::device : bake::Rays::embree);
     }
 }
 
