@@ -4,6 +4,7 @@
 #include "gpu/vulkan.h"
 #include "lpvbake/error.h"
 #include "scenes.h"
+#include "solver/gather/gather.h"
 #include "solver/gather/zone.h"
 #include "visibility/visibility.h"
 #include "volume/grid.h"
@@ -225,6 +226,40 @@ TEST_F(Rays, OfPlacesSeeWhatEmbreesDoButAtEdges) {
         lit = surface::in_frame(std::move(lit), frame, finer, placed);
         check(placed, both.in_frame(frame, finer));
     }
+}
+
+TEST_F(Rays, OfPlacesThatAreGivenGiveTheLightThatEmbreesDo) {
+    Scene scene = scenes::cornell_box_with_point();
+    scene.sky.luminance = {500.0f, 600.0f, 900.0f};
+    const scene::Frame frame = frame_around(scene);
+    const Visibility embree(scene, frame);
+    Progress silent;
+    const surface::LitSurfaces lit = surface::light_surfaces(scene, embree, frame, {}, silent);
+    std::vector<glm::vec3> places;
+    std::mt19937 random(9);
+    std::uniform_real_distribution<float> unit(0.0f, 1.0f);
+    while (places.size() < 1001)
+        places.push_back(glm::mix(embree.lo(), embree.hi(),
+                                  glm::vec3(unit(random), unit(random), unit(random))));
+    const solver::gather::GatherProgram program(device(), {});
+    const auto light_of = [&](const Visibility& visibility, uint64_t& rays) {
+        Volume volume;
+        volume.grid.dims = {int(places.size()), 1, 1};
+        volume.validity.assign(places.size(), 1.0f);
+        rays = program.gather_at(places, lit, scene.sky, visibility, volume, silent).rays;
+        return volume;
+    };
+    uint64_t rays = 0, own_rays = 0;
+    const Volume light = light_of(embree, rays);
+    const Volume own = light_of(bake::on_device(embree, device()), own_rays);
+    EXPECT_NEAR(double(own_rays), double(rays), double(rays) / 10'000);
+    double off = 0.0, sum = 0.0;
+    for (size_t i = 0; i < places.size(); ++i) {
+        off += std::abs(double(own.sh[0][i].y) - double(light.sh[0][i].y));
+        sum += double(light.sh[0][i].y);
+    }
+    EXPECT_GT(sum, 0.0);
+    EXPECT_LT(off / sum, 0.005);
 }
 
 TEST_F(Rays, OfOneAreTheSameInAnyCompanyAndFrame) {

@@ -7,6 +7,7 @@
 #include <atomic>
 #include <memory>
 #include <tuple>
+#include <utility>
 
 namespace lpvbake::solver::gather {
 namespace {
@@ -137,12 +138,20 @@ private:
             zones[i] = std::make_unique<Zone>(world_, parts[i].lo, parts[i].hi);
         });
         std::vector<Packet> packets;
-        for (size_t i = 0; i < parts.size(); ++i)
+        std::vector<std::pair<size_t, size_t>> together; // packets of a zone that look at once
+        for (size_t i = 0; i < parts.size(); ++i) {
+            size_t first = packets.size();
             pack(parts[i], *zones[i], packets);
+            const size_t step = std::max<size_t>(zones[i]->together() / lanes, 1);
+            for (; first < packets.size(); first += step)
+                together.push_back({first, std::min(step, packets.size() - first)});
+        }
         std::vector<Bits> bits(packets.size());
         std::atomic<uint64_t> rays = 0;
-        tbb::parallel_for(size_t(0), packets.size(),
-                          [&](size_t i) { rays += look(packets[i], bits[i]); });
+        tbb::parallel_for(size_t(0), together.size(), [&](size_t i) {
+            const auto [first, count] = together[i];
+            rays += look(std::span(packets).subspan(first, count), &bits[first]);
+        });
         report_.rays += rays;
         laps_.add_to(report_.visibility_seconds);
         solver_.solve(packets, advance);
@@ -162,19 +171,23 @@ private:
         }
     }
 
-    /// Finds out what a packet's places see, and where their light is taken. Returns how many rays
-    /// it took.
-    uint64_t look(Packet& packet, Bits& bits) const {
-        const size_t words = packet.zone->words();
-        bits.assign(packet.cells.size() * words, 0);
+    /// Finds out what the places of packets of one zone see, and where their light is taken.
+    /// Returns how many rays it took.
+    uint64_t look(std::span<Packet> packets, Bits* bits) const {
+        const Zone& zone = *packets.front().zone;
+        const size_t words = zone.words();
         std::vector<Zone::Look> looks;
-        for (size_t i = 0; i < packet.cells.size(); ++i) {
-            const glm::vec3 place = places_[packet.cells[i]];
-            packet.points.push_back(world_.visibility.capture_at(place).point);
-            packet.sees.push_back(bits.data() + i * words);
-            looks.push_back({packet.points.back(), pattern_of(place), {}, bits.data() + i * words});
+        for (Packet& packet : packets) {
+            bits->assign(packet.cells.size() * words, 0);
+            uint64_t* sees = (bits++)->data();
+            for (const size_t cell : packet.cells) {
+                packet.points.push_back(world_.visibility.capture_at(places_[cell]).point);
+                packet.sees.push_back(sees);
+                looks.push_back({packet.points.back(), pattern_of(places_[cell]), {}, sees});
+                sees += words;
+            }
         }
-        return packet.zone->look(looks);
+        return zone.look(looks);
     }
 
     std::span<const glm::vec3> places_;
