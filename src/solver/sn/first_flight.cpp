@@ -80,45 +80,50 @@ float mean_luminance(const SnLight& light, const Grid& grid, std::span<const flo
 
 namespace {
 
-/// Where what arrives in some cells is put.
+/// Where what arrives in some places is put.
 struct Arrivals {
     const SnLight& light;
-    std::span<const glm::vec3> points;
-    std::span<const glm::vec3> travel;
+    std::span<const SnPlace> places;
+    const Travel& travel;
     size_t stride;
     std::span<glm::vec4> luminance;
     Sights* sights;
     size_t first;
 
+    visibility::Ray ray(size_t i, size_t d) const {
+        return {places[i].point, -travel.of(places[i])[d], 0.0f, HUGE_VALF};
+    }
+
     /// Of place i along direction d.
     void take(size_t i, size_t d, const visibility::Hit& hit, uint32_t side) {
         const Sight sight{hit.instance == visibility::no_hit ? Sight::sky : side, hit.tint};
+        const glm::vec3 point = places[i].point, back = -travel.of(places[i])[d];
         glm::vec4& arrives = luminance[i * stride + d];
         const float end = sight.side == Sight::sky ? HUGE_VALF : hit.t;
-        arrives = glm::vec4(light.part == LightPart::surfaces
-                                ? light.luminance(sight, -travel[d])
-                                : light.air->sent(points[i], -travel[d], 0.0f, end),
-                            light.air ? light.air->column(points[i], -travel[d], 0.0f, end) : 0.0f);
+        arrives =
+            glm::vec4(light.part == LightPart::surfaces ? light.luminance(sight, back)
+                                                        : light.air->sent(point, back, 0.0f, end),
+                      light.air ? light.air->column(point, back, 0.0f, end) : 0.0f);
         if (sights)
             sights->sides[first + i * stride + d] = sight.side;
         if (sights && !sights->tints.empty())
             sights->tints[first + i * stride + d] = sight.tint;
     }
 
-    /// By Embree, whose rays of a direction are alike, of up to eight places.
+    /// By Embree, whose rays of a direction are alike, of up to eight places of a quadrant.
     void trace_eight() {
         constexpr size_t eight = 8, together = 8; // directions whose patches are sought at once
         std::array<visibility::Ray, eight * together> rays;
         std::array<visibility::Hit, eight * together> hits;
         std::array<uint32_t, eight * together> sides;
-        const size_t count = points.size();
-        for (size_t begin = 0; begin < travel.size(); begin += together) {
-            const size_t end = std::min(travel.size(), begin + together);
+        const size_t count = places.size(), directions = travel.of_each();
+        for (size_t begin = 0; begin < directions; begin += together) {
+            const size_t end = std::min(directions, begin + together);
             size_t used = 0;
             for (size_t d = begin; d < end; ++d, used += count) {
                 const std::span own = std::span(rays).subspan(used, count);
                 for (size_t i = 0; i < count; ++i)
-                    own[i] = {points[i], -travel[d], 0.0f, HUGE_VALF};
+                    own[i] = ray(i, d);
                 light.visibility.closest_of_eights(own, visibility::Bundle::tight,
                                                    std::span(hits).subspan(used, count));
             }
@@ -134,28 +139,23 @@ struct Arrivals {
         thread_local std::vector<visibility::Hit> hits;
         thread_local std::vector<uint32_t> sides;
         rays.clear();
-        for (const glm::vec3 along : travel)
-            for (const glm::vec3 point : points)
-                rays.push_back({point, -along, 0.0f, HUGE_VALF});
+        for (size_t d = 0; d < travel.of_each(); ++d)
+            for (size_t i = 0; i < places.size(); ++i)
+                rays.push_back(ray(i, d));
         hits.resize(rays.size());
         sides.resize(rays.size());
         light.visibility.closest_of_many(rays, hits);
         light.lit.sides(hits, rays, sides);
         for (size_t k = 0; k < rays.size(); ++k)
-            take(k % points.size(), k / points.size(), hits[k], sides[k]);
+            take(k % places.size(), k / places.size(), hits[k], sides[k]);
     }
 };
 
 } // namespace
 
-void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
-                    std::span<const glm::vec3> travel, size_t stride,
-                    std::span<glm::vec4> luminance, Sights* sights, size_t first) {
-    thread_local std::vector<glm::vec3> points;
-    points.clear();
-    for (const SnPlace& place : places)
-        points.push_back(light.visibility.capture(place.cell).point);
-    Arrivals arrivals{light, points, travel, stride, luminance, sights, first};
+void trace_arriving(const SnLight& light, std::span<const SnPlace> places, const Travel& travel,
+                    size_t stride, std::span<glm::vec4> luminance, Sights* sights, size_t first) {
+    Arrivals arrivals{light, places, travel, stride, luminance, sights, first};
     if (light.visibility.batch() > 0)
         arrivals.trace_many();
     else

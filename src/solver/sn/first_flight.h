@@ -2,6 +2,7 @@
 #pragma once
 
 #include "scene/sky.h"
+#include "solver/sn/sweep.h"
 #include "surface/lit_surfaces.h"
 #include "volume/grid.h"
 
@@ -55,18 +56,31 @@ struct Sights {
 /// by 8192 rays; 0 where there are none.
 float mean_luminance(const SnLight& light, const Grid& grid, std::span<const float> validity);
 
-/// A cell whose luminance is looked up, or a place beside the grid.
+/// A cell whose luminance is looked up, or a place beside the grid, for the directions of a
+/// quadrant.
 struct SnPlace {
-    uint32_t slot;   ///< see sweep.h
-    glm::ivec3 cell; ///< of the grid
+    uint32_t entry;  ///< 4 * slot + quadrant (sweep.h)
+    glm::vec3 point; ///< where its light is taken, in units of the grid
+
+    uint32_t slot() const { return entry / quadrants; }
+    size_t quadrant() const { return entry % quadrants; }
 };
 
-/// The luminance (nits) that arrives along each direction of travel in up to eight cells, in any
-/// number where there is a caster: luminance[cell * stride + direction], of surfaces as it leaves
-/// them, and in w the column of air before them. What the rays met is kept in `sights`, if it is
-/// not null, from `first` on.
-void trace_arriving(const SnLight& light, std::span<const SnPlace> places,
-                    std::span<const glm::vec3> travel, size_t stride,
-                    std::span<glm::vec4> luminance, Sights* sights, size_t first);
+/// Unit directions of light, as many of each quadrant, one quadrant after the other.
+struct Travel {
+    std::vector<glm::vec3> all;
+
+    size_t of_each() const { return all.size() / quadrants; }
+    std::span<const glm::vec3> of(const SnPlace& place) const {
+        return std::span(all).subspan(place.quadrant() * of_each(), of_each());
+    }
+};
+
+/// The luminance (nits) that arrives along the directions of its quadrant in each of up to eight
+/// places of one quadrant, of any and in any number where there is a caster:
+/// luminance[place * stride + direction], of surfaces as it leaves them, and in w the column of air
+/// before them. What the rays met is kept in `sights`, if it is not null, from `first` on.
+void trace_arriving(const SnLight& light, std::span<const SnPlace> places, const Travel& travel,
+                    size_t stride, std::span<glm::vec4> luminance, Sights* sights, size_t first);
 
 } // namespace lpvbake::solver::sn

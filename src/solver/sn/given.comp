@@ -1,7 +1,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Luminance of places of a front where it is known: copied to their slots. Lanes are directions.
+// Luminance of places of a plane where it is known: copied to their slots, a lane a value.
 
 #include "sweep.h"
 
@@ -16,11 +16,15 @@ layout(std430, set = 0, binding = binding_given_slots) readonly buffer Slots { u
 layout(set = 0, binding = binding_given_values) uniform textureBuffer values;
 
 void main() {
-    const uint in_group = local_size == lanes ? 0u : gl_LocalInvocationIndex / lanes;
-    const uint direction = gl_WorkGroupID.y * lanes + gl_LocalInvocationIndex % lanes;
-    const uint first = push.first + (gl_WorkGroupID.x * (local_size / lanes) + in_group) * march;
-    const uint last = min(first + march, push.last);
-    for (uint entry = first; entry < last; ++entry)
-        ring[(push.out_base + slots[entry]) * push.stride + direction] = texelFetch(
-            values, int(push.value_base + (entry - push.first) * push.stride + direction));
+    const uint of_each = push.stride / quadrants;
+    for (uint step = 0u; step < march; ++step) {
+        const uint value =
+            (gl_WorkGroupID.x * march + step) * local_size + gl_LocalInvocationIndex;
+        if (value >= push.values)
+            break;
+        const uint place = value / of_each, direction = value - place * of_each;
+        const uint entry = slots[push.first + place];
+        ring[(push.out_base + entry / quadrants) * push.stride + quadrants * direction +
+             entry % quadrants] = texelFetch(values, int(push.first * of_each + value));
+    }
 }

@@ -76,8 +76,8 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
           format("%d directions, order %d", sn.directions, sn.order)
               + (work.layers > 0 ? ", " + counted(work.layers, "layer") : "")}},
         {},
-        sn_host_bytes(solved, uint64_t(work.patches / models::patches_a_peak), sn, work.gpu,
-                      work.layers)
+        sn_host_bytes(solved, uint64_t(work.patches),
+                      uint64_t(work.patches / models::patches_a_peak), sn, work.gpu, work.layers)
             + beside_slab_bytes(work, gather::shard_layers, sn.order)};
 }
 

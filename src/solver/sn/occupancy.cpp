@@ -75,6 +75,43 @@ void occupy(const std::vector<surface::Patch>& patches, Occupancy& occupancy) {
     });
 }
 
+/// Calls visit(index) for the cells of the grid at the corners of a cube.
+template <class Visit>
+void visit_corners(glm::ivec3 dims, glm::ivec3 cube, const Visit& visit) {
+    const Grid grid{{}, 1.0, dims};
+    for (int i = 0; i < 8; ++i) {
+        const glm::ivec3 cell = cube - glm::ivec3(i & 1, i >> 1 & 1, i >> 2);
+        if (grid.contains(cell))
+            visit(grid.index(cell));
+    }
+}
+
+/// The cells without a mark that are joined to some with one by a cube.
+std::vector<size_t> beside_marked(const Occupancy& occupancy, const std::vector<uint8_t>& marked) {
+    std::vector<std::vector<size_t>> layers(size_t(occupancy.dims.z) + 1);
+    tbb::parallel_for(0, occupancy.dims.z + 1, [&](int z) {
+        for (int y = 0; y <= occupancy.dims.y; ++y)
+            for (int x = 0; x <= occupancy.dims.x; ++x) {
+                if (occupancy.is_occupied({x, y, z}))
+                    continue;
+                bool some = false, all = true;
+                visit_corners(occupancy.dims, {x, y, z}, [&](size_t cell) {
+                    some |= marked[cell] != 0;
+                    all &= marked[cell] != 0;
+                });
+                if (some && !all)
+                    visit_corners(occupancy.dims, {x, y, z}, [&](size_t cell) {
+                        if (!marked[cell])
+                            layers[size_t(z)].push_back(cell);
+                    });
+            }
+    });
+    std::vector<size_t> cells;
+    for (const std::vector<size_t>& layer : layers)
+        cells.insert(cells.end(), layer.begin(), layer.end());
+    return cells;
+}
+
 } // namespace
 
 Occupancy find_occupied(const std::vector<surface::Patch>& patches, glm::ivec3 dims) {
@@ -84,6 +121,31 @@ Occupancy find_occupied(const std::vector<surface::Patch>& patches, glm::ivec3 d
     occupancy.occupied.assign(size_t(cubes.x) * size_t(cubes.y) * size_t(cubes.z), 0);
     occupy(patches, occupancy);
     return occupancy;
+}
+
+std::vector<uint8_t> find_feeding(const Occupancy& occupancy, std::span<const float> validity) {
+    const Grid grid{{}, 1.0, occupancy.dims};
+    std::vector<uint8_t> feeding(grid.size(), 1);
+    if (validity.empty())
+        return feeding;
+    std::ranges::transform(validity, feeding.begin(), [](float v) { return v > 0.0f ? 1 : 0; });
+    std::vector<size_t> open = beside_marked(occupancy, feeding);
+    while (!open.empty()) {
+        const size_t cell = open.back();
+        open.pop_back();
+        if (feeding[cell])
+            continue;
+        feeding[cell] = 1;
+        for (int i = 0; i < 8; ++i) {
+            const glm::ivec3 cube = grid.cell_at(cell) + glm::ivec3(i & 1, i >> 1 & 1, i >> 2);
+            if (!occupancy.is_occupied(cube))
+                visit_corners(occupancy.dims, cube, [&](size_t other) {
+                    if (!feeding[other])
+                        open.push_back(other);
+                });
+        }
+    }
+    return feeding;
 }
 
 } // namespace lpvbake::solver::sn

@@ -4,6 +4,7 @@
 #include "surface/patches.h"
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 namespace lpvbake::solver::sn {
@@ -24,5 +25,9 @@ struct Occupancy {
 
 /// Finds the cubes that hold a surface, or come within surface_margin of one, and a little more.
 Occupancy find_occupied(const std::vector<surface::Patch>& patches, glm::ivec3 dims);
+
+/// 1 for each cell whose luminance a sweep may carry into one whose validity is above 0: these, and
+/// what is joined to them by cubes without surfaces. Without a validity all cells.
+std::vector<uint8_t> find_feeding(const Occupancy& occupancy, std::span<const float> validity);
 
 } // namespace lpvbake::solver::sn

@@ -2,7 +2,7 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 
-// Adds the luminance of a front's cells, times its directions' weights, to their coefficients.
+// Adds the luminance of the cells of some planes, times its directions' weights, to their coefficients.
 // Lanes are cells, the direction is the same for all. Directions are added one by one, so that the
 // sum does not depend on how they were dealt into batches; their loop is unrolled because a CPU
 // device loads a weight for all lanes at once only where its address is constant.
@@ -19,7 +19,6 @@ layout(constant_id = spec_columns) const uint columns = 0u; // 1: texels hold th
 layout(push_constant) uniform Push { ProjectPush push; };
 
 layout(set = 0, binding = binding_project_ring) uniform textureBuffer ring;
-layout(std430, set = 0, binding = binding_project_cells) readonly buffer Cells { uvec2 cells[]; };
 layout(std140, set = 0, binding = binding_project_weights) uniform Weights {
     vec4 weights[max_project_weights / 4u];
 };
@@ -30,13 +29,19 @@ const uint quads = (3u * coefficients + 3u) / 4u;
 
 void main() {
     for (uint step = 0u; step < march; ++step) {
-        const uint entry = push.first + (gl_WorkGroupID.x * march + step) * local_size +
-                           gl_LocalInvocationIndex;
-        const bool inside = entry < push.last;
-        const uvec2 cell = cells[min(entry, push.last - 1u)];
-        const uint texel = push.ring_base + cell.x * push.stride;
-        const uint sh = push.sh_base + (cell.y - push.first_cell) * quads;
-        float sum[4u * quads];
+        const uint index =
+            (gl_WorkGroupID.x * march + step) * local_size + gl_LocalInvocationIndex;
+        const bool inside = index < push.cells;
+        const uint row = min(index, push.cells - 1u) / push.across;
+        const uint u = min(index, push.cells - 1u) - row * push.across;
+        const uint plane = row / push.rows, v = push.first_row + row % push.rows;
+        const uint slot = (push.first_plane + plane) % ring_planes * push.slots +
+                          (v + 1u) * push.pitch + u + 1u;
+        const uint texel = push.ring_base + slot * push.stride;
+        const uint cell =
+            push.first_cell + u * push.step_u + v * push.step_v + plane * push.step_plane;
+        const uint sh = push.sh_base + cell * quads;
+        precise float sum[4u * quads];
         [[unroll]] for (uint i = 0u; i < quads; ++i) {
             const vec4 before = texelFetch(sh_in, int(sh + i));
             sum[4u * i] = before.x;

@@ -3,6 +3,7 @@
 #include "solver/models.h"
 #include "solver/sn/directions.h"
 #include "solver/sn/first_flight.h"
+#include "solver/sn/host_sweeper.h"
 #include "solver/sn/occupancy.h"
 #include "surface/kept.h"
 #include "volume/sh.h"
@@ -11,6 +12,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <memory>
 #include <optional>
 
 namespace lpvbake::solver::sn {
@@ -131,17 +133,25 @@ uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings, bool laye
     return std::max(sweep, gather::gather_device_bytes(peak_settings(settings), layers));
 }
 
-uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& settings, bool gpu,
-                       uint64_t layers) {
-    const uint64_t met =
-        layers > 0 ? sizeof(uint32_t) * uint64_t(sn_direction_count(settings.directions)) : 0;
-    const uint64_t sweep = grid.size()
-                           + tile_of(grid, settings).size() * (12 + sizeof(SnPlace) + met)
-                           + (gpu ? 4 * chunk_bytes : 0);
-    uint64_t peaks = gather::gather_host_bytes(grid, patches, peak_settings(settings), gpu, layers);
-    if (!gpu) { // the device's memory is the host's, and the sweep's is not taken by then
+uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, uint64_t bright,
+                       const SnSettings& settings, bool gpu, uint64_t layers) {
+    const Grid tile = tile_of(grid, settings);
+    const uint64_t directions = uint64_t(sn_direction_count(settings.directions));
+    // Half of the directions come from where the surface is, in half of the quadrants of a course.
+    const uint64_t of_near = sizeof(NearCell) + quadrants / 2 * sizeof(SnPlace)
+                             + (layers > 0 ? sizeof(uint32_t) * directions / 2 : 0);
+    uint64_t sweep = 2 * grid.size() + std::min(tile.size(), patches) * of_near + 2 * chunk_bytes;
+    uint64_t peaks = gather::gather_host_bytes(grid, bright, peak_settings(settings), gpu, layers);
+    // Lists of what is bright are half as long.
+    peaks -= std::min<uint64_t>(models::bytes::gather_lists,
+                                models::bytes::gather_lists_cell * grid.size())
+             / 2;
+    if (!gpu) { // the device's memory is the host's, and neither takes what the other does
+        const uint64_t device = sn_device_bytes(grid, settings, layers > 0);
+        sweep += host_sweep_bytes(tile, int(directions), settings.order);
+        sweep -= std::min(sweep, device);
         peaks += gather::gather_device_bytes(peak_settings(settings), layers > 0);
-        peaks -= std::min(peaks, sn_device_bytes(grid, settings, layers > 0));
+        peaks -= std::min(peaks, device);
     }
     return std::max(sweep, peaks);
 }
@@ -161,9 +171,10 @@ SnProgram::SnProgram(const gpu::Device& device, const Grid& grid, const SnSettin
           std::min({window ? window : std::numeric_limits<uint64_t>::max(),
                     device.info().max_storage_range, device.info().max_texels * sizeof(glm::vec4)})
           - device.info().window_alignment),
-      stride_(swept_directions(SweepLayout(tile_of(grid, settings).dims), settings_.directions,
-                               largest_, device.is_cpu())),
-      sweep_(compile_sweep(device, stride_, settings.order)) {}
+      stride_(swept_directions(tile_of(grid, settings), settings_.directions, largest_)),
+      on_host_(device.is_cpu() && window == 0),
+      sweep_(on_host_ ? std::nullopt
+                      : std::optional(compile_sweep(device, stride_, settings.order))) {}
 
 float SnProgram::gather_peaks(const surface::LitSurfaces& lit,
                               const visibility::Visibility& visibility, const Sky& sky,
@@ -202,22 +213,34 @@ struct SnProgram::Done {
     }
 };
 
+/// How a sweep goes through the tiles.
+struct SnProgram::Way {
+    const SweepPrograms* programs; ///< null: on the host
+    uint32_t stride;               ///< directions of a course that are swept at once
+};
+
 /// What all sweeps of a tile share: of the light, and of its layers by what its rays met.
 class SnProgram::Sweeping {
 public:
     /// `layer` is the first in the volumes' cells. The arguments outlive it.
-    Sweeping(const SnProgram& program, const Tile& tile, int layer, const Occupancy& occupancy,
+    Sweeping(const SnProgram& program, const Way& way, const Tile& tile, int layer,
+             const Occupancy& occupancy, const std::vector<uint8_t>& feeding,
              const surface::LitSurfaces& lit, const visibility::Visibility& visibility,
              size_t sweeps, Done& done)
         : program_(program),
+          way_(way),
           tile_(tile),
           at_(tile.begin - glm::ivec3(0, 0, layer)),
-          plan_(plan_sweep(program.device_, tile.cells, program.settings_.order, program.stride_,
-                           program.largest_)),
-          occupancy_(occupancy),
+          visibility_(visibility),
+          feeding_(feeding),
+          near_(find_near(tile, occupancy, feeding, visibility)),
           boundary_(visibility.air() || reaches_out(lit, visibility, tile)),
           sweeps_(sweeps),
-          done_(done) {}
+          done_(done) {
+        if (way.programs)
+            plan_ = plan_sweep(program.device_, tile.cells, program.settings_.order, way.stride,
+                               program.largest_);
+    }
 
     /// Takes what the rays of the first sweep meet from a cache, or keeps it there after that.
     void use(const KeptSights& kept, const surface::LitSurfaces& lit) {
@@ -226,8 +249,9 @@ public:
             return;
         key_ = cache_->key("sights");
         surface::add_patches(lit, *key_);
+        key_->add_all(feeding_);
         key_->add(kept.frame.origin, kept.frame.unit, tile_.begin, tile_.cells.dims, boundary_,
-                  program_.settings_.directions, program_.stride_, plan_.chunk, plan_.slab);
+                  program_.settings_.directions, way_.stride, most_of_chunk());
         known_ = cache_->get(*key_, [&](cache::Reader& in) {
             uint64_t chunks = 0;
             if (!in.get(chunks))
@@ -244,50 +268,64 @@ public:
     }
 
     void run(const SnLight& light, Volume& volume) {
-        const uint32_t stride = program_.stride_;
-        const int count = program_.settings_.directions;
-        const std::vector<glm::dvec3> positive = sn_octant_directions(count);
-        const size_t batches = (positive.size() + stride - 1) / stride;
+        const uint32_t of_each = way_.stride / quadrants;
+        const int total = program_.settings_.directions;
+        const std::vector<glm::dvec3> octant = sn_octant_directions(total);
         std::optional<SweptAir> air;
         if (light.air)
-            air.emplace(program_.device_, *light.air, light.part, stride, program_.settings_.order);
-        Sweeper sweeper(program_.device_, tile_.cells, plan_, program_.sweep_,
-                        air ? &*air : nullptr);
+            air.emplace(program_.device_, *light.air, light.part, way_.stride,
+                        program_.settings_.order);
+        const std::unique_ptr<Sweeper> sweeper = make_sweeper(air ? &*air : nullptr);
         size_t chunks = 0;
-        for (int number = 0; number < 8; ++number) {
-            const Octant octant(tile_, plan_.layout, number);
-            const FrontOrder order = order_fronts(octant, occupancy_, boundary_, plan_.slab);
+        for (int number = 0; number < Course::count; ++number) {
+            const Course course(tile_, number);
+            const PlaneOrder order = order_planes(course, near_, boundary_, visibility_);
+            const std::vector<glm::dvec3> positive = of_course(course, octant);
+            const size_t batches = (positive.size() + of_each - 1) / of_each;
             for (size_t batch = 0; batch < batches; ++batch) {
-                const size_t first = batch * stride;
+                const size_t first = batch * of_each;
                 const Directions directions =
-                    direction_table(octant,
+                    direction_table(course,
                                     std::span(positive).subspan(
-                                        first, std::min(size_t(stride), positive.size() - first)),
-                                    stride, count, program_.settings_.order);
-                sweeper.begin(directions, luminance_beyond(light, directions, stride));
-                for (int begin = 0; begin < order.fronts(); begin = chunk_.end) {
-                    choose_fronts(order, stride, plan_.chunk,
+                                        first, std::min(size_t(of_each), positive.size() - first)),
+                                    way_.stride, total, program_.settings_.order);
+                sweeper->begin(course, directions,
+                               luminance_beyond(light, directions, way_.stride));
+                for (int begin = 0; begin < order.planes(); begin = chunk_.end) {
+                    choose_planes(course, order, way_.stride, most_of_chunk(),
                                   air ? air_vec4s(air->coefficients) : 0, begin, chunk_);
                     if (air)
-                        pack_air(order, tile_, directions, air->air, air->coefficients, chunk_);
+                        pack_air(course, directions, air->air, air->coefficients, chunk_);
                     find_given(light, order, directions, chunks++);
-                    sweeper.run(order, chunk_);
-                    const double share = double(chunk_.end) / order.fronts();
-                    done_.tell((number + (double(batch) + share) / double(batches)) / 8.0);
+                    sweeper->run(order, chunk_);
+                    const double share = double(chunk_.end) / order.planes();
+                    done_.tell((number + (double(batch) + share) / double(batches))
+                               / Course::count);
                 }
             }
         }
-        sweeper.add_to(program_.grid_, at_, volume.sh);
+        sweeper->add_to(program_.grid_, at_, volume.sh);
         ++done_.done;
         keep();
     }
 
 private:
+    /// Bytes of each list of a chunk.
+    uint64_t most_of_chunk() const { return plan_ ? plan_->chunk : chunk_bytes; }
+
+    std::unique_ptr<Sweeper> make_sweeper(const SweptAir* air) const {
+        if (!way_.programs)
+            return std::make_unique<HostSweeper>(tile_.cells, way_.stride,
+                                                 program_.settings_.order);
+        return std::make_unique<DeviceSweeper>(program_.device_, tile_.cells, *plan_,
+                                               *way_.programs, air);
+    }
+
     /// The luminance of what is given in a chunk.
-    void find_given(const SnLight& light, const FrontOrder& order, const Directions& directions,
+    void find_given(const SnLight& light, const PlaneOrder& order, const Directions& directions,
                     size_t chunk) {
-        const uint32_t stride = program_.stride_;
-        const size_t rays = size_t(order.given_of(chunk_.begin, chunk_.end)) * stride;
+        const uint32_t stride = way_.stride;
+        const size_t rays = size_t(order.given_of(chunk_.begin, chunk_.end)) * (stride / quadrants);
         if (light.layer
             || (known_ && chunk < sights_.size() && sights_[chunk].sides.size() == rays)) {
             recall_given(order, light, directions, stride, sights_[chunk], chunk_);
@@ -316,10 +354,13 @@ private:
     }
 
     const SnProgram& program_;
+    const Way way_;
     const Tile& tile_;
     const glm::ivec3 at_; ///< in the volumes' cells
-    const SweepPlan plan_;
-    const Occupancy& occupancy_;
+    const visibility::Visibility& visibility_;
+    const std::vector<uint8_t>& feeding_;
+    const std::vector<NearCell> near_;
+    std::optional<SweepPlan> plan_; ///< on the device
     const bool boundary_;
     size_t sweeps_; ///< of this tile
     Done& done_;
@@ -345,12 +386,21 @@ void SnProgram::sweep(const surface::LitSurfaces& lit, const visibility::Visibil
     const bool lit_air = light.air && light.air->is_lit();
     const std::vector<scene::LightLayer> swept = sky_layers(layers.light, !bright);
     const Occupancy occupancy = find_occupied(lit.patches, grid_.dims);
+    const std::vector<uint8_t> feeding = find_feeding(occupancy, volume.validity);
+    // Air is for the kernels.
+    std::optional<SweepPrograms> in_air;
+    if (on_host_ && light.air)
+        in_air = compile_sweep(device_, stride_, settings_.order);
+    const Way way = on_host_ && !light.air
+                        ? Way{nullptr, uint32_t(settings_.directions / Course::count)}
+                        : Way{in_air ? &*in_air : &*sweep_, stride_};
     const volume::Slab own = slab.value_or(volume::all_of(grid_));
     const std::vector<Tile> tiles = tiles_of(grid_, own, settings_);
     Done done{progress, tiles.size() * (1 + (lit_air ? 1 : 0) + swept.size())};
     for (const Tile& tile : tiles) {
         const auto sweeping = [&](size_t sweeps) {
-            return Sweeping(*this, tile, own.begin, occupancy, lit, visibility, sweeps, done);
+            return Sweeping(*this, way, tile, own.begin, occupancy, feeding, lit, visibility,
+                            sweeps, done);
         };
         Sweeping of_all = sweeping(1 + swept.size());
         light.layer = nullptr;

@@ -34,14 +34,15 @@ Grid tile_of(const Grid& grid, const SnSettings& settings);
 gather::GatherSettings peak_settings(const SnSettings& settings);
 
 /// Device memory of a bake, bytes: the coefficients (12 floats a cell for order 1, 28 for order 2,
-/// 48 for 3, 76 for 4), eight fronts of the luminance of up to all directions of an octant, and
-/// what is streamed, at most 120 MiB; or what the gather takes.
+/// 48 for 3, 76 for 4), five planes of the luminance of up to all directions of a course, and what
+/// is streamed; or what the gather takes.
 uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings, bool layers = false);
 
-/// Host memory, bytes, where all cells lie beside surfaces and all patches are bright; with layers,
-/// what rays meet is kept, which takes four times as much where something tints.
-uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, const SnSettings& settings, bool gpu,
-                       uint64_t layers = 0);
+/// Host memory, bytes, beside what is said of the device's, where a cell lies beside each patch and
+/// some patches are bright; with layers, what rays meet is kept, which takes four times as much
+/// where something tints.
+uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, uint64_t bright,
+                       const SnSettings& settings, bool gpu, uint64_t layers = 0);
 
 /// Time of the sweep on two threads, s, without shader compilation.
 double sn_seconds(const Grid& grid, const SnSettings& settings, bool gpu);
@@ -55,7 +56,8 @@ struct KeptSights {
 /// The solver, compiled for a device and a grid: first gather_peaks, then sweep.
 class SnProgram {
 public:
-    /// `window` limits the bytes that one binding sees; 0: what the device allows.
+    /// `window` limits the bytes that one binding of the device's kernels sees. 0: what the device
+    /// allows; where it is the host's CPU, the host sweeps then by itself, to the same bits.
     SnProgram(const gpu::Device& device, const Grid& grid, const SnSettings& settings,
               uint64_t window = 0);
 
@@ -83,14 +85,16 @@ public:
 
 private:
     struct Done;
+    struct Way;
     class Sweeping;
     const gpu::Device& device_;
     Grid grid_;
     SnSettings settings_;
     gather::GatherProgram gather_;
     uint64_t largest_; ///< bytes that a binding sees
-    uint32_t stride_;  ///< directions of an octant that are swept at once
-    SweepPrograms sweep_;
+    uint32_t stride_;  ///< directions of a course that are swept at once on the device
+    bool on_host_;     ///< the host sweeps, but in air
+    std::optional<SweepPrograms> sweep_; ///< where it does not
 };
 
 } // namespace lpvbake::solver::sn

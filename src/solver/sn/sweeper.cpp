@@ -17,15 +17,12 @@ namespace lpvbake::solver::sn {
 namespace {
 
 constexpr uint64_t texel = sizeof(glm::vec4);
-/// Of the ring of fronts, where all directions of an octant do not fit: so many, or so many a cell
-/// of the grid, whose coefficients take five times as much at order 2. Fewer batches of directions
-/// are fewer times that all lists of cells are streamed.
+/// Of the ring of planes, where all directions of a course do not fit: so many, or so many a cell
+/// of the grid, whose coefficients take five times as much at order 2.
 constexpr uint64_t ring_bytes = uint64_t(128) << 20, cell_ring_bytes = 20;
-/// The same on a CPU device, whose caches should hold them.
-constexpr uint64_t cpu_ring_bytes = uint64_t(12) << 20;
 
-uint32_t padded_directions(int directions) {
-    return (uint32_t(directions) / 8 + lanes - 1) / lanes * lanes;
+uint32_t course_directions(int directions) {
+    return uint32_t(directions / Course::count);
 }
 
 /// Into a buffer that is made at least so large, for what its stream records from now on.
@@ -51,20 +48,19 @@ std::span<const std::byte> bytes_of(const Push& push) {
 
 } // namespace
 
-uint32_t swept_directions(const SweepLayout& layout, int directions, uint64_t most_bytes,
-                          bool cpu) {
-    const uint64_t group = layout.ring_texels(lanes) * texel;
-    const uint64_t cells =
-        uint64_t(layout.dims.x) * uint64_t(layout.dims.y) * uint64_t(layout.dims.z);
-    const uint64_t most = cpu ? cpu_ring_bytes : std::max(ring_bytes, cell_ring_bytes * cells);
-    const uint64_t groups = std::min(most_bytes, most) / group;
-    return uint32_t(std::clamp<uint64_t>(groups, 1, padded_directions(directions) / lanes)) * lanes;
+uint32_t swept_directions(const Grid& grid, int directions, uint64_t most_bytes) {
+    const uint64_t group = ring_planes * most_slots(grid.dims) * lanes * texel;
+    const uint64_t most = std::max(ring_bytes, cell_ring_bytes * grid.size());
+    const uint32_t all = (course_directions(directions) + lanes - 1) / lanes; // groups
+    const uint32_t fit = uint32_t(std::clamp<uint64_t>(std::min(most_bytes, most) / group, 1, all));
+    const uint32_t batches = (all + fit - 1) / fit;
+    return (all + batches - 1) / batches * lanes;
 }
 
 uint32_t projected_directions(uint32_t stride, int order) {
     const uint32_t most = max_project_weights / uint32_t(volume::sh_count(order));
     for (uint32_t parts = 1;; ++parts)
-        if (stride % (parts * lanes) == 0 && stride / parts <= most)
+        if (stride % parts == 0 && stride / parts <= most)
             return stride / parts;
 }
 
@@ -73,27 +69,26 @@ SweepTiling tiling_for(const gpu::Device& device) {
 }
 
 uint64_t sweep_bytes(const Grid& grid, int directions, int order) {
-    const SweepLayout layout(grid.dims);
     const uint32_t stride =
-        swept_directions(layout, directions, std::numeric_limits<uint64_t>::max(), false);
-    return grid.size() * sh_vec4s(uint32_t(volume::sh_count(order))) * texel
-           + layout.ring_texels(stride) * texel + 6 * chunk_bytes;
+        swept_directions(grid, directions, std::numeric_limits<uint64_t>::max());
+    const uint64_t plane = most_slots(grid.dims) * stride * texel;
+    return grid.size() * sh_vec4s(uint32_t(volume::sh_count(order))) * texel + ring_planes * plane
+           + 2 * std::max(chunk_bytes, plane); // all that is given in one may be a chunk
 }
 
 SweepPlan plan_sweep(const gpu::Device& device, const Grid& grid, int order, uint32_t stride,
                      uint64_t largest) {
     const gpu::DeviceInfo& info = device.info();
-    const SweepLayout layout(grid.dims);
+    const uint64_t slots = most_slots(grid.dims);
     const uint64_t cell_bytes = sh_vec4s(uint32_t(volume::sh_count(order))) * texel;
     const uint64_t layer_cells = uint64_t(grid.dims.x) * uint64_t(grid.dims.y);
-    const uint64_t front_cells = layout.slots(); // the largest front has at most so many
-    if (layer_cells * cell_bytes > largest || layout.ring_texels(stride) * texel > largest
-        || front_cells * stride * texel > largest)
+    // All that is given in a plane takes less than the ring.
+    if (layer_cells * cell_bytes > largest || ring_planes * slots * stride * texel > largest)
         throw Error(ErrorKind::memory, "a layer of " + std::to_string(grid.dims.x) + " x "
                                            + std::to_string(grid.dims.y) + " cells exceeds what '"
                                            + info.name + "' can bind; lower `resolution`");
     const uint64_t weights = max_project_weights * sizeof(float);
-    return {layout,
+    return {slots,
             tiling_for(device),
             order,
             stride,
@@ -110,7 +105,7 @@ namespace {
 
 gpu::Program compile_project(const gpu::Device& device, uint32_t stride, int order, bool columns) {
     using gpu::Binding;
-    constexpr Binding bindings[] = {Binding::texels_rgba32, Binding::storage, Binding::uniform,
+    constexpr Binding bindings[] = {Binding::texels_rgba32, Binding::uniform,
                                     Binding::texels_rgba32, Binding::storage};
     const SweepTiling tiling = tiling_for(device);
     const uint32_t constants[] = {tiling.local_size, tiling.project_march,
@@ -122,8 +117,8 @@ gpu::Program compile_project(const gpu::Device& device, uint32_t stride, int ord
 gpu::Program compile_transport_in_air(const gpu::Device& device, uint32_t coefficients) {
     using gpu::Binding;
     constexpr Binding bindings[] = {Binding::texels_rgba32, Binding::storage,
-                                    Binding::texels_r32,    Binding::texels_rgba32,
-                                    Binding::texels_rgba32, Binding::texels_rgba32};
+                                    Binding::texels_rgba32, Binding::texels_rgba32,
+                                    Binding::texels_rgba32};
     const SweepTiling tiling = tiling_for(device);
     const uint32_t constants[] = {tiling.local_size, tiling.march, coefficients};
     return gpu::Program(device, shaders::transport_air_comp, bindings, sizeof(TransportPush),
@@ -135,7 +130,7 @@ gpu::Program compile_transport_in_air(const gpu::Device& device, uint32_t coeffi
 SweepPrograms compile_sweep(const gpu::Device& device, uint32_t stride, int order) {
     using gpu::Binding;
     const SweepTiling tiling = tiling_for(device);
-    constexpr Binding transport[] = {Binding::texels_rgba32, Binding::storage, Binding::texels_r32,
+    constexpr Binding transport[] = {Binding::texels_rgba32, Binding::storage,
                                      Binding::texels_rgba32};
     constexpr Binding given[] = {Binding::storage, Binding::storage, Binding::texels_rgba32};
     const uint32_t constants[] = {tiling.local_size, tiling.march};
@@ -152,8 +147,8 @@ SweptAir::SweptAir(const gpu::Device& device, const visibility::Air& of, LightPa
       transport(compile_transport_in_air(device, coefficients)),
       project(compile_project(device, stride, order, part == LightPart::surfaces)) {}
 
-Sweeper::Sweeper(const gpu::Device& device, const Grid& grid, const SweepPlan& plan,
-                 const SweepPrograms& programs, const SweptAir* in_air)
+DeviceSweeper::DeviceSweeper(const gpu::Device& device, const Grid& grid, const SweepPlan& plan,
+                             const SweepPrograms& programs, const SweptAir* in_air)
     : device_(device),
       grid_(grid),
       plan_(plan),
@@ -165,11 +160,9 @@ Sweeper::Sweeper(const gpu::Device& device, const Grid& grid, const SweepPlan& p
     gpu::clear(device, sh_);
 }
 
-Sweeper::Stream Sweeper::make_stream() const {
+DeviceSweeper::Stream DeviceSweeper::make_stream() const {
     const auto empty = [&] { return gpu::Buffer(device_, texel); };
     return {empty(),
-            empty(),
-            empty(),
             empty(),
             empty(),
             gpu::Buffer(device_, plan_.stride * texel),
@@ -179,43 +172,40 @@ Sweeper::Stream Sweeper::make_stream() const {
             gpu::Batch(device_)};
 }
 
-void Sweeper::begin(const Directions& directions, std::span<const glm::vec4> beyond) {
+void DeviceSweeper::begin(const Course& course, const Directions& directions,
+                          std::span<const glm::vec4> beyond) {
+    course_ = &course;
     directions_ = &directions;
     beyond_.assign(beyond.begin(), beyond.end());
 }
 
-void Sweeper::run(const FrontOrder& order, const Chunk& chunk) {
+void DeviceSweeper::run(const PlaneOrder& order, const Chunk& chunk) {
     stream().batch.wait(); // for the chunk before the last
-    upload(order, chunk);
+    upload(chunk);
     if (!beyond_.empty())
         record_beyond();
-    const uint32_t first_cell = order.first[size_t(chunk.begin)];
-    const uint32_t first_given = order.first_given[size_t(chunk.begin)];
-    const auto cells = std::span(order.cells).subspan(first_cell);
-    uint32_t projected = 0; // entries that are in the coefficients
-    for (int f = chunk.begin; f < chunk.end; ++f) {
-        const uint32_t last = order.first[size_t(f + 1)] - first_cell;
-        record_given(order.first_given[size_t(f)] - first_given,
-                     order.first_given[size_t(f + 1)] - first_given,
-                     plan_.layout.base(f + int(ring_fronts)));
-        record_transport(order.middle[size_t(f)] - first_cell, last, f);
-        if (f + 1 == chunk.end || (f + 1 - chunk.begin) % int(projected_fronts) == 0) {
-            record_project(cells, projected, last);
-            projected = last;
+    const int first = chunk.first_of_cells();
+    int projected = first; // up to there they are in the coefficients
+    for (int plane = chunk.begin; plane < chunk.end; ++plane) {
+        if (plane >= first)
+            record_transport(plane, uint32_t(plane - first) * course_->layout.cells());
+        record_given(order.given_of(chunk.begin, plane), order.given_of(chunk.begin, plane + 1),
+                     plane);
+        if (plane + 1 - projected == int(projected_planes) || plane + 1 == chunk.end) {
+            record_project(projected, plane + 1);
+            projected = plane + 1;
         }
     }
     stream().batch.submit();
     at_ = 1 - at_;
 }
 
-void Sweeper::upload(const FrontOrder& order, const Chunk& chunk) {
+void DeviceSweeper::upload(const Chunk& chunk) {
     Stream& to = stream();
     const auto fill = [&]<class T>(gpu::Buffer& buffer, std::span<const T> values) {
         put(device_, to.batch, buffer, values);
     };
     const size_t coefficients = size_t(volume::sh_count(plan_.order));
-    const uint32_t first = order.first[size_t(chunk.begin)];
-    const uint32_t count = order.cells_of(chunk.begin, chunk.end);
     fill(to.table, std::span<const glm::vec4>(directions_->table));
     for (uint32_t d = 0; d < plan_.stride; d += plan_.at_once) {
         const auto some =
@@ -226,8 +216,6 @@ void Sweeper::upload(const FrontOrder& order, const Chunk& chunk) {
             to.batch.stage(to.weights, d / plan_.at_once * plan_.weight_bytes, some.size_bytes())
                 .begin());
     }
-    fill(to.cells, std::span(order.cells).subspan(first, count));
-    fill(to.cell_slots, std::span(order.slots).subspan(first, count));
     if (!chunk.given_slots.empty()) {
         fill(to.given_slots, std::span<const uint32_t>(chunk.given_slots));
         fill(to.given, std::span<const glm::vec4>(chunk.given));
@@ -239,7 +227,7 @@ void Sweeper::upload(const FrontOrder& order, const Chunk& chunk) {
 }
 
 /// All slots of the ring, by copies of twice as many each time.
-void Sweeper::record_beyond() {
+void DeviceSweeper::record_beyond() {
     Stream& from = stream();
     put(device_, from.batch, from.beyond, std::span<const glm::vec4>(beyond_));
     uint64_t filled = from.beyond.bytes();
@@ -252,68 +240,97 @@ void Sweeper::record_beyond() {
     beyond_.clear();
 }
 
-gpu::Groups Sweeper::groups_of(uint32_t entries) const {
-    const uint32_t a_group = plan_.tiling.local_size / lanes * plan_.tiling.march;
-    return {(entries + a_group - 1) / a_group, plan_.stride / lanes, 1};
-}
-
-void Sweeper::record_given(uint32_t first, uint32_t last, uint32_t out_base) {
-    if (last == first)
-        return;
+void DeviceSweeper::record_given(uint32_t first, uint32_t last, int plane) {
     const gpu::Window windows[] = {gpu::whole(ring_), gpu::whole(stream().given_slots),
                                    gpu::whole(stream().given)};
-    const GivenPush push{first, last, first * plan_.stride, plan_.stride, out_base};
-    stream().batch.dispatch(programs_.given, windows, bytes_of(push), groups_of(last - first));
+    const GivenPush push{(last - first) * (plan_.stride / quadrants), first, plan_.stride,
+                         course_->layout.base(plane)};
+    const uint32_t a_group = plan_.tiling.local_size * plan_.tiling.march;
+    stream().batch.dispatch(programs_.given, windows, bytes_of(push),
+                            {(push.values + a_group - 1) / a_group, 1, 1});
 }
 
-void Sweeper::record_transport(uint32_t first, uint32_t last, int front) {
-    if (last == first)
-        return;
-    const auto base = [&](int lag) { return plan_.layout.base(front + int(ring_fronts) - lag); };
-    const gpu::Window windows[] = {
-        gpu::whole(ring_),          gpu::whole(ring_),        gpu::whole(stream().cell_slots),
-        gpu::whole(stream().table), gpu::whole(stream().air), gpu::whole(stream().air_table)};
+void DeviceSweeper::record_transport(int plane, uint32_t air_first) {
+    const SweepLayout& layout = course_->layout;
+    const gpu::Window windows[] = {gpu::whole(ring_), gpu::whole(ring_), gpu::whole(stream().table),
+                                   gpu::whole(stream().air), gpu::whole(stream().air_table)};
     const glm::vec3 taken = in_air_ ? in_air_->air.extinction() : glm::vec3(0.0f);
-    const TransportPush push{first,   last,    plan_.stride, base(0), base(1),
-                             base(2), base(3), taken.x,      taken.y, taken.z};
+    const TransportPush push{layout.cells(),
+                             uint32_t(layout.dims.x),
+                             layout.pitch(),
+                             plan_.stride,
+                             layout.base(plane - 1),
+                             layout.base(plane),
+                             air_first,
+                             taken.x,
+                             taken.y,
+                             taken.z};
+    const uint32_t a_group = plan_.tiling.local_size / lanes * plan_.tiling.march;
     stream().batch.dispatch(in_air_ ? in_air_->transport : programs_.transport,
-                            std::span(windows).first(in_air_ ? 6 : 4), bytes_of(push),
-                            groups_of(last - first));
+                            std::span(windows).first(in_air_ ? 5 : 3), bytes_of(push),
+                            {(layout.cells() + a_group - 1) / a_group, plan_.stride / lanes, 1});
 }
 
-void Sweeper::record_project(std::span<const Entry> cells, uint32_t first, uint32_t last) {
-    const uint64_t slab_cells = uint64_t(plan_.slab) * plan_.layer_cells;
-    const auto slab_of = [&](uint32_t entry) { return cells[entry].cell / slab_cells; };
-    const uint64_t quads = sh_vec4s(uint32_t(volume::sh_count(plan_.order)));
-    const uint32_t a_group = plan_.tiling.local_size * plan_.tiling.project_march;
-    for (uint32_t until; first < last; first = until) {
-        until = last;
-        if (plan_.slab < grid_.dims.z)
-            for (until = first; until < last && slab_of(until) == slab_of(first);)
-                ++until;
-        const uint64_t start = slab_of(first) * slab_cells;
-        const uint64_t stop = std::min(start + slab_cells, uint64_t(grid_.size()));
-        const glm::vec3 taken = in_air_ ? in_air_->air.extinction() : glm::vec3(0.0f);
-        ProjectPush push{first, until,   plan_.stride, 0,      uint32_t(start),
-                         0,     taken.x, taken.y,      taken.z};
-        const gpu::Window coefficients = gpu::window_over(sh_, start * quads, stop * quads, texel,
-                                                          plan_.alignment, push.sh_base);
-        for (uint32_t d = 0; d < plan_.stride; d += plan_.at_once) {
-            push.ring_base = d;
-            const gpu::Window windows[] = {
-                gpu::whole(ring_),
-                gpu::whole(stream().cells),
-                {&stream().weights, d / plan_.at_once * plan_.weight_bytes, plan_.weight_bytes},
-                coefficients,
-                coefficients};
-            stream().batch.dispatch(in_air_ ? in_air_->project : programs_.project, windows,
-                                    bytes_of(push),
-                                    {(until - first + a_group - 1) / a_group, 1, 1});
-        }
+/// Of the planes [begin, end), slab by slab of coefficients that a binding sees.
+void DeviceSweeper::record_project(int begin, int end) {
+    const int slabs = (grid_.dims.z + plan_.slab - 1) / plan_.slab;
+    const auto slab_of = [&](int plane) { return course_->cell(0, 0, plane).z / plan_.slab; };
+    if (course_->axis < 2) {
+        for (int slab = 0; slab < slabs && begin < end; ++slab)
+            record_project(begin, end, slab);
+        return;
+    }
+    for (int until = begin; begin < end; begin = until) {
+        while (until < end && slab_of(until) == slab_of(begin))
+            ++until;
+        record_project(begin, until, slab_of(begin));
     }
 }
 
-void Sweeper::add_to(const Grid& grid, glm::ivec3 at, std::vector<std::vector<glm::vec3>>& sh) {
+/// What of them lies in a slab.
+void DeviceSweeper::record_project(int begin, int end, int slab) {
+    const SweepLayout& layout = course_->layout;
+    const int first_layer = slab * plan_.slab;
+    const int last_layer = std::min(first_layer + plan_.slab, grid_.dims.z);
+    const uint64_t start = uint64_t(first_layer) * plan_.layer_cells;
+    const uint64_t stop = uint64_t(last_layer) * plan_.layer_cells;
+    const uint64_t quads = sh_vec4s(uint32_t(volume::sh_count(plan_.order)));
+    const glm::uvec3 steps(1, uint32_t(grid_.dims.x), uint32_t(plan_.layer_cells));
+    const bool rows_are_layers = course_->axis < 2; // then v is z
+    const glm::vec3 taken = in_air_ ? in_air_->air.extinction() : glm::vec3(0.0f);
+    ProjectPush push{};
+    push.across = uint32_t(layout.dims.x);
+    push.rows = uint32_t(rows_are_layers ? last_layer - first_layer : layout.dims.y);
+    push.first_row = uint32_t(rows_are_layers ? first_layer : 0);
+    push.cells = uint32_t(end - begin) * push.rows * push.across;
+    push.pitch = layout.pitch();
+    push.slots = layout.slots();
+    push.first_plane = uint32_t(begin) % ring_planes;
+    push.stride = plan_.stride;
+    push.first_cell = uint32_t(grid_.index(course_->cell(0, 0, begin)) - start);
+    push.step_u = steps[course_->u];
+    push.step_v = steps[course_->v];
+    push.step_plane = course_->sign > 0 ? steps[course_->axis] : 0u - steps[course_->axis];
+    push.red = taken.x;
+    push.green = taken.y;
+    push.blue = taken.z;
+    const gpu::Window coefficients =
+        gpu::window_over(sh_, start * quads, stop * quads, texel, plan_.alignment, push.sh_base);
+    const uint32_t a_group = plan_.tiling.local_size * plan_.tiling.project_march;
+    for (uint32_t d = 0; d < plan_.stride; d += plan_.at_once) {
+        push.ring_base = d;
+        const gpu::Window windows[] = {
+            gpu::whole(ring_),
+            {&stream().weights, d / plan_.at_once * plan_.weight_bytes, plan_.weight_bytes},
+            coefficients,
+            coefficients};
+        stream().batch.dispatch(in_air_ ? in_air_->project : programs_.project, windows,
+                                bytes_of(push), {(push.cells + a_group - 1) / a_group, 1, 1});
+    }
+}
+
+void DeviceSweeper::add_to(const Grid& grid, glm::ivec3 at,
+                           std::vector<std::vector<glm::vec3>>& sh) {
     for (Stream& each : streams_)
         each.batch.wait();
     const size_t coefficients = size_t(volume::sh_count(plan_.order));

@@ -1,4 +1,5 @@
-// The sweep on the device: how it is cut to what the device can bind, its buffers and dispatches.
+// What carries the light of a sweep from plane to plane; on the device: how it is cut to what the
+// device can bind, its buffers and dispatches.
 #pragma once
 
 #include "gpu/gpu.h"
@@ -28,10 +29,10 @@ struct SweptAir {
 
 /// How a sweep is cut: by what a binding can see.
 struct SweepPlan {
-    SweepLayout layout;
+    uint64_t slots; ///< of the largest plane
     SweepTiling tiling;
     int order;              ///< of the harmonics
-    uint32_t stride;        ///< directions of an octant that are swept at once
+    uint32_t stride;        ///< directions of a course that are swept at once
     uint32_t at_once;       ///< of them, that a dispatch of project.comp adds
     uint64_t cell_bytes;    ///< of a cell's coefficients
     uint64_t layer_cells;   ///< of the grid
@@ -42,12 +43,12 @@ struct SweepPlan {
     /// so many bytes.
     uint64_t weight_bytes;
 
-    uint64_t ring_texels() const { return layout.ring_texels(stride); }
+    uint64_t ring_texels() const { return ring_planes * slots * stride; }
 };
 
-/// Directions of an octant, of `directions` over the sphere, that can be swept at once where the
-/// ring of fronts has at most so many bytes; a multiple of `lanes`.
-uint32_t swept_directions(const SweepLayout& layout, int directions, uint64_t most_bytes, bool cpu);
+/// Directions of a course, of `directions` over the sphere, that can be swept at once where the
+/// ring of planes has at most so many bytes; a multiple of `lanes`.
+uint32_t swept_directions(const Grid& grid, int directions, uint64_t most_bytes);
 
 /// Directions that a dispatch of project.comp adds: a divisor of the stride, so few that the
 /// unrolled code stays small.
@@ -65,38 +66,51 @@ SweepPrograms compile_sweep(const gpu::Device& device, uint32_t stride, int orde
 uint64_t sweep_bytes(const Grid& grid, int directions, int order);
 
 /// Of each list that is streamed, bytes at most.
-inline constexpr uint64_t chunk_bytes = uint64_t(20) << 20;
+inline constexpr uint64_t chunk_bytes = uint64_t(8) << 20;
+
+/// Carries light through a grid, course by course, and sums what arrives in its cells: the same
+/// bits on any device that rounds each product and sum by itself.
+class Sweeper {
+public:
+    virtual ~Sweeper() = default;
+    /// Begins a course with some directions, which outlive what is swept along them, and with what
+    /// each slot starts with, a texel a direction.
+    virtual void begin(const Course& course, const Directions& directions,
+                       std::span<const glm::vec4> beyond) = 0;
+    /// Sweeps the planes of a chunk, which follow those of the one before; takes what is in it.
+    virtual void run(const PlaneOrder& order, const Chunk& chunk) = 0;
+    /// Adds the coefficients to those of cells of a grid, whose cell `at` is the first.
+    virtual void add_to(const Grid& grid, glm::ivec3 at,
+                        std::vector<std::vector<glm::vec3>>& sh) = 0;
+};
 
 /// The buffers of a sweep, and what runs on them: while the device sweeps a chunk, the next one may
 /// be made. The arguments outlive it.
-class Sweeper {
+class DeviceSweeper final : public Sweeper {
 public:
     /// `air`: null where there is none.
-    Sweeper(const gpu::Device& device, const Grid& grid, const SweepPlan& plan,
-            const SweepPrograms& programs, const SweptAir* air = nullptr);
+    DeviceSweeper(const gpu::Device& device, const Grid& grid, const SweepPlan& plan,
+                  const SweepPrograms& programs, const SweptAir* air = nullptr);
 
-    /// Begins with other directions, which outlive what is swept along them, and with what each
-    /// slot of the ring starts with, a texel a direction.
-    void begin(const Directions& directions, std::span<const glm::vec4> beyond);
-    /// Sweeps the fronts of a chunk, which follow those of the one before; takes what is in it.
-    void run(const FrontOrder& order, const Chunk& chunk);
-    /// Adds the coefficients to those of cells of a grid, whose cell `at` is the first.
-    void add_to(const Grid& grid, glm::ivec3 at, std::vector<std::vector<glm::vec3>>& sh);
+    void begin(const Course& course, const Directions& directions,
+               std::span<const glm::vec4> beyond) override;
+    void run(const PlaneOrder& order, const Chunk& chunk) override;
+    void add_to(const Grid& grid, glm::ivec3 at, std::vector<std::vector<glm::vec3>>& sh) override;
 
 private:
     /// What the device reads of a chunk, as large as that of the largest, and what it does by it.
     struct Stream {
-        gpu::Buffer cells, cell_slots, given_slots, given, air;
+        gpu::Buffer given_slots, given, air;
         gpu::Buffer beyond, table, weights, air_table; ///< of its directions
         gpu::Batch batch;
     };
     Stream make_stream() const;
-    void upload(const FrontOrder& order, const Chunk& chunk);
+    void upload(const Chunk& chunk);
     void record_beyond();
-    void record_given(uint32_t first, uint32_t last, uint32_t out_base);
-    void record_transport(uint32_t first, uint32_t last, int front);
-    void record_project(std::span<const Entry> cells, uint32_t first, uint32_t last);
-    gpu::Groups groups_of(uint32_t entries) const;
+    void record_given(uint32_t first, uint32_t last, int plane);
+    void record_transport(int plane, uint32_t air_first);
+    void record_project(int begin, int end);
+    void record_project(int begin, int end, int slab);
     Stream& stream() { return streams_[at_]; }
 
     const gpu::Device& device_;
@@ -105,6 +119,7 @@ private:
     const SweepPrograms& programs_;
     const SweptAir* in_air_;
     gpu::Buffer sh_, ring_;
+    const Course* course_ = nullptr;
     const Directions* directions_ = nullptr;
     std::vector<glm::vec4> beyond_; ///< the ring is still to start with
     std::array<Stream, 2> streams_; ///< one runs while the other is filled

@@ -1,12 +1,12 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
-// Luminance of the cells of a front that no surface is beside, in the directions of a batch: that
-// of the point where the ray against the direction meets the plane of cell centres before,
-// interpolated from four of them (a short characteristic: Kunasz and Auer 1988).
+// Luminance of a plane's cells in the directions of a batch: that of the point where the ray against
+// the direction meets the plane of cell centres before, interpolated from four of them (a short
+// characteristic: Kunasz and Auer 1988). What is known of cells beside surfaces is put in after that.
 //
-// Lanes are directions, and the cell is the same for all: its entry is read once a subgroup, and
-// the luminances that the lanes read and write lie side by side.
+// Lanes are directions, and the cell is the same for all: the luminances that the lanes read and
+// write lie side by side.
 
 #include "sweep.h"
 
@@ -18,7 +18,6 @@ layout(push_constant) uniform Push { TransportPush push; };
 
 layout(set = 0, binding = binding_ring_in) uniform textureBuffer ring_in;
 layout(std430, set = 0, binding = binding_ring_out) writeonly buffer RingOut { float ring_out[]; };
-layout(set = 0, binding = binding_slots) uniform textureBuffer slots;
 layout(set = 0, binding = binding_directions) uniform textureBuffer directions;
 
 vec3 tap(uint texel) {
@@ -28,18 +27,18 @@ vec3 tap(uint texel) {
 void main() {
     const uint in_group = local_size == lanes ? 0u : gl_LocalInvocationIndex / lanes;
     const uint direction = gl_WorkGroupID.y * lanes + gl_LocalInvocationIndex % lanes;
-    const uint first = push.first + (gl_WorkGroupID.x * (local_size / lanes) + in_group) * march;
-    const uint last = min(first + march, push.last);
+    const uint first = (gl_WorkGroupID.x * (local_size / lanes) + in_group) * march;
+    const uint last = min(first + march, push.cells);
 
     const vec4 weights = texelFetch(directions, int(direction_vec4s * direction));
-    const uvec4 back = uvec4(texelFetch(directions, int(direction_vec4s * direction + 1u)));
-    const uvec4 taps = (uvec4(push.base1, push.base2, push.base2, push.base3) - back) * push.stride +
-                       direction;
+    const ivec4 back = ivec4(texelFetch(directions, int(direction_vec4s * direction + 1u)));
+    const uvec4 taps = (uvec4(push.in_base) - uvec4(back)) * push.stride + direction;
     const uint target = push.out_base * push.stride + direction;
 
-    for (uint entry = first; entry < last; ++entry) {
-        const uint slot = uint(texelFetch(slots, int(entry)).x) * push.stride;
-        const vec3 luminance =
+    for (uint cell = first; cell < last; ++cell) {
+        const uint v = cell / push.across, u = cell - v * push.across;
+        const uint slot = ((v + 1u) * push.pitch + u + 1u) * push.stride;
+        precise const vec3 luminance =
             (weights.x * tap(slot + taps.x) + weights.y * tap(slot + taps.y)) +
             (weights.z * tap(slot + taps.z) + weights.w * tap(slot + taps.w));
         const uint texel = 4u * (slot + target);

@@ -18,7 +18,6 @@ layout(push_constant) uniform Push { TransportPush push; };
 
 layout(set = 0, binding = binding_ring_in) uniform textureBuffer ring_in;
 layout(std430, set = 0, binding = binding_ring_out) writeonly buffer RingOut { float ring_out[]; };
-layout(set = 0, binding = binding_slots) uniform textureBuffer slots;
 layout(set = 0, binding = binding_directions) uniform textureBuffer directions;
 layout(set = 0, binding = binding_air) uniform textureBuffer air;
 layout(set = 0, binding = binding_air_directions) uniform textureBuffer air_directions;
@@ -55,13 +54,12 @@ vec3 source_of(uint entry, float basis[12]) {
 void main() {
     const uint in_group = local_size == lanes ? 0u : gl_LocalInvocationIndex / lanes;
     const uint direction = gl_WorkGroupID.y * lanes + gl_LocalInvocationIndex % lanes;
-    const uint first = push.first + (gl_WorkGroupID.x * (local_size / lanes) + in_group) * march;
-    const uint last = min(first + march, push.last);
+    const uint first = (gl_WorkGroupID.x * (local_size / lanes) + in_group) * march;
+    const uint last = min(first + march, push.cells);
 
     const vec4 weights = texelFetch(directions, int(direction_vec4s * direction));
-    const uvec4 back = uvec4(texelFetch(directions, int(direction_vec4s * direction + 1u)));
-    const uvec4 taps = (uvec4(push.base1, push.base2, push.base2, push.base3) - back) * push.stride +
-                       direction;
+    const ivec4 back = ivec4(texelFetch(directions, int(direction_vec4s * direction + 1u)));
+    const uvec4 taps = (uvec4(push.in_base) - uvec4(back)) * push.stride + direction;
     const uint target = push.out_base * push.stride + direction;
     float basis[12];
     for (uint i = 0u; i < 3u; ++i) {
@@ -73,8 +71,10 @@ void main() {
     }
     const float way = texelFetch(air_directions, int(air_direction_vec4s * direction + 3u)).x;
 
-    for (uint entry = first; entry < last; ++entry) {
-        const uint slot = uint(texelFetch(slots, int(entry)).x) * push.stride;
+    for (uint at = first; at < last; ++at) {
+        const uint entry = (push.air_first + at) * quadrants + direction % quadrants;
+        const uint v = at / push.across, u = at - v * push.across;
+        const uint slot = ((v + 1u) * push.pitch + u + 1u) * push.stride;
         const vec4 a = tap(slot + taps.x), b = tap(slot + taps.y), c = tap(slot + taps.z),
                    d = tap(slot + taps.w);
         const vec4 upstream = (weights.x * a + weights.y * b) + (weights.z * c + weights.w * d);
