@@ -3,10 +3,14 @@
 
 #include <glm/glm.hpp>
 
+#include <cstdint>
 #include <span>
 #include <vector>
 
 namespace lpvbake::solver::sn {
+
+/// Of the largest set.
+inline constexpr uint64_t most_directions = 384;
 
 /// How many directions a set may have, rising.
 std::span<const int> sn_direction_counts();

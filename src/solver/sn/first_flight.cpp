@@ -90,14 +90,11 @@ struct Arrivals {
     Sights* sights;
     size_t first;
 
-    visibility::Ray ray(size_t i, size_t d) const {
-        return {places[i].point, -travel.of(places[i])[d], 0.0f, HUGE_VALF};
-    }
-
     /// Of place i along direction d.
-    void take(size_t i, size_t d, const visibility::Hit& hit, uint32_t side) {
+    void take(size_t i, size_t d, const visibility::Ray& ray, const visibility::Hit& hit,
+              uint32_t side) {
         const Sight sight{hit.instance == visibility::no_hit ? Sight::sky : side, hit.tint};
-        const glm::vec3 point = places[i].point, back = -travel.of(places[i])[d];
+        const glm::vec3 point = ray.origin, back = ray.direction;
         glm::vec4& arrives = luminance[i * stride + d];
         const float end = sight.side == Sight::sky ? HUGE_VALF : hit.t;
         arrives =
@@ -116,20 +113,21 @@ struct Arrivals {
         std::array<visibility::Ray, eight * together> rays;
         std::array<visibility::Hit, eight * together> hits;
         std::array<uint32_t, eight * together> sides;
-        const size_t count = places.size(), directions = travel.of_each();
-        for (size_t begin = 0; begin < directions; begin += together) {
-            const size_t end = std::min(directions, begin + together);
+        const size_t count = places.size();
+        const std::span<const glm::vec3> own_travel = travel.of(places.front());
+        for (size_t begin = 0; begin < own_travel.size(); begin += together) {
+            const size_t end = std::min(own_travel.size(), begin + together);
             size_t used = 0;
             for (size_t d = begin; d < end; ++d, used += count) {
                 const std::span own = std::span(rays).subspan(used, count);
                 for (size_t i = 0; i < count; ++i)
-                    own[i] = ray(i, d);
+                    own[i] = {places[i].point, -own_travel[d], 0.0f, HUGE_VALF};
                 light.visibility.closest_of_eights(own, visibility::Bundle::tight,
                                                    std::span(hits).subspan(used, count));
             }
             light.lit.sides(std::span(hits).first(used), rays, sides);
             for (size_t k = 0; k < used; ++k)
-                take(k % count, begin + k / count, hits[k], sides[k]);
+                take(k % count, begin + k / count, rays[k], hits[k], sides[k]);
         }
     }
 
@@ -141,13 +139,13 @@ struct Arrivals {
         rays.clear();
         for (size_t d = 0; d < travel.of_each(); ++d)
             for (size_t i = 0; i < places.size(); ++i)
-                rays.push_back(ray(i, d));
+                rays.push_back({places[i].point, -travel.of(places[i])[d], 0.0f, HUGE_VALF});
         hits.resize(rays.size());
         sides.resize(rays.size());
         light.visibility.closest_of_many(rays, hits);
         light.lit.sides(hits, rays, sides);
         for (size_t k = 0; k < rays.size(); ++k)
-            take(k % places.size(), k / places.size(), hits[k], sides[k]);
+            take(k % places.size(), k / places.size(), rays[k], hits[k], sides[k]);
     }
 };
 

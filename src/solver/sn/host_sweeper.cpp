@@ -17,10 +17,10 @@ using Floats = float __attribute__((vector_size(side_by_side * sizeof(float))));
 using Stored = float
     __attribute__((vector_size(side_by_side * sizeof(float)), aligned(alignof(float)), may_alias));
 
-/// Places along u of a row, with those beside the grid; so many that eight from any cell on are
-/// there.
+/// Places along u, x or y, of a row, with those beside the grid; so many that eight from any cell
+/// on are there.
 size_t row_pitch(const Grid& grid) {
-    return size_t(std::max({grid.dims.x, grid.dims.y, grid.dims.z})) + 2 + side_by_side;
+    return size_t(std::max(grid.dims.x, grid.dims.y)) + 2 + side_by_side;
 }
 
 /// What arrives in a row from the plane before: a direction's taps are at `near` and `far`, rows of
@@ -216,11 +216,27 @@ void HostSweeper::add_to(const Grid& grid, glm::ivec3 at, std::vector<std::vecto
     });
 }
 
-uint64_t host_sweep_bytes(const Grid& grid, int directions, int order) {
+namespace {
+
+/// Of both planes, along a direction.
+uint64_t plane_bytes(const Grid& grid) {
     const uint64_t rows = uint64_t(std::max(grid.dims.y, grid.dims.z)) + 2;
-    return sizeof(float)
-           * (grid.size() * 3 * uint64_t(volume::sh_count(order))
-              + 2 * rows * uint64_t(directions / Course::count) * 3 * row_pitch(grid));
+    return 2 * rows * 3 * row_pitch(grid) * sizeof(float);
+}
+
+} // namespace
+
+uint32_t host_directions(const Grid& grid, int directions) {
+    // Of the planes; the coefficients of a cell take five times as much at order 2.
+    constexpr uint64_t usual = uint64_t(64) << 20, of_cell = 20;
+    const uint64_t all = uint64_t(directions / Course::count / int(quadrants));
+    const uint64_t fit = std::max(usual, of_cell * grid.size()) / (quadrants * plane_bytes(grid));
+    return quadrants * uint32_t(std::clamp<uint64_t>(fit, 1, all));
+}
+
+uint64_t host_sweep_bytes(const Grid& grid, int directions, int order) {
+    return grid.size() * 3 * uint64_t(volume::sh_count(order)) * sizeof(float)
+           + host_directions(grid, directions) * plane_bytes(grid);
 }
 
 } // namespace lpvbake::solver::sn

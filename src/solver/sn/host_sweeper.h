@@ -13,7 +13,7 @@ namespace lpvbake::solver::sn {
 
 class HostSweeper final : public Sweeper {
 public:
-    /// All directions of a course are swept at once. The grid outlives it.
+    /// `directions` of a course are swept at once. The grid outlives it.
     HostSweeper(const Grid& grid, uint32_t directions, int order);
 
     void begin(const Course& course, const Directions& directions,
@@ -39,6 +39,10 @@ private:
     std::vector<float> sums_;          ///< of the coefficients: [cell][3 * coefficient + channel]
     std::vector<float> before_, here_; ///< planes
 };
+
+/// Directions of a course, of `directions` over the sphere, that are swept at once: all, or of each
+/// quadrant as many as the planes of a flat grid leave room for.
+uint32_t host_directions(const Grid& grid, int directions);
 
 /// Host memory, bytes.
 uint64_t host_sweep_bytes(const Grid& grid, int directions, int order);

@@ -77,7 +77,8 @@ Cost cost(const Workload& work, const SolverSettings& settings) {
               + (work.layers > 0 ? ", " + counted(work.layers, "layer") : "")}},
         {},
         sn_host_bytes(solved, uint64_t(work.patches),
-                      uint64_t(work.patches / models::patches_a_peak), sn, work.gpu, work.layers)
+                      uint64_t(work.patches / models::patches_a_peak), sn, work.gpu, work.layers,
+                      work.two_sided)
             + beside_slab_bytes(work, gather::shard_layers, sn.order)};
 }
 

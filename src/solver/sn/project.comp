@@ -35,7 +35,7 @@ void main() {
         const uint row = min(index, push.cells - 1u) / push.across;
         const uint u = min(index, push.cells - 1u) - row * push.across;
         const uint plane = row / push.rows, v = push.first_row + row % push.rows;
-        const uint slot = (push.first_plane + plane) % ring_planes * push.slots +
+        const uint slot = (push.first_plane + plane) % push.ring_planes * push.slots +
                           (v + 1u) * push.pitch + u + 1u;
         const uint texel = push.ring_base + slot * push.stride;
         const uint cell =

@@ -134,14 +134,15 @@ uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings, bool laye
 }
 
 uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, uint64_t bright,
-                       const SnSettings& settings, bool gpu, uint64_t layers) {
+                       const SnSettings& settings, bool gpu, uint64_t layers, bool two_sided) {
     const Grid tile = tile_of(grid, settings);
     const uint64_t directions = uint64_t(sn_direction_count(settings.directions));
     // Half of the directions come from where the surface is, in half of the quadrants of a course.
     const uint64_t of_near = sizeof(NearCell) + quadrants / 2 * sizeof(SnPlace)
                              + (layers > 0 ? sizeof(uint32_t) * directions / 2 : 0);
     uint64_t sweep = 2 * grid.size() + std::min(tile.size(), patches) * of_near + 2 * chunk_bytes;
-    uint64_t peaks = gather::gather_host_bytes(grid, bright, peak_settings(settings), gpu, layers);
+    uint64_t peaks =
+        gather::gather_host_bytes(grid, bright, peak_settings(settings), gpu, layers, two_sided);
     // Lists of what is bright are half as long.
     peaks -= std::min<uint64_t>(models::bytes::gather_lists,
                                 models::bytes::gather_lists_cell * grid.size())
@@ -174,7 +175,8 @@ SnProgram::SnProgram(const gpu::Device& device, const Grid& grid, const SnSettin
       stride_(swept_directions(tile_of(grid, settings), settings_.directions, largest_)),
       on_host_(device.is_cpu() && window == 0),
       sweep_(on_host_ ? std::nullopt
-                      : std::optional(compile_sweep(device, stride_, settings.order))) {}
+                      : std::optional(compile_sweep(device, tile_of(grid, settings), stride_,
+                                                    settings.order))) {}
 
 float SnProgram::gather_peaks(const surface::LitSurfaces& lit,
                               const visibility::Visibility& visibility, const Sky& sky,
@@ -273,7 +275,8 @@ public:
         const std::vector<glm::dvec3> octant = sn_octant_directions(total);
         std::optional<SweptAir> air;
         if (light.air)
-            air.emplace(program_.device_, *light.air, light.part, way_.stride,
+            air.emplace(program_.device_, *light.air, light.part,
+                        tile_of(program_.grid_, program_.settings_), way_.stride,
                         program_.settings_.order);
         const std::unique_ptr<Sweeper> sweeper = make_sweeper(air ? &*air : nullptr);
         size_t chunks = 0;
@@ -390,10 +393,11 @@ void SnProgram::sweep(const surface::LitSurfaces& lit, const visibility::Visibil
     // Air is for the kernels.
     std::optional<SweepPrograms> in_air;
     if (on_host_ && light.air)
-        in_air = compile_sweep(device_, stride_, settings_.order);
-    const Way way = on_host_ && !light.air
-                        ? Way{nullptr, uint32_t(settings_.directions / Course::count)}
-                        : Way{in_air ? &*in_air : &*sweep_, stride_};
+        in_air = compile_sweep(device_, tile_of(grid_, settings_), stride_, settings_.order);
+    const Way way =
+        on_host_ && !light.air
+            ? Way{nullptr, host_directions(tile_of(grid_, settings_), settings_.directions)}
+            : Way{in_air ? &*in_air : &*sweep_, stride_};
     const volume::Slab own = slab.value_or(volume::all_of(grid_));
     const std::vector<Tile> tiles = tiles_of(grid_, own, settings_);
     Done done{progress, tiles.size() * (1 + (lit_air ? 1 : 0) + swept.size())};

@@ -42,7 +42,8 @@ uint64_t sn_device_bytes(const Grid& grid, const SnSettings& settings, bool laye
 /// some patches are bright; with layers, what rays meet is kept, which takes four times as much
 /// where something tints.
 uint64_t sn_host_bytes(const Grid& grid, uint64_t patches, uint64_t bright,
-                       const SnSettings& settings, bool gpu, uint64_t layers = 0);
+                       const SnSettings& settings, bool gpu, uint64_t layers = 0,
+                       bool two_sided = true);
 
 /// Time of the sweep on two threads, s, without shader compilation.
 double sn_seconds(const Grid& grid, const SnSettings& settings, bool gpu);

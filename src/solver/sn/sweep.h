@@ -23,10 +23,8 @@ using uint = std::uint32_t;
 // and a slot holds the luminance in all directions of the batch: of four quadrants, one direction
 // of each after the other. A few planes make a ring in memory.
 LPVBAKE_SHARED_CONST uint quadrants = 4u;
-// Planes that are projected at once.
-LPVBAKE_SHARED_CONST uint projected_planes = 4u;
-// These and the one before.
-LPVBAKE_SHARED_CONST uint ring_planes = 5u;
+// At most: those that are projected at once, and the one before. At least two.
+LPVBAKE_SHARED_CONST uint most_ring_planes = 5u;
 
 // Directions are worked on in groups of so many, side by side: a subgroup of a CPU device.
 LPVBAKE_SHARED_CONST uint lanes = 8u;
@@ -91,7 +89,7 @@ struct ProjectPush {
     uint cells;                      // of all planes
     uint across, rows, first_row;    // of each: cells along u, and along v
     uint pitch, slots;               // of a plane
-    uint first_plane;                // in the ring
+    uint first_plane, ring_planes;   // in the ring, of so many
     uint stride;                     // texels a slot
     uint ring_base;                  // first direction of those that are added
     uint first_cell;                 // at (0, 0) of the first plane, in the window of coefficients
@@ -103,7 +101,7 @@ struct ProjectPush {
 #ifdef __cplusplus
 static_assert(sizeof(TransportPush) == 40);
 static_assert(sizeof(GivenPush) == 16);
-static_assert(sizeof(ProjectPush) == 68);
+static_assert(sizeof(ProjectPush) == 72);
 
 /// vec4s of a cell's coefficients: three channels each, without gaps.
 constexpr uint sh_vec4s(uint coefficients) {
@@ -120,8 +118,6 @@ struct SweepLayout {
     uint slot(int u, int v) const { return uint(u + 1) + pitch() * uint(v + 1); }
     /// Plane 0 lies before the grid.
     int planes() const { return dims.z + 1; }
-    /// Slot that a plane starts with.
-    uint base(int plane) const { return uint(plane) % ring_planes * slots(); }
 };
 
 /// Slots of the largest plane of a grid, across any axis.
@@ -132,11 +128,11 @@ inline uint64_t most_slots(glm::ivec3 grid) {
 
 /// How the kernels are cut into work groups; goes into the specialization constants.
 struct SweepTiling {
-    uint local_size, march, project_march;
+    uint local_size, march, project_march, given_march;
 };
 /// One subgroup a group, which then reads what is the same for all lanes once.
-inline constexpr SweepTiling cpu_tiling{lanes, 16, 4};
-inline constexpr SweepTiling gpu_tiling{64, 1, 1};
+inline constexpr SweepTiling cpu_tiling{lanes, 16, 4, 16};
+inline constexpr SweepTiling gpu_tiling{64, 1, 1, 16};
 } // namespace lpvbake::solver::sn
 #endif
 

@@ -49,12 +49,18 @@ std::span<const std::byte> bytes_of(const Push& push) {
 } // namespace
 
 uint32_t swept_directions(const Grid& grid, int directions, uint64_t most_bytes) {
-    const uint64_t group = ring_planes * most_slots(grid.dims) * lanes * texel;
+    const uint64_t group = most_ring_planes * most_slots(grid.dims) * lanes * texel;
     const uint64_t most = std::max(ring_bytes, cell_ring_bytes * grid.size());
     const uint32_t all = (course_directions(directions) + lanes - 1) / lanes; // groups
     const uint32_t fit = uint32_t(std::clamp<uint64_t>(std::min(most_bytes, most) / group, 1, all));
     const uint32_t batches = (all + fit - 1) / fit;
     return (all + batches - 1) / batches * lanes;
+}
+
+/// As many planes of the ring as fit: fewer where the grid is flat, so that its planes are large.
+uint32_t planes_of_ring(const Grid& grid, uint32_t stride, uint64_t most_bytes) {
+    return uint32_t(std::clamp<uint64_t>(most_bytes / (most_slots(grid.dims) * stride * texel), 2,
+                                         most_ring_planes));
 }
 
 uint32_t projected_directions(uint32_t stride, int order) {
@@ -64,15 +70,26 @@ uint32_t projected_directions(uint32_t stride, int order) {
             return stride / parts;
 }
 
-SweepTiling tiling_for(const gpu::Device& device) {
-    return device.is_cpu() ? cpu_tiling : gpu_tiling;
+SweepTiling tiling_for(const gpu::Device& device, uint64_t slots) {
+    SweepTiling tiling = device.is_cpu() ? cpu_tiling : gpu_tiling;
+    // Every device takes so many groups, of what is in a plane, or in those that are projected.
+    constexpr uint64_t groups = 65535;
+    const auto raise = [&](uint32_t& march, uint64_t lanes_at_work) {
+        const uint64_t most = groups * tiling.local_size;
+        march = std::max(march, uint32_t((lanes_at_work + most - 1) / most));
+    };
+    raise(tiling.march, slots * lanes);
+    raise(tiling.project_march, slots * (most_ring_planes - 1));
+    raise(tiling.given_march, slots * most_directions / Course::count);
+    return tiling;
 }
 
 uint64_t sweep_bytes(const Grid& grid, int directions, int order) {
     const uint32_t stride =
         swept_directions(grid, directions, std::numeric_limits<uint64_t>::max());
     const uint64_t plane = most_slots(grid.dims) * stride * texel;
-    return grid.size() * sh_vec4s(uint32_t(volume::sh_count(order))) * texel + ring_planes * plane
+    return grid.size() * sh_vec4s(uint32_t(volume::sh_count(order))) * texel
+           + most_ring_planes * plane
            + 2 * std::max(chunk_bytes, plane); // all that is given in one may be a chunk
 }
 
@@ -82,16 +99,18 @@ SweepPlan plan_sweep(const gpu::Device& device, const Grid& grid, int order, uin
     const uint64_t slots = most_slots(grid.dims);
     const uint64_t cell_bytes = sh_vec4s(uint32_t(volume::sh_count(order))) * texel;
     const uint64_t layer_cells = uint64_t(grid.dims.x) * uint64_t(grid.dims.y);
+    const uint32_t planes = planes_of_ring(grid, stride, largest);
     // All that is given in a plane takes less than the ring.
-    if (layer_cells * cell_bytes > largest || ring_planes * slots * stride * texel > largest)
+    if (layer_cells * cell_bytes > largest || planes * slots * stride * texel > largest)
         throw Error(ErrorKind::memory, "a layer of " + std::to_string(grid.dims.x) + " x "
                                            + std::to_string(grid.dims.y) + " cells exceeds what '"
                                            + info.name + "' can bind; lower `resolution`");
     const uint64_t weights = max_project_weights * sizeof(float);
     return {slots,
-            tiling_for(device),
+            tiling_for(device, slots),
             order,
             stride,
+            planes,
             projected_directions(stride, order),
             cell_bytes,
             layer_cells,
@@ -103,23 +122,23 @@ SweepPlan plan_sweep(const gpu::Device& device, const Grid& grid, int order, uin
 
 namespace {
 
-gpu::Program compile_project(const gpu::Device& device, uint32_t stride, int order, bool columns) {
+gpu::Program compile_project(const gpu::Device& device, const SweepTiling& tiling, uint32_t stride,
+                             int order, bool columns) {
     using gpu::Binding;
     constexpr Binding bindings[] = {Binding::texels_rgba32, Binding::uniform,
                                     Binding::texels_rgba32, Binding::storage};
-    const SweepTiling tiling = tiling_for(device);
     const uint32_t constants[] = {tiling.local_size, tiling.project_march,
                                   uint32_t(volume::sh_count(order)),
                                   projected_directions(stride, order), columns ? 1u : 0u};
     return gpu::Program(device, shaders::project_comp, bindings, sizeof(ProjectPush), constants);
 }
 
-gpu::Program compile_transport_in_air(const gpu::Device& device, uint32_t coefficients) {
+gpu::Program compile_transport_in_air(const gpu::Device& device, const SweepTiling& tiling,
+                                      uint32_t coefficients) {
     using gpu::Binding;
     constexpr Binding bindings[] = {Binding::texels_rgba32, Binding::storage,
                                     Binding::texels_rgba32, Binding::texels_rgba32,
                                     Binding::texels_rgba32};
-    const SweepTiling tiling = tiling_for(device);
     const uint32_t constants[] = {tiling.local_size, tiling.march, coefficients};
     return gpu::Program(device, shaders::transport_air_comp, bindings, sizeof(TransportPush),
                         constants);
@@ -127,25 +146,29 @@ gpu::Program compile_transport_in_air(const gpu::Device& device, uint32_t coeffi
 
 } // namespace
 
-SweepPrograms compile_sweep(const gpu::Device& device, uint32_t stride, int order) {
+SweepPrograms compile_sweep(const gpu::Device& device, const Grid& grid, uint32_t stride,
+                            int order) {
     using gpu::Binding;
-    const SweepTiling tiling = tiling_for(device);
+    const SweepTiling tiling = tiling_for(device, most_slots(grid.dims));
     constexpr Binding transport[] = {Binding::texels_rgba32, Binding::storage,
                                      Binding::texels_rgba32};
     constexpr Binding given[] = {Binding::storage, Binding::storage, Binding::texels_rgba32};
     const uint32_t constants[] = {tiling.local_size, tiling.march};
+    const uint32_t given_constants[] = {tiling.local_size, tiling.given_march};
     return {
         gpu::Program(device, shaders::transport_comp, transport, sizeof(TransportPush), constants),
-        gpu::Program(device, shaders::given_comp, given, sizeof(GivenPush), constants),
-        compile_project(device, stride, order, false)};
+        gpu::Program(device, shaders::given_comp, given, sizeof(GivenPush), given_constants),
+        compile_project(device, tiling, stride, order, false)};
 }
 
 SweptAir::SweptAir(const gpu::Device& device, const visibility::Air& of, LightPart part,
-                   uint32_t stride, int order)
+                   const Grid& grid, uint32_t stride, int order)
     : air(of),
       coefficients(part == LightPart::air ? uint32_t(of.coefficients()) : 0),
-      transport(compile_transport_in_air(device, coefficients)),
-      project(compile_project(device, stride, order, part == LightPart::surfaces)) {}
+      transport(compile_transport_in_air(device, tiling_for(device, most_slots(grid.dims)),
+                                         coefficients)),
+      project(compile_project(device, tiling_for(device, most_slots(grid.dims)), stride, order,
+                              part == LightPart::surfaces)) {}
 
 DeviceSweeper::DeviceSweeper(const gpu::Device& device, const Grid& grid, const SweepPlan& plan,
                              const SweepPrograms& programs, const SweptAir* in_air)
@@ -191,7 +214,7 @@ void DeviceSweeper::run(const PlaneOrder& order, const Chunk& chunk) {
             record_transport(plane, uint32_t(plane - first) * course_->layout.cells());
         record_given(order.given_of(chunk.begin, plane), order.given_of(chunk.begin, plane + 1),
                      plane);
-        if (plane + 1 - projected == int(projected_planes) || plane + 1 == chunk.end) {
+        if (plane + 2 - projected == int(plan_.planes) || plane + 1 == chunk.end) {
             record_project(projected, plane + 1);
             projected = plane + 1;
         }
@@ -244,8 +267,8 @@ void DeviceSweeper::record_given(uint32_t first, uint32_t last, int plane) {
     const gpu::Window windows[] = {gpu::whole(ring_), gpu::whole(stream().given_slots),
                                    gpu::whole(stream().given)};
     const GivenPush push{(last - first) * (plan_.stride / quadrants), first, plan_.stride,
-                         course_->layout.base(plane)};
-    const uint32_t a_group = plan_.tiling.local_size * plan_.tiling.march;
+                         plan_.base(course_->layout, plane)};
+    const uint32_t a_group = plan_.tiling.local_size * plan_.tiling.given_march;
     stream().batch.dispatch(programs_.given, windows, bytes_of(push),
                             {(push.values + a_group - 1) / a_group, 1, 1});
 }
@@ -259,8 +282,8 @@ void DeviceSweeper::record_transport(int plane, uint32_t air_first) {
                              uint32_t(layout.dims.x),
                              layout.pitch(),
                              plan_.stride,
-                             layout.base(plane - 1),
-                             layout.base(plane),
+                             plan_.base(layout, plane - 1),
+                             plan_.base(layout, plane),
                              air_first,
                              taken.x,
                              taken.y,
@@ -305,7 +328,8 @@ void DeviceSweeper::record_project(int begin, int end, int slab) {
     push.cells = uint32_t(end - begin) * push.rows * push.across;
     push.pitch = layout.pitch();
     push.slots = layout.slots();
-    push.first_plane = uint32_t(begin) % ring_planes;
+    push.first_plane = uint32_t(begin) % plan_.planes;
+    push.ring_planes = plan_.planes;
     push.stride = plan_.stride;
     push.first_cell = uint32_t(grid_.index(course_->cell(0, 0, begin)) - start);
     push.step_u = steps[course_->u];

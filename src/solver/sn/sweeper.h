@@ -23,8 +23,8 @@ struct SweptAir {
     uint32_t coefficients; ///< of a cell's source; 0: of surfaces
     gpu::Program transport, project;
 
-    SweptAir(const gpu::Device& device, const visibility::Air& air, LightPart part, uint32_t stride,
-             int order);
+    SweptAir(const gpu::Device& device, const visibility::Air& air, LightPart part,
+             const Grid& grid, uint32_t stride, int order);
 };
 
 /// How a sweep is cut: by what a binding can see.
@@ -33,6 +33,7 @@ struct SweepPlan {
     SweepTiling tiling;
     int order;              ///< of the harmonics
     uint32_t stride;        ///< directions of a course that are swept at once
+    uint32_t planes;        ///< of the ring
     uint32_t at_once;       ///< of them, that a dispatch of project.comp adds
     uint64_t cell_bytes;    ///< of a cell's coefficients
     uint64_t layer_cells;   ///< of the grid
@@ -43,7 +44,11 @@ struct SweepPlan {
     /// so many bytes.
     uint64_t weight_bytes;
 
-    uint64_t ring_texels() const { return ring_planes * slots * stride; }
+    uint64_t ring_texels() const { return planes * slots * stride; }
+    /// Slot that a plane starts with.
+    uint32_t base(const SweepLayout& layout, int plane) const {
+        return uint32_t(plane) % planes * layout.slots();
+    }
 };
 
 /// Directions of a course, of `directions` over the sphere, that can be swept at once where the
@@ -58,9 +63,11 @@ uint32_t projected_directions(uint32_t stride, int order);
 SweepPlan plan_sweep(const gpu::Device& device, const Grid& grid, int order, uint32_t stride,
                      uint64_t largest);
 
-SweepTiling tiling_for(const gpu::Device& device);
+/// For planes of at most so many slots.
+SweepTiling tiling_for(const gpu::Device& device, uint64_t slots);
 
-SweepPrograms compile_sweep(const gpu::Device& device, uint32_t stride, int order);
+SweepPrograms compile_sweep(const gpu::Device& device, const Grid& grid, uint32_t stride,
+                            int order);
 
 /// Device memory of a sweep, bytes, where all directions are swept at once if they may be.
 uint64_t sweep_bytes(const Grid& grid, int directions, int order);
